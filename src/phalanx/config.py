@@ -1,0 +1,58 @@
+"""The papers' parameters: frozen, units in names, checked when made."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from .errors import UsageError
+
+_ROOT = re.compile(r"/[0-9A-Za-z_-]{1,64}(/[0-9A-Za-z_-]{1,64}){0,7}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkConfig:
+    """Parameters of the link in mode qrkey; the paper's values, but for the longer pin.
+
+    Args:
+        root: first part of every topic, with its leading slash.
+        pin_digits: digits of the pins that a server makes; the paper's 12 can be searched offline.
+        rotate_s: seconds between two pins.
+        overlap_s: seconds for which both are accepted.
+        tolerance_s: largest distance between a message's timestamp and the receiver's clock.
+        max_to_server_bytes: longest plaintext that a server reads.
+        max_to_client_bytes: longest plaintext that a client reads.
+        replay_capacity: messages that the replay cache remembers at once, per receiver.
+        knock_gap_s: at most one pin message per so many seconds for late phones.
+    Raises: UsageError: a value is out of range.
+    Source: Qrkey §III-D; docs/spec/link.md.
+    """
+
+    root: str = "/qrkey"
+    pin_digits: int = 39
+    rotate_s: float = 900.0
+    overlap_s: float = 120.0
+    tolerance_s: float = 30.0
+    max_to_server_bytes: int = 48 * 1024
+    max_to_client_bytes: int = 1024 * 1024
+    replay_capacity: int = 200_000
+    knock_gap_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not _ROOT.fullmatch(self.root):
+            raise UsageError(f"root {self.root!r} is not a topic", "a slash and letters, digits, - or _, like /qrkey")
+        if not 12 <= self.pin_digits <= 64:
+            raise UsageError(f"pin of {self.pin_digits} digits", "12 (the paper's) to 64; 39 make 129 bits")
+        for name in ("rotate_s", "overlap_s", "tolerance_s", "knock_gap_s"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value <= 0:
+                raise UsageError(f"{name} is {value}", "a positive number of seconds")
+        if self.overlap_s >= self.rotate_s:
+            raise UsageError(
+                f"overlap of {self.overlap_s:g} s is not shorter than the {self.rotate_s:g} s between pins",
+                "choose a shorter overlap or a longer rotation",
+            )
+        for name in ("max_to_server_bytes", "max_to_client_bytes", "replay_capacity"):
+            if getattr(self, name) < 1:
+                raise UsageError(f"{name} is {getattr(self, name)}", "at least 1")

@@ -1,0 +1,134 @@
+"""Whose fault an error is, which decides what the caller does next.
+
+`PeerError`: bytes from outside are wrong. Expected under attack: counted by `reason`, survived, never answered.
+`UsageError`: we were called wrongly; one clear line to a person, who can mend it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class PhalanxError(Exception):
+    """Anything that Phalanx raises on purpose."""
+
+
+class UsageError(PhalanxError):
+    """The caller can mend this: a bad value, a missing file, a port in use.
+
+    Args:
+        message: what is wrong and where, lower case, no full stop.
+        hint: what to do about it, or "".
+    """
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+class Unavailable(PhalanxError):
+    """The world said no: a broker that cannot be reached, a port in use, a swarm that does not answer.
+
+    Args:
+        message: what was refused, lower case, no full stop.
+        hint: what to do about it, or "".
+    """
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+class PeerError(PhalanxError):
+    """Bytes from a peer are wrong. `reason` is the word under which it is counted."""
+
+    reason: ClassVar[str] = "peer_error"
+
+
+class TooLarge(PeerError):
+    """More bytes than this receiver reads."""
+
+    reason = "too_large"
+
+
+class MalformedJwe(PeerError):
+    """Not the one compact JWE form that the link speaks."""
+
+    reason = "malformed_jwe"
+
+
+class NotAuthentic(PeerError):
+    """The tag does not verify: another key, or altered on the way."""
+
+    reason = "not_authentic"
+
+
+class MalformedEnvelope(PeerError):
+    """Authentic, but not a timestamp with a payload (or not a pin message, where one was due)."""
+
+    reason = "malformed_envelope"
+
+
+class Stale(PeerError):
+    """The timestamp is further from now than the tolerance.
+
+    Args:
+        skew_s: sender's timestamp minus our clock, seconds. The message was authentic, so a client may take this for
+            the error of its own clock.
+        tolerance_s: the limit, seconds.
+    """
+
+    reason = "stale"
+
+    def __init__(self, skew_s: float, tolerance_s: float) -> None:
+        super().__init__(f"timestamp is {skew_s:+.1f} s from our clock, limit {tolerance_s:g} s")
+        self.skew_s = skew_s
+
+
+class Replayed(PeerError):
+    """This epoch has seen this IV before."""
+
+    reason = "replayed"
+
+
+class CacheFull(PeerError):
+    """The replay cache cannot remember one more message, and must not forget one."""
+
+    reason = "cache_full"
+
+
+class WrongTopic(PeerError):
+    """Not a topic that this receiver reads, or not one of a live epoch."""
+
+    reason = "wrong_topic"
+
+
+class BadPayload(PeerError):
+    """The words inside the envelope make no sense to the handler."""
+
+    reason = "bad_payload"
+
+
+class Unknown(PeerError):
+    """No such command, request or robot."""
+
+    reason = "unknown"
+
+
+class HandlerFailed(PeerError):
+    """A handler broke on what a peer said. The peer is only told nothing; the fault is ours, and logged as such."""
+
+    reason = "handler_failed"
+
+
+class OpenError(PeerError):
+    """A sealed message was refused. One type, whatever went wrong: the cause is in `__cause__`.
+
+    Args:
+        cause: the specific error; its reason is this error's reason.
+    """
+
+    def __init__(self, cause: PeerError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+        self.reason = cause.reason  # type: ignore[misc]

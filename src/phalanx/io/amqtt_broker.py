@@ -1,0 +1,85 @@
+"""amqtt in this process: the broker for machines without mosquitto. Slower, and speaks MQTT 3.1.1 only."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator
+from typing import Any
+
+from amqtt.broker import Broker
+from amqtt.contexts import BrokerConfig, ListenerConfig, ListenerType
+from amqtt.errors import BrokerError
+
+from phalanx.errors import Unavailable
+
+from .ports import LOOPBACK
+
+# Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.
+STALLED_BYTES = 32 * 1024
+STALLED_CHECKS = 3
+CHECK_S = 1.0
+
+
+class _CappedBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
+    """amqtt that retains nothing and hangs up on who does not read.
+
+    As it comes it sends retained messages to clients that never subscribed, and buffers without limit for stalled ones.
+    """
+
+    async def retain_message(self, *_: Any, **__: Any) -> None:
+        """Retain nothing."""
+
+    async def hang_up_on_stalled_readers(self) -> None:
+        """Close connections whose buffer stays full for three checks in a row; runs until cancelled."""
+        full: dict[int, int] = {}
+        while True:
+            await asyncio.sleep(CHECK_S)
+            now: dict[int, int] = {}
+            for _, handler in list(self._sessions.values()):
+                transport = _transport(handler)
+                if transport is None or transport.get_write_buffer_size() < STALLED_BYTES:
+                    continue
+                now[id(transport)] = full.get(id(transport), 0) + 1
+                if now[id(transport)] >= STALLED_CHECKS:
+                    transport.abort()
+            full = now
+
+
+def _transport(handler: Any) -> asyncio.WriteTransport | None:
+    """The transport below amqtt's adapters, by TCP or websocket."""
+    writer = getattr(handler, "writer", None)
+    inner = getattr(writer, "_writer", None) or getattr(writer, "_protocol", None)
+    transport = getattr(inner, "transport", None)
+    return transport if isinstance(transport, asyncio.WriteTransport) else None
+
+
+@contextlib.asynccontextmanager
+async def amqtt(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None]:
+    """A running amqtt, for as long as the context lasts.
+
+    Raises: Unavailable: it does not start (a port taken, say).
+    """
+    # It reports every packet as information, and every client that leaves as a warning with a trace.
+    for name in ("amqtt", "transitions", "websockets"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    config = BrokerConfig(
+        listeners={
+            "default": ListenerConfig(type=ListenerType.TCP, bind=f"{LOOPBACK}:{tcp_port}", max_connections=200),
+            "browsers": ListenerConfig(type=ListenerType.WS, bind=f"{ws_host}:{ws_port}", max_connections=1000),
+        },
+        plugins={"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}},
+    )
+    broker = _CappedBroker(config)
+    try:
+        await broker.start()
+    except (BrokerError, OSError) as error:
+        raise Unavailable(f"amqtt does not start: {error}", "phalanx doctor") from error
+    watch = asyncio.create_task(broker.hang_up_on_stalled_readers())
+    try:
+        yield
+    finally:
+        watch.cancel()
+        with contextlib.suppress(asyncio.TimeoutError, asyncio.CancelledError, BrokerError):
+            await asyncio.wait_for(broker.shutdown(), 1.0)

@@ -1,0 +1,71 @@
+"""Which broker to use: mosquitto if it is here, amqtt if not, or one that runs elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+from .amqtt_broker import amqtt
+from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .mosquitto import find_mosquitto, mosquitto
+from .ports import LOOPBACK, free_port
+
+log = logging.getLogger(__name__)
+
+EMBEDDED = ("auto", "mosquitto", "amqtt")
+
+
+@dataclass(frozen=True, slots=True)
+class RunningBroker:
+    """A broker to use.
+
+    Args:
+        name: mosquitto, amqtt or external.
+        url: for programs on this machine.
+        websocket: for browsers, as seen from this machine.
+        mqtt: protocol version to begin with.
+    """
+
+    name: str
+    url: BrokerUrl
+    websocket: str
+    mqtt: int
+
+
+@contextlib.asynccontextmanager
+async def open_broker(
+    kind: str = "auto",
+    *,
+    login: Login | None = None,
+    websocket: str = "",
+    ws_host: str = LOOPBACK,
+    tcp_port: int = 0,
+    ws_port: int = 0,
+) -> AsyncIterator[RunningBroker]:
+    """The broker that `kind` asks for: auto, mosquitto, amqtt, or a URL.
+
+    Args:
+        kind: what to run, or where one runs.
+        login: for a broker elsewhere.
+        websocket: its websocket URL, where it cannot be told from `kind`.
+        ws_host: address at which an embedded broker listens for browsers; loopback unless asked.
+        tcp_port: 0 for 1883 or any free one.
+        ws_port: 0 for 9001 or any free one.
+    Raises: UsageError: a bad URL. Unavailable: an embedded broker does not start.
+    """
+    if kind not in EMBEDDED:
+        url = parse_broker_url(kind, login)
+        yield RunningBroker("external", url, websocket or websocket_of(url), 5)
+        return
+    name = kind if kind != "auto" else "mosquitto" if find_mosquitto() else "amqtt"
+    if name != kind:
+        log.debug("broker: %s", name)
+    tcp_port = tcp_port or free_port(1883)
+    ws_port = ws_port or free_port(9001, ws_host)
+    run, mqtt = (mosquitto, 5) if name == "mosquitto" else (amqtt, 4)
+    async with run(tcp_port, ws_host, ws_port):
+        reached_at = LOOPBACK if ws_host in ("0.0.0.0", "::") else ws_host  # noqa: S104  # compared, not bound
+        ws = str(BrokerUrl("ws", reached_at, ws_port, "/mqtt"))
+        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), ws, mqtt)

@@ -1,0 +1,101 @@
+"""Where a broker is: parsed from a URL, its login kept apart."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+from phalanx.errors import UsageError
+
+PORTS = {"mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
+
+
+@dataclass(frozen=True, slots=True)
+class Login:
+    """A broker's user name and password."""
+
+    username: str
+    password: str = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerUrl:
+    """A broker's address.
+
+    Args:
+        scheme: mqtt, mqtts, ws or wss.
+        host: name or address, IPv6 without brackets.
+        port: TCP port.
+        path: of the websocket; "" for TCP.
+        login: or None for an anonymous broker.
+    """
+
+    scheme: str
+    host: str
+    port: int
+    path: str = ""
+    login: Login | None = None
+
+    @property
+    def tls(self) -> bool:
+        """Whether the connection to the broker is encrypted; the payloads always are."""
+        return self.scheme in ("mqtts", "wss")
+
+    @property
+    def websockets(self) -> bool:
+        """Whether browsers can use it."""
+        return self.scheme in ("ws", "wss")
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.scheme}://{host}:{self.port}{self.path}"
+
+
+def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
+    """The broker at `url`: mqtt://, mqtts://, ws:// or wss://.
+
+    Raises: UsageError: not such a URL, or one with a login in it (command lines are readable by every user).
+    """
+    try:
+        parts = urlsplit(url if "://" in url else f"mqtt://{url}")
+        port = parts.port
+    except ValueError as error:
+        raise UsageError("the broker's URL has a bad host or port", "for example mqtt://localhost:1883") from error
+    scheme = parts.scheme.lower()
+    if scheme not in PORTS:
+        raise UsageError(f"broker by {scheme}:// is not known", "mqtt://, mqtts://, ws:// or wss://")
+    if parts.username or parts.password:
+        raise UsageError(
+            "the broker's URL has a login in it, which every user of this machine could read",
+            "put it into PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD, or into a file for --broker-login",
+        )
+    if not parts.hostname or parts.query or parts.fragment or port == 0:
+        raise UsageError("the broker's URL has no host, or a query", "for example mqtt://localhost:1883")
+    websockets = scheme in ("ws", "wss")
+    if not websockets and parts.path not in ("", "/"):
+        raise UsageError(f"a broker by {scheme}:// has no path", "ws:// and wss:// have one")
+    path = (parts.path if parts.path not in ("", "/") else "/mqtt") if websockets else ""
+    return BrokerUrl(scheme, parts.hostname, port or PORTS[scheme], path, login)
+
+
+def websocket_of(broker: BrokerUrl) -> str:
+    """The websocket URL that browsers use for `broker`.
+
+    A broker by mqtt:// usually has its websockets one port further (1883, 1884), as the published packages assume.
+    """
+    if broker.websockets:
+        return str(broker)
+    scheme = "wss" if broker.tls else "ws"
+    return str(BrokerUrl(scheme, broker.host, min(broker.port + 1, 65535), "/mqtt"))
+
+
+def on_host(websocket: str, host: str) -> str:
+    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
+    parts = urlsplit(websocket)
+    if parts.hostname not in ("127.0.0.1", "localhost", "::1"):
+        return websocket
+    with contextlib.suppress(ValueError):
+        if parts.port:
+            return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}:{parts.port}{parts.path}"
+    return websocket

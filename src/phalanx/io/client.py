@@ -1,0 +1,176 @@
+"""A visitor's end of the link, for programs. Use it as `phalanx.link.Client`."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import time
+from collections.abc import AsyncIterator, Callable
+from types import TracebackType
+from typing import Any, Self
+
+from phalanx.config import LinkConfig
+from phalanx.errors import OpenError, Stale, Unavailable
+from phalanx.link.client_side import ClientSide
+from phalanx.link.messages import Moved, Notification, Rejected, Reply
+from phalanx.link.qrurl import QrUrl, parse_qr_url
+from phalanx.link.topics import CommandTopic
+
+from .broker_url import BrokerUrl, Login, parse_broker_url
+from .connection import Connection
+
+log = logging.getLogger(__name__)
+
+NOTIFICATION_LIMIT = 1000
+# A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
+ASK_AGAIN_S = 1.5
+
+
+class Client:
+    """One visitor of a swarm. Use as `async with`: entered once the broker is connected.
+
+    Args:
+        qr: the QR code's link, or what `parse_qr_url` made of it.
+        broker: where to connect, if not to the websocket in the link.
+        login: for a broker that asks for one.
+        config: the link's parameters; the root is the link's.
+        timeout_s: how long entering waits for the broker.
+        clock: seconds since 1970; for tests.
+    Raises: BadQrUrl; Unavailable, on entering: no broker within the time, or it refused the login.
+    """
+
+    def __init__(
+        self,
+        qr: str | QrUrl,
+        *,
+        broker: BrokerUrl | None = None,
+        login: Login | None = None,
+        config: LinkConfig | None = None,
+        timeout_s: float = 10.0,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.qr = parse_qr_url(qr) if isinstance(qr, str) else qr
+        self.skew_s: float | None = None
+        self._broker = broker or parse_broker_url(self.qr.broker, login)
+        self._timeout_s = timeout_s
+        self._clock = clock
+        client_id = f"phalanx_{os.urandom(8).hex()}"
+        self._side = ClientSide(config or LinkConfig(root=self.qr.root), os.urandom, self.qr.pin, client_id)
+        self._link: Connection | None = None
+        self._running: asyncio.Task[None] | None = None
+        self._waiting: dict[int, list[asyncio.Future[Any]]] = {}
+        self._heard: asyncio.Queue[Any] = asyncio.Queue(NOTIFICATION_LIMIT)
+        self.moves = 0
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Refused messages by reason."""
+        return dict(self._side.rejected)
+
+    @property
+    def client_id(self) -> str:
+        """Name under which answers come."""
+        return self._side.client_id
+
+    @property
+    def epoch_topic(self) -> str:
+        """Topic of the epoch this client lives in; changes when it follows a rotation."""
+        return self._side.epoch.topic
+
+    async def __aenter__(self) -> Self:
+        self._link = Connection(
+            self._broker, self.client_id, self._side.subscriptions, self._on_message, self._on_connect, self.qr.mqtt
+        )
+        self._running = asyncio.create_task(self._link.run())
+        connected = asyncio.create_task(self._link.connected.wait())
+        try:
+            done, _ = await asyncio.wait(
+                (connected, self._running), timeout=self._timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+            if self._running in done:
+                self._running.result()
+            if not done:
+                raise Unavailable(
+                    f"no broker at {self._broker} within {self._timeout_s:g} s ({self._link.trouble or 'no answer'})",
+                    "is the swarm up, and does this machine reach it?",
+                )
+        except BaseException:
+            await self.__aexit__(None, None, None)
+            raise
+        finally:
+            connected.cancel()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._running is not None, "use `async with`"
+        self._running.cancel()
+        await asyncio.gather(self._running, return_exceptions=True)
+
+    async def command(self, address: str, name: str, payload: Any, application: str = "0") -> bool:
+        """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
+
+        Raises: UsageError: not JSON, or more than a server reads; WrongTopic: not an address or name.
+        """
+        assert self._link is not None, "use `async with`"
+        return await self._link.send(
+            (self._side.command(CommandTopic(address, application, name), payload, self._clock()),)
+        )
+
+    async def request(self, number: int, *, timeout_s: float = 10.0, **words: Any) -> Any:
+        """The data that the server answers to request `number`; asked again now and then until it does.
+
+        Raises: Unavailable: no answer in time. Says so if this machine's clock is the reason.
+        """
+        assert self._link is not None, "use `async with`"
+        answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(number, []).append(answer)
+        deadline = time.monotonic() + timeout_s
+        try:
+            while (left_s := deadline - time.monotonic()) > 0:
+                await self._link.send((self._side.request(number, self._clock(), **words),))
+                done, _ = await asyncio.wait((answer,), timeout=min(ASK_AGAIN_S, left_s))
+                if done:
+                    return answer.result()
+        finally:
+            answer.cancel()
+            self._waiting[number].remove(answer)
+        if self.skew_s is not None:
+            raise Unavailable(
+                f"the swarm refuses this machine's clock: it is {abs(self.skew_s):.0f} s "
+                f"{'behind' if self.skew_s > 0 else 'ahead'}",
+                "set the clock, best by NTP",
+            )
+        raise Unavailable(f"no answer from the swarm within {timeout_s:g} s", "the code may have changed: scan again")
+
+    async def notifications(self) -> AsyncIterator[Any]:
+        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads."""
+        while True:
+            yield await self._heard.get()
+
+    async def _on_connect(self, again: bool) -> None:
+        log.debug("%s: %s", self.client_id, "reconnected" if again else "connected")
+
+    async def _on_message(self, topic: str, token: bytes) -> None:
+        said = self._side.receive(topic, token, self._clock())
+        if isinstance(said, Rejected):
+            log.debug("refused a message: %s", said.reason)
+            if isinstance(said.error, OpenError) and isinstance(said.error.cause, Stale):
+                self.skew_s = said.error.cause.skew_s
+            return
+        if isinstance(said, Moved):
+            self.moves += 1
+            assert self._link is not None
+            await self._link.send(said.asks)
+            return
+        self.skew_s = None
+        if isinstance(said, Reply):
+            for answer in self._waiting.get(said.number, ()):
+                if not answer.done():
+                    answer.set_result(said.data)
+        elif isinstance(said, Notification):
+            if self._heard.full():
+                self._heard.get_nowait()
+            self._heard.put_nowait(said.payload)

@@ -1,0 +1,143 @@
+"""mosquitto as a supervised child: started with a configuration of ours, started again when it dies."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import logging
+import os
+import shutil
+import signal
+import sys
+import tempfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from phalanx.errors import Unavailable
+
+from .ports import LOOPBACK
+
+log = logging.getLogger(__name__)
+
+# Above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed.
+MAX_PACKET_BYTES = 2 * 1024 * 1024
+START_TIMEOUT_S = 5.0
+RESTART_S = 0.3
+PR_SET_PDEATHSIG = 1
+
+
+def find_mosquitto() -> str | None:
+    """Path of the mosquitto program; Debian puts it where only root's PATH looks."""
+    return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
+
+
+def configuration(tcp_port: int, ws_host: str, ws_port: int) -> str:
+    """mosquitto.conf: TCP for the gateway on loopback, websockets for browsers where asked."""
+    return "\n".join(
+        (
+            "# written by phalanx",
+            "per_listener_settings false",
+            "allow_anonymous true",  # nobody trusts the broker; the messages are sealed
+            "persistence false",
+            "retain_available false",
+            "sys_interval 0",
+            f"max_packet_size {MAX_PACKET_BYTES}",
+            "max_queued_messages 1000",
+            "max_inflight_messages 100",
+            "set_tcp_nodelay true",
+            "log_dest stderr",
+            "log_type error",
+            "log_type warning",
+            "connection_messages false",
+            f"listener {tcp_port} {LOOPBACK}",
+            "max_connections 200",
+            f"listener {ws_port} {ws_host}",
+            "protocol websockets",
+            "max_connections 1000",
+            "",
+        )
+    )
+
+
+def _die_with_parent() -> None:
+    # A gateway that is killed outright must not leave a broker behind.
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextlib.asynccontextmanager
+async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None]:
+    """A running mosquitto, for as long as the context lasts.
+
+    Raises: Unavailable: not installed, or it does not start (a port taken, say).
+    """
+    program = find_mosquitto()
+    if program is None:
+        raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
+    with tempfile.TemporaryDirectory(prefix="phalanx-") as folder:
+        path = Path(folder) / "mosquitto.conf"
+        path.write_text(configuration(tcp_port, ws_host, ws_port))
+        process = await _start(program, path, tcp_port)
+        keeper = asyncio.create_task(_keep(program, path, tcp_port, process))
+        try:
+            yield
+        finally:
+            keeper.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await keeper
+
+
+async def _start(program: str, path: Path, tcp_port: int) -> asyncio.subprocess.Process:
+    process = await asyncio.create_subprocess_exec(
+        program,
+        "-c",
+        str(path),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
+        preexec_fn=_die_with_parent,
+    )
+    deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
+    while asyncio.get_running_loop().time() < deadline:
+        if process.returncode is not None:
+            break
+        try:
+            _, writer = await asyncio.open_connection(LOOPBACK, tcp_port)
+        except OSError:
+            await asyncio.sleep(0.02)
+            continue
+        writer.close()
+        return process
+    with contextlib.suppress(ProcessLookupError):
+        process.kill()
+    assert process.stderr is not None
+    said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
+    raise Unavailable(f"mosquitto does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")
+
+
+async def _keep(program: str, path: Path, tcp_port: int, process: asyncio.subprocess.Process) -> None:
+    try:
+        while True:
+            assert process.stderr is not None
+            while line := await process.stderr.readline():
+                log.warning("mosquitto: %s", line.decode(errors="replace").rstrip())
+            code = await process.wait()
+            log.warning("mosquitto ended (%s); starting it again", code)
+            await asyncio.sleep(RESTART_S)
+            try:
+                process = await _start(program, path, tcp_port)
+            except Unavailable as error:
+                log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
+                await asyncio.sleep(1)
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(process.wait(), 1.0)
+            if process.returncode is None:
+                with contextlib.suppress(ProcessLookupError):
+                    process.kill()
+                await process.wait()

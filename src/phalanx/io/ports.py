@@ -1,0 +1,39 @@
+"""TCP ports: which are free, and this machine's address as others see it."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+
+LOOPBACK = "127.0.0.1"
+
+
+def is_free(port: int, host: str = LOOPBACK) -> bool:
+    """Whether `port` can be listened on at `host` just now."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except (OSError, OverflowError):
+            return False
+        return True
+
+
+def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
+    """`preferred` if it is free, else any free port."""
+    if preferred and is_free(preferred, host):
+        return preferred
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind((host, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def lan_address() -> str:
+    """This machine's address on its network, or loopback if it has none. No packet is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+        probe.connect(("192.0.2.1", 9))  # TEST-NET-1: only asks which interface would be used
+        address: str = probe.getsockname()[0]
+        return address
+    return LOOPBACK

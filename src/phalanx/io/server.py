@@ -1,0 +1,247 @@
+"""The server's end of the link: a program's robots, commanded through a broker that nobody trusts.
+
+Use it as `phalanx.link.Server`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import logging
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from phalanx.config import LinkConfig
+from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
+from phalanx.link.keys import Epoch
+from phalanx.link.messages import Ask, Command, Knock, Rejected, Request
+from phalanx.link.pin import Pin
+from phalanx.link.qrurl import QrUrl
+from phalanx.link.server_side import ServerSide
+
+from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .connection import Connection
+
+log = logging.getLogger(__name__)
+
+CommandHandler = TypeVar("CommandHandler", bound=Callable[[Command], Any])
+RequestHandler = TypeVar("RequestHandler", bound=Callable[[Request], Any])
+Happening = Command | Request | Knock | Rejected | Epoch
+ANY = "*"
+
+
+class Server:
+    """Robots behind the link. Use as `async with`; handlers may be plain functions or coroutines.
+
+    A handler that cannot make sense of a payload raises a `PeerError` (such as `BadPayload`): counted, survived.
+
+    Args:
+        broker: mqtt://, mqtts://, ws:// or wss:// URL, or a parsed one.
+        config: the link's parameters.
+        login: for a broker that asks for one.
+        broker_for_visitors: websocket URL that browsers use; derived from `broker` if that is one.
+        pin: the first pin; a fresh one unless given.
+        mqtt: protocol version to try first, 5 or 4.
+        clock: seconds since 1970; for tests.
+    Raises: UsageError: a bad URL. On entering or waiting, Unavailable: the broker refused the login.
+    """
+
+    def __init__(
+        self,
+        broker: str | BrokerUrl = "mqtt://127.0.0.1:1883",
+        *,
+        config: LinkConfig | None = None,
+        login: Login | None = None,
+        broker_for_visitors: str = "",
+        pin: Pin | None = None,
+        mqtt: int = 5,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.config = config or LinkConfig()
+        self.broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
+        self.broker_for_visitors = broker_for_visitors or websocket_of(self.broker)
+        self.counters: Counter[str] = Counter()
+        self.on_event: Callable[[Happening], None] = lambda _: None
+        self._clock = clock
+        self._side = ServerSide(self.config, os.urandom, time.monotonic(), pin)
+        self._commands: dict[str, Callable[[Command], Any]] = {}
+        self._requests: dict[int, Callable[[Request], Any]] = {}
+        self._link: Connection | None = None
+        self._mqtt = mqtt
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
+        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
+
+        def register(handler: CommandHandler) -> CommandHandler:
+            self._commands[name] = handler
+            return handler
+
+        return register
+
+    def on_request(self, number: int) -> Callable[[RequestHandler], RequestHandler]:
+        """Decorate the handler of request `number`; it takes a `Request` and returns the answer's data."""
+
+        def register(handler: RequestHandler) -> RequestHandler:
+            self._requests[number] = handler
+            return handler
+
+        return register
+
+    @property
+    def epoch(self) -> Epoch:
+        """The current pin, topic and key."""
+        return self._side.epoch
+
+    @property
+    def overlapping(self) -> bool:
+        """Whether two pins are accepted just now."""
+        return len(self._side.live_epochs()) == 2
+
+    @property
+    def rotates_in_s(self) -> float:
+        """Seconds until the next pin."""
+        return max(0.0, self._side.rotated_at_s + self.config.rotate_s - time.monotonic())
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Refused messages by reason."""
+        return self._side.rejected
+
+    @property
+    def connected(self) -> bool:
+        """Whether the broker is there now."""
+        return self._link is not None and self._link.connected.is_set()
+
+    @property
+    def trouble(self) -> str:
+        """What the last connection attempt died of; "" while connected."""
+        return self._link.trouble if self._link else ""
+
+    @property
+    def reconnects(self) -> int:
+        """How often the broker came back."""
+        return self._link.reconnects if self._link else 0
+
+    def qr(self) -> QrUrl:
+        """What a QR code says now; it changes at every rotation."""
+        mqtt = self._link.mqtt if self._link else self._mqtt
+        return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
+
+    async def __aenter__(self) -> Self:
+        client_id = f"phalanx-{os.urandom(8).hex()}"
+        self._link = Connection(
+            self.broker, client_id, self._side.subscriptions, self._on_message, self._on_connect, self._mqtt
+        )
+        self._tasks = [asyncio.create_task(self._link.run()), asyncio.create_task(self._rotate())]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def wait_connected(self, timeout_s: float | None = None) -> None:
+        """Wait for the broker, for ever unless told otherwise.
+
+        Raises: TimeoutError; Unavailable: the broker refused the login, or cannot be trusted.
+        """
+        assert self._link is not None, "use `async with`"
+        connected = asyncio.create_task(self._link.connected.wait())
+        try:
+            done, _ = await asyncio.wait(
+                (connected, *self._tasks), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            connected.cancel()
+        for task in done:
+            task.result()
+        if not done:
+            raise TimeoutError
+
+    async def run(self) -> None:
+        """Serve until cancelled, or until the broker refuses the login."""
+        await asyncio.gather(*self._tasks)
+
+    async def notify(self, payload: Any) -> bool:
+        """Tell every visitor; one encryption (two in an overlap) whatever their number. False if the broker is away.
+
+        Raises: UsageError: not JSON, or more than a client reads.
+        """
+        assert self._link is not None, "use `async with`"
+        if not self._link.connected.is_set():
+            return False
+        sent = await self._link.send(self._side.notify(payload, self._clock()))
+        self.counters["notifications"] += sent
+        return sent
+
+    async def _on_connect(self, again: bool) -> None:
+        if again:
+            await self._do(self._side.reconnected(time.monotonic()))
+
+    async def _rotate(self) -> None:
+        while True:
+            await asyncio.sleep(max(0.01, self._side.next_due_s() - time.monotonic()))
+            before = self._side.epoch
+            await self._do(self._side.advance(time.monotonic()))
+            if self._side.epoch is not before:
+                log.info("a new pin; the old one is accepted for %g s more", self.config.overlap_s)
+                self.on_event(self._side.epoch)
+
+    async def _do(self, asks: tuple[Ask, ...]) -> None:
+        if self._link is not None and asks:
+            await self._link.send(asks)
+
+    async def _on_message(self, topic: str, token: bytes) -> None:
+        said = self._side.receive(topic, token, self._clock(), time.monotonic())
+        try:
+            said = await self._handle(said)
+        except PeerError as error:
+            said = self._side.reject(error)
+        if isinstance(said, Rejected):
+            log.debug("refused a message: %s", said.reason)
+        self.on_event(said)
+
+    async def _handle(self, said: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
+        if isinstance(said, Command):
+            handler = self._commands.get(said.name) or self._commands.get(ANY)
+            if handler is None:
+                raise Unknown(f"no command {said.name!r}")
+            await _call(handler, said)
+            self.counters["commands"] += 1
+        elif isinstance(said, Request):
+            answer = self._requests.get(said.number)
+            if answer is None:
+                raise Unknown(f"no request {said.number}")
+            await self._answer(said, await _call(answer, said))
+            self.counters["requests"] += 1
+        elif isinstance(said, Knock):
+            self.counters["knocks"] += 1
+            await self._do(said.asks)
+        return said
+
+    async def _answer(self, request: Request, data: Any) -> None:
+        try:
+            asks = self._side.reply(request, data, self._clock())
+        except UsageError as error:
+            log.error("request %d: the answer cannot be sent: %s", request.number, error)  # noqa: TRY400
+            raise HandlerFailed(str(error)) from error
+        await self._do(asks)
+
+
+async def _call(handler: Callable[[Any], Any], said: Command | Request) -> Any:
+    try:
+        result = handler(said)
+        return await result if inspect.isawaitable(result) else result
+    except PeerError:
+        raise
+    except Exception as error:
+        # Logged with its trace, for it is a fault of this program; the payload stays out of the log.
+        log.exception("handler %s failed", getattr(handler, "__qualname__", "?"))
+        raise HandlerFailed(type(error).__name__) from error

@@ -1,0 +1,123 @@
+"""The client's side of the link in mode qrkey: bytes and a time in, events and asks out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from phalanx.config import LinkConfig
+from phalanx.crypto import IV_BYTES
+from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
+
+from .envelope import encode_envelope, open_envelope, seal
+from .keys import Epoch, derive_epoch
+from .messages import Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
+from .pin import Pin
+from .replay import ReplayCache
+from .topics import CommandTopic, ReplyTopic, SubTopic, full_topic, split_topic
+
+
+class ClientSide:
+    """One visitor: its epoch, and the opening and sealing of messages.
+
+    Args:
+        config: the parameters.
+        random_bytes: n -> n bytes from a cryptographic source.
+        pin: from the QR code.
+        client_id: names the topic for answers; not a secret, and no proof of anything.
+    Raises: UsageError: the client id has characters that a topic may not have.
+    Source: Qrkey §III; docs/spec/link.md.
+    """
+
+    def __init__(self, config: LinkConfig, random_bytes: Callable[[int], bytes], pin: Pin, client_id: str) -> None:
+        try:
+            self._reply = ReplyTopic(client_id)
+        except WrongTopic as error:
+            raise UsageError(str(error), "letters, digits and _.:- only") from error
+        self.config = config
+        self.rejected: Counter[str] = Counter()
+        self._random_bytes = random_bytes
+        self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
+        self._epoch = derive_epoch(pin)
+
+    @property
+    def epoch(self) -> Epoch:
+        """The epoch this client lives in."""
+        return self._epoch
+
+    @property
+    def client_id(self) -> str:
+        """Name under which answers come."""
+        return self._reply.client_id
+
+    def subscriptions(self) -> tuple[str, ...]:
+        """Every topic to be subscribed to now."""
+        root, topic = self.config.root, self._epoch.topic
+        return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
+
+    def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved | Rejected:
+        """What a message from the broker says. Never raises: what is refused is counted."""
+        try:
+            return self._receive(topic, token, now_s)
+        except PeerError as error:
+            self.rejected[error.reason] += 1
+            return Rejected(error)
+
+    def command(self, to: CommandTopic, payload: Any, now_s: float) -> Publish:
+        """A command for one robot.
+
+        Raises: UsageError: the payload is not JSON, or more than a server reads.
+        """
+        return self._publish(to, payload, now_s)
+
+    def request(self, number: int, now_s: float, **words: Any) -> Publish:
+        """A request; the answer comes as a `Reply` of the same number.
+
+        Raises: UsageError: more than a server reads.
+        """
+        return self._publish("request", {"request": number, "reply": self.client_id, **words}, now_s)
+
+    def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved:
+        sub = split_topic(self.config.root, self._epoch.topic, topic)
+        if sub not in ("notify", self._reply):
+            raise WrongTopic("not a topic that this client reads")
+        opened = open_envelope(
+            token,
+            self._epoch,
+            now_s,
+            self._cache,
+            self.config.max_to_client_bytes,
+            pin_message_may_come=sub == "notify",
+        )
+        if isinstance(opened, Pin):
+            return self._move(opened)
+        if sub == "notify":
+            return Notification(opened.payload, opened.timestamp_s)
+        return _parse_reply(opened.payload)
+
+    def _move(self, pin: Pin) -> Moved:
+        # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
+        left = self.subscriptions()
+        self._epoch = derive_epoch(pin)
+        joined = self.subscriptions()
+        return Moved(self._epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
+
+    def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> Publish:
+        try:
+            plaintext = encode_envelope(payload, now_s)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise UsageError(f"payload is not JSON: {error}") from error
+        if len(plaintext) > self.config.max_to_server_bytes:
+            raise UsageError(f"message of {len(plaintext)} bytes, servers read {self.config.max_to_server_bytes}")
+        token = seal(plaintext, self._epoch, self._random_bytes(IV_BYTES))
+        return Publish(full_topic(self.config.root, self._epoch.topic, sub), token)
+
+
+def _parse_reply(payload: Any) -> Reply:
+    if not isinstance(payload, dict):
+        raise BadPayload("a reply is an object")
+    number = payload.get("request")
+    if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
+        raise BadPayload("a reply has a request number and data")
+    return Reply(number, payload["data"])

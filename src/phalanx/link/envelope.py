@@ -1,0 +1,107 @@
+"""The envelope: a timestamp and a payload, sealed; and the one message that goes without, the pin message."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+from phalanx.crypto import open_jwe, seal_jwe
+from phalanx.errors import MalformedEnvelope, OpenError, PeerError
+
+from .keys import Epoch
+from .pin import BadPin, Pin
+from .replay import ReplayCache
+
+PIN_MESSAGE_CMD = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """An authentic, fresh message that was not seen before."""
+
+    timestamp_s: float
+    payload: Any
+
+
+def encode_envelope(payload: Any, now_s: float) -> bytes:
+    """The plaintext of an envelope.
+
+    Raises: ValueError, TypeError: the payload is not JSON (NaN included).
+    """
+    text = json.dumps({"timestamp": now_s, "payload": payload}, separators=(",", ":"), allow_nan=False)
+    return text.encode()
+
+
+def encode_pin_message(pin: Pin) -> bytes:
+    """The plaintext of a pin message: not an envelope, and with the pin as a string (Qrkey §III-D; as published)."""
+    return json.dumps({"cmd": PIN_MESSAGE_CMD, "pin_code": pin.digits}, separators=(",", ":")).encode()
+
+
+def seal(plaintext: bytes, epoch: Epoch, iv: bytes) -> bytes:
+    """`plaintext` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes."""
+    return seal_jwe(plaintext, epoch.key, iv)
+
+
+def open_envelope(
+    token: bytes, epoch: Epoch, now_s: float, cache: ReplayCache, max_bytes: int, *, pin_message_may_come: bool = False
+) -> Envelope | Pin:
+    """The envelope in `token`, or the new pin that a pin message announces.
+
+    Args:
+        token: untrusted bytes.
+        epoch: whose key must verify.
+        now_s: the receiver's clock, seconds since 1970.
+        cache: of this receiver; entered once the message is authentic and fresh.
+        max_bytes: longest plaintext to read.
+        pin_message_may_come: true for a client reading a notification.
+    Raises: OpenError, whatever went wrong; its `cause` says what.
+    Source: docs/spec/link.md.
+    """
+    try:
+        iv, plaintext = open_jwe(token, epoch.key, max_bytes)
+        words = _parse_object(plaintext)
+        if pin_message_may_come and "timestamp" not in words and words.get("cmd") == PIN_MESSAGE_CMD:
+            return _announced_pin(words)
+        timestamp_s = _timestamp(words)
+        if "payload" not in words:
+            raise MalformedEnvelope("no payload")
+        cache.enter(epoch.topic, iv, timestamp_s, now_s)
+        return Envelope(timestamp_s, words["payload"])
+    except PeerError as error:
+        raise OpenError(error) from error
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise MalformedEnvelope(f"{name} is not JSON")
+
+
+def _parse_object(plaintext: bytes) -> dict[str, Any]:
+    try:
+        words = json.loads(plaintext.decode("utf-8"), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:  # ValueError: not UTF-8, not JSON, or an integer of absurd length
+        raise MalformedEnvelope("not JSON") from error
+    if not isinstance(words, dict):
+        raise MalformedEnvelope("not a JSON object")
+    return words
+
+
+def _timestamp(words: dict[str, Any]) -> float:
+    value = words.get("timestamp")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise MalformedEnvelope("no timestamp, or not a number")
+    try:
+        timestamp_s = float(value)
+    except OverflowError as error:
+        raise MalformedEnvelope("timestamp is not finite") from error
+    if not math.isfinite(timestamp_s):
+        raise MalformedEnvelope("timestamp is not finite")
+    return timestamp_s
+
+
+def _announced_pin(words: dict[str, Any]) -> Pin:
+    try:
+        return Pin(words.get("pin_code"))  # type: ignore[arg-type]  # Pin checks it
+    except BadPin as error:
+        raise MalformedEnvelope("a pin message without a pin") from error

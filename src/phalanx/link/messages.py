@@ -1,0 +1,106 @@
+"""What the two sides of the link say to the program around them, and what they ask of the broker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from phalanx.errors import PeerError
+
+from .keys import Epoch
+from .topics import CommandTopic
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    """Ask: publish these bytes."""
+
+    topic: str
+    payload: bytes = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Subscribe:
+    """Ask: subscribe to this filter."""
+
+    topic: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unsubscribe:
+    """Ask: unsubscribe from this filter."""
+
+    topic: str
+
+
+Ask = Publish | Subscribe | Unsubscribe
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A visitor's command for one robot. The payload is authentic JSON, and not checked further."""
+
+    topic: CommandTopic
+    payload: Any = field(repr=False)
+
+    @property
+    def address(self) -> str:
+        """Robot it is for."""
+        return self.topic.address
+
+    @property
+    def name(self) -> str:
+        """What to do, such as `move_raw`."""
+        return self.topic.name
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A visitor's request. `words` is the whole payload, for extensions such as `frames`."""
+
+    number: int
+    client_id: str
+    words: dict[str, Any] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Knock:
+    """An authentic request under the last epoch: a phone that slept through a rotation."""
+
+    asks: tuple[Ask, ...] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Notification:
+    """What the server tells everybody."""
+
+    payload: Any = field(repr=False)
+    timestamp_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The answer to a request of ours."""
+
+    number: int
+    data: Any = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """A pin message was followed: the client now lives in `epoch`."""
+
+    epoch: Epoch
+    asks: tuple[Ask, ...] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """Bytes that were refused, and counted under `reason`."""
+
+    error: PeerError
+
+    @property
+    def reason(self) -> str:
+        """Word under which it is counted."""
+        return self.error.reason

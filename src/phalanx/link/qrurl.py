@@ -1,0 +1,108 @@
+"""What a QR code says: our own form keeps the pin in the fragment, the published form has it in the query."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from urllib.parse import parse_qs, quote, urlencode, urlsplit
+
+from phalanx.config import LinkConfig
+from phalanx.errors import UsageError
+
+from .pin import Pin
+
+VERSION = "1"
+_BROKER = re.compile(
+    r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no login in it: it would be in every QR code
+    re.IGNORECASE | re.ASCII,
+)
+
+
+class BadQrUrl(UsageError):
+    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"not a swarm's link: {what}", "copy the whole link, in quotes, from under the QR code")
+
+
+@dataclass(frozen=True, slots=True)
+class QrUrl:
+    """Everything that a visitor needs.
+
+    Args:
+        pin: the pin.
+        broker: websocket URL of the broker.
+        root: first part of every topic.
+        mqtt: protocol version, 5 or 4 (3.1.1).
+    Raises: BadQrUrl.
+    """
+
+    pin: Pin = field(repr=False)
+    broker: str
+    root: str = "/qrkey"
+    mqtt: int = 5
+
+    def __post_init__(self) -> None:
+        if not _BROKER.fullmatch(self.broker):
+            raise BadQrUrl("the broker is not a ws:// or wss:// URL")
+        try:
+            urlsplit(self.broker).port  # noqa: B018  # raises for a port out of range
+        except ValueError:
+            raise BadQrUrl("the broker's port is not a port") from None
+        if self.mqtt not in (4, 5):
+            raise BadQrUrl("MQTT version is 4 or 5")
+        try:
+            LinkConfig(root=self.root)
+        except UsageError as error:
+            raise BadQrUrl(str(error)) from None
+
+    def for_page(self, page: str) -> str:
+        """Link to our own page: parameters in the fragment, which browsers keep to themselves."""
+        words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker, "root": self.root, "mqtt": str(self.mqtt)}
+        return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
+
+    def for_foreign_page(self, frontend: str) -> str:
+        """Link to a page of the published form, which has no room for a path or a root."""
+        broker = urlsplit(self.broker)
+        tls = broker.scheme.lower() == "wss"
+        words = {
+            "use_qrkey": "true",
+            "pin": self.pin.digits,
+            "mqtt_host": broker.hostname or "",
+            "mqtt_port": str(broker.port or (443 if tls else 80)),
+            "mqtt_version": str(self.mqtt),
+            "mqtt_use_ssl": str(tls),
+        }
+        return f"{frontend}?{urlencode(words, quote_via=quote)}"
+
+
+def parse_qr_url(url: str, root: str = "/qrkey") -> QrUrl:
+    """What a scanned link says, in either form.
+
+    Args:
+        url: the whole link.
+        root: used for the published form, which does not name one.
+    Raises: BadQrUrl, BadPin.
+    """
+    try:
+        parts = urlsplit(url.strip())
+        words = {name: values[0] for name, values in parse_qs(parts.fragment or parts.query, max_num_fields=32).items()}
+    except ValueError:
+        raise BadQrUrl("not a URL") from None
+    if "pin" not in words:
+        raise BadQrUrl("no pin in it")
+    if parts.fragment:
+        if words.get("v") != VERSION:
+            raise BadQrUrl("another version")
+        return QrUrl(
+            Pin(words["pin"]), words.get("broker", ""), words.get("root", "/qrkey"), _mqtt(words.get("mqtt", "5"))
+        )
+    scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
+    broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"
+    return QrUrl(Pin(words["pin"]), broker, root, _mqtt(words.get("mqtt_version", "5")))
+
+
+def _mqtt(text: str) -> int:
+    if text not in ("4", "5"):
+        raise BadQrUrl("MQTT version is 4 or 5")
+    return int(text)

@@ -1,0 +1,64 @@
+"""The replay cache: every authentic message counts once."""
+
+from __future__ import annotations
+
+import math
+
+from phalanx.errors import CacheFull, Replayed, Stale
+
+
+class ReplayCache:
+    """Remembers (epoch, IV) until the message would be stale anyway.
+
+    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay.
+
+    Args:
+        capacity: most entries at once.
+        tolerance_s: largest |now - timestamp| that passes.
+    Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
+    """
+
+    def __init__(self, capacity: int, tolerance_s: float) -> None:
+        self._capacity = capacity
+        self._tolerance_s = tolerance_s
+        self._seen: set[tuple[str, bytes]] = set()
+        # Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
+        self._by_second: dict[int, list[tuple[str, bytes]]] = {}
+        self._swept_to = -math.inf
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    def enter(self, epoch: str, iv: bytes, timestamp_s: float, now_s: float) -> None:
+        """Take note of an authentic message, or refuse it. A refused message leaves the cache unchanged.
+
+        Args:
+            epoch: the epoch's topic.
+            iv: 12 bytes.
+            timestamp_s: the sender's, finite.
+            now_s: the receiver's clock.
+        Raises: Stale, Replayed, CacheFull.
+        """
+        skew_s = timestamp_s - now_s
+        if not abs(skew_s) <= self._tolerance_s:
+            raise Stale(skew_s, self._tolerance_s)
+        self._sweep(now_s)
+        second = math.floor(timestamp_s + self._tolerance_s) + 1
+        if second <= self._swept_to:
+            # The clock was set back: this message may be one we have already forgotten.
+            raise Stale(skew_s, self._tolerance_s)
+        entry = (epoch, iv)
+        if entry in self._seen:
+            raise Replayed("this IV was seen before")
+        if len(self._seen) >= self._capacity:
+            raise CacheFull(f"{self._capacity} messages within {2 * self._tolerance_s:g} s")
+        self._seen.add(entry)
+        self._by_second.setdefault(second, []).append(entry)
+
+    def _sweep(self, now_s: float) -> None:
+        if now_s <= self._swept_to + 1:
+            return
+        # An entry of second s was stale from s on: its timestamp + tolerance lies below s.
+        for second in [second for second in self._by_second if second <= now_s]:
+            self._seen.difference_update(self._by_second.pop(second))
+        self._swept_to = math.floor(now_s)

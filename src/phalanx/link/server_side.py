@@ -1,0 +1,198 @@
+"""The server's side of the link in mode qrkey: bytes and a time in, events and asks out.
+
+Nothing here waits, sleeps or opens a socket; `phalanx.io.server` does, and drives this. A mode with other keys is
+another class with the same methods.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from phalanx.config import LinkConfig
+from phalanx.crypto import IV_BYTES
+from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
+
+from .envelope import Envelope, encode_envelope, encode_pin_message, open_envelope, seal
+from .keys import Epoch, derive_epoch
+from .messages import Ask, Command, Knock, Publish, Rejected, Request, Subscribe, Unsubscribe
+from .pin import Pin, new_pin
+from .replay import ReplayCache
+from .rotation import Act, Event, State, step
+from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, command_filter, full_topic, split_topic
+
+
+class ServerSide:
+    """Epochs, rotation and the opening and sealing of messages.
+
+    Args:
+        config: the parameters.
+        random_bytes: n -> n bytes from a cryptographic source.
+        uptime_s: a clock that is never set (monotonic), seconds; times the rotation.
+        pin: the first pin; a fresh one unless given.
+    Source: Qrkey §III; docs/spec/link.md.
+    """
+
+    def __init__(
+        self, config: LinkConfig, random_bytes: Callable[[int], bytes], uptime_s: float, pin: Pin | None = None
+    ) -> None:
+        self.config = config
+        self.state = State.FIRST
+        self.rejected: Counter[str] = Counter()
+        self._random_bytes = random_bytes
+        self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
+        self._epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))
+        self._old: Epoch | None = None
+        self._rotated_at_s = uptime_s
+        self._knocked_at_s = -config.knock_gap_s
+
+    @property
+    def epoch(self) -> Epoch:
+        """The current epoch: what a QR code shows."""
+        return self._epoch
+
+    @property
+    def rotated_at_s(self) -> float:
+        """Uptime at which the current epoch began, seconds."""
+        return self._rotated_at_s
+
+    def live_epochs(self) -> tuple[Epoch, ...]:
+        """Epochs under which messages are accepted and published, the current one first."""
+        return (self._epoch, self._old) if self.state is State.OVERLAP and self._old else (self._epoch,)
+
+    def subscriptions(self) -> tuple[str, ...]:
+        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them."""
+        filters = [f for epoch in self.live_epochs() for f in self._filters(epoch)]
+        if self.state is State.SETTLED and self._old:
+            filters.append(full_topic(self.config.root, self._old.topic, "request"))
+        return tuple(filters)
+
+    def receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock | Rejected:
+        """What a message from the broker says. Never raises: what is refused is counted."""
+        try:
+            return self._receive(topic, token, now_s, uptime_s)
+        except PeerError as error:
+            return self.reject(error)
+
+    def reject(self, error: PeerError) -> Rejected:
+        """Count a message that was refused, here or by the handler that understood it."""
+        self.rejected[error.reason] += 1
+        return Rejected(error)
+
+    def notify(self, payload: Any, now_s: float) -> tuple[Publish, ...]:
+        """Sealed once per live epoch, whatever the number of visitors.
+
+        Raises: UsageError: the payload is not JSON, or more than a client reads.
+        """
+        return self._publish("notify", payload, now_s)
+
+    def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
+        """The answer to `request`, on every live epoch: the visitor may be moving between two.
+
+        Raises: UsageError: the data is not JSON, or more than a client reads.
+        """
+        return self._publish(ReplyTopic(request.client_id), {"request": request.number, "data": data}, now_s)
+
+    def advance(self, uptime_s: float) -> tuple[Ask, ...]:
+        """Rotate, or end an overlap, if it is due."""
+        config = self.config
+        since_s = uptime_s - self._rotated_at_s
+        asks: tuple[Ask, ...] = ()
+        if self.state is State.OVERLAP and since_s >= config.overlap_s:
+            asks += self._step(Event.OVERLAP_OVER, uptime_s)
+        if since_s >= config.rotate_s:
+            asks += self._step(Event.ROTATE_DUE, uptime_s)
+        return asks
+
+    def next_due_s(self) -> float:
+        """Uptime at which `advance` has something to do."""
+        wait = self.config.overlap_s if self.state is State.OVERLAP else self.config.rotate_s
+        return self._rotated_at_s + wait
+
+    def reconnected(self, uptime_s: float) -> tuple[Ask, ...]:
+        """What to say again after the broker was away."""
+        return self._step(Event.RECONNECTED, uptime_s)
+
+    def _receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock:
+        epoch, sub = self._locate(topic)
+        opened = open_envelope(token, epoch, now_s, self._cache, self.config.max_to_server_bytes)
+        assert isinstance(opened, Envelope)
+        if epoch not in self.live_epochs():
+            return self._knock(uptime_s)
+        if isinstance(sub, CommandTopic):
+            return Command(sub, opened.payload)
+        return _parse_request(opened.payload)
+
+    def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:
+        known = (self._epoch, self._old) if self._old else (self._epoch,)
+        for epoch in known:
+            if f"/{epoch.topic}/" in topic:
+                sub = split_topic(self.config.root, epoch.topic, topic)
+                if sub == "request" or (isinstance(sub, CommandTopic) and epoch in self.live_epochs()):
+                    return epoch, sub
+        raise WrongTopic("not a topic that a server reads")
+
+    def _knock(self, uptime_s: float) -> Knock:
+        if uptime_s - self._knocked_at_s < self.config.knock_gap_s:
+            return Knock(())
+        self._knocked_at_s = uptime_s
+        return Knock(self._step(Event.KNOCK, uptime_s))
+
+    def _step(self, event: Event, uptime_s: float) -> tuple[Ask, ...]:
+        self.state, acts = step(self.state, event)
+        return tuple(ask for act in acts for ask in self._act(act, uptime_s))
+
+    def _act(self, act: Act, uptime_s: float) -> list[Ask]:
+        if act is Act.NEW_EPOCH:
+            self._old, self._epoch = self._epoch, self._fresh_epoch()
+            self._rotated_at_s = uptime_s
+            return [Subscribe(f) for f in self._filters(self._epoch)]
+        if self._old is None:  # cannot happen: the table leaves FIRST by NEW_EPOCH only
+            return []
+        request = full_topic(self.config.root, self._old.topic, "request")
+        if act is Act.SEND_PIN:
+            token = seal(encode_pin_message(self._epoch.pin), self._old, self._random_bytes(IV_BYTES))
+            return [Publish(full_topic(self.config.root, self._old.topic, "notify"), token)]
+        if act is Act.DROP_OLD:
+            return [Unsubscribe(f) for f in self._filters(self._old) if f != request]
+        self._old = None
+        return [Unsubscribe(request)]
+
+    def _fresh_epoch(self) -> Epoch:
+        taken = {self._epoch.topic, self._old.topic if self._old else ""}
+        while (epoch := derive_epoch(new_pin(self.config.pin_digits, self._random_bytes))).topic in taken:
+            pass
+        return epoch
+
+    def _filters(self, epoch: Epoch) -> tuple[str, ...]:
+        root = self.config.root
+        return command_filter(root, epoch.topic), full_topic(root, epoch.topic, "request")
+
+    def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> tuple[Publish, ...]:
+        try:
+            plaintext = encode_envelope(payload, now_s)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise UsageError(f"payload is not JSON: {error}") from error
+        if len(plaintext) > self.config.max_to_client_bytes:
+            raise UsageError(
+                f"message of {len(plaintext)} bytes, clients read {self.config.max_to_client_bytes}",
+                "send less at once; drop histories first",
+            )
+        return tuple(
+            Publish(
+                full_topic(self.config.root, epoch.topic, sub), seal(plaintext, epoch, self._random_bytes(IV_BYTES))
+            )
+            for epoch in self.live_epochs()
+        )
+
+
+def _parse_request(payload: Any) -> Request:
+    if not isinstance(payload, dict):
+        raise BadPayload("a request is an object")
+    number, client_id = payload.get("request"), payload.get("reply")
+    if isinstance(number, bool) or not isinstance(number, int) or abs(number) >= 1 << 53:
+        raise BadPayload("no whole number under 'request'")
+    if not isinstance(client_id, str) or not CLIENT_ID.fullmatch(client_id):
+        raise BadPayload("no client id under 'reply'")
+    return Request(number, client_id, payload)

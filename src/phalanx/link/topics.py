@@ -1,0 +1,81 @@
+"""Topics: made from checked words, and taken apart again (Qrkey Table I).
+
+Only this file joins or splits a topic, so that no peer's words ever reach one unchecked.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from phalanx.errors import WrongTopic
+
+SWARM = "0000"
+ADDRESS = re.compile(r"[0-9A-Za-z_-]{1,64}", re.ASCII)
+APPLICATION = re.compile(r"[0-9]{1,3}", re.ASCII)
+NAME = re.compile(r"[0-9A-Za-z_-]{1,64}", re.ASCII)
+CLIENT_ID = re.compile(r"[0-9A-Za-z_.:-]{1,128}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class CommandTopic:
+    """Where a command for one robot goes."""
+
+    address: str
+    application: str
+    name: str
+
+    def __post_init__(self) -> None:
+        for grammar, word in ((ADDRESS, self.address), (APPLICATION, self.application), (NAME, self.name)):
+            if not grammar.fullmatch(word):
+                raise WrongTopic(f"not a command topic: {word[:80]!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class ReplyTopic:
+    """Where the answers for one client go."""
+
+    client_id: str
+
+    def __post_init__(self) -> None:
+        if not CLIENT_ID.fullmatch(self.client_id):
+            raise WrongTopic(f"not a client id: {self.client_id[:80]!r}")
+
+
+SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
+
+
+def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
+    """The topic on the broker: root, the epoch's topic, and what it is about."""
+    base = f"{root}/{epoch_topic}"
+    if isinstance(sub, CommandTopic):
+        return f"{base}/command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
+    if isinstance(sub, ReplyTopic):
+        return f"{base}/reply/{sub.client_id}"
+    return f"{base}/{sub}"
+
+
+def command_filter(root: str, epoch_topic: str) -> str:
+    """Subscription for every command of an epoch, misdirected ones included: those are counted."""
+    return f"{root}/{epoch_topic}/command/#"
+
+
+def split_topic(root: str, epoch_topic: str, topic: str) -> SubTopic:
+    """What `topic` is about, under this root and epoch.
+
+    Raises: WrongTopic.
+    """
+    base = f"{root}/{epoch_topic}/"
+    if not topic.startswith(base):
+        raise WrongTopic("not under this root and epoch")
+    match topic.removeprefix(base).split("/"):
+        case ["request"]:
+            return "request"
+        case ["notify"]:
+            return "notify"
+        case ["reply", client_id]:
+            return ReplyTopic(client_id)
+        case ["command", "0000", address, application, name]:
+            return CommandTopic(address, application, name)
+    raise WrongTopic("no such sub-topic")
