@@ -118,6 +118,8 @@ class Connection:
             timeout=CONNECT_TIMEOUT_S,
             max_queued_incoming_messages=INCOMING_LIMIT,
         )
+        # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
+        await self._knock()
         async with client:
             for topic in self._subscriptions():
                 await client.subscribe(topic, qos=0)
@@ -132,6 +134,12 @@ class Connection:
             async for message in client.messages:
                 payload = message.payload
                 await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
+
+    async def _knock(self) -> None:
+        _, writer = await asyncio.wait_for(
+            asyncio.open_connection(self.broker.host, self.broker.port), CONNECT_TIMEOUT_S
+        )
+        writer.close()
 
     def _down(self, error: BaseException) -> None:
         code = getattr(error, "rc", None)

@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 from phalanx.config import LinkConfig
 from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
@@ -31,7 +31,8 @@ log = logging.getLogger(__name__)
 CommandHandler = TypeVar("CommandHandler", bound=Callable[[Command], Any])
 RequestHandler = TypeVar("RequestHandler", bound=Callable[[Request], Any])
 Happening = Command | Request | Knock | Rejected | Epoch
-ANY = "*"
+ANY: Literal["*"] = "*"
+CLOSE_TIMEOUT_S = 1.0
 
 
 class Server:
@@ -69,7 +70,7 @@ class Server:
         self._clock = clock
         self._side = ServerSide(self.config, os.urandom, time.monotonic(), pin)
         self._commands: dict[str, Callable[[Command], Any]] = {}
-        self._requests: dict[int, Callable[[Request], Any]] = {}
+        self._requests: dict[int | str, Callable[[Request], Any]] = {}
         self._link: Connection | None = None
         self._mqtt = mqtt
         self._tasks: list[asyncio.Task[None]] = []
@@ -83,8 +84,11 @@ class Server:
 
         return register
 
-    def on_request(self, number: int) -> Callable[[RequestHandler], RequestHandler]:
-        """Decorate the handler of request `number`; it takes a `Request` and returns the answer's data."""
+    def on_request(self, number: int | Literal["*"]) -> Callable[[RequestHandler], RequestHandler]:
+        """Decorate the handler of request `number`, or of every other one with `ANY`.
+
+        It takes a `Request` and returns the answer's data.
+        """
 
         def register(handler: RequestHandler) -> RequestHandler:
             self._requests[number] = handler
@@ -145,7 +149,8 @@ class Server:
     ) -> None:
         for task in self._tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        # A broker that hangs must not hold up the end.
+        await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)
 
     async def wait_connected(self, timeout_s: float | None = None) -> None:
         """Wait for the broker, for ever unless told otherwise.
@@ -216,7 +221,7 @@ class Server:
             await _call(handler, said)
             self.counters["commands"] += 1
         elif isinstance(said, Request):
-            answer = self._requests.get(said.number)
+            answer = self._requests.get(said.number) or self._requests.get(ANY)
             if answer is None:
                 raise Unknown(f"no request {said.number}")
             await self._answer(said, await _call(answer, said))

@@ -12,6 +12,8 @@ from phalanx.errors import UsageError
 from .pin import Pin
 
 VERSION = "1"
+DEFAULT_ROOT = "/qrkey"
+DEFAULT_MQTT = 5
 _BROKER = re.compile(
     r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no login in it: it would be in every QR code
     re.IGNORECASE | re.ASCII,
@@ -39,8 +41,8 @@ class QrUrl:
 
     pin: Pin = field(repr=False)
     broker: str
-    root: str = "/qrkey"
-    mqtt: int = 5
+    root: str = DEFAULT_ROOT
+    mqtt: int = DEFAULT_MQTT
 
     def __post_init__(self) -> None:
         if not _BROKER.fullmatch(self.broker):
@@ -58,7 +60,12 @@ class QrUrl:
 
     def for_page(self, page: str) -> str:
         """Link to our own page: parameters in the fragment, which browsers keep to themselves."""
-        words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker, "root": self.root, "mqtt": str(self.mqtt)}
+        words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
+        # Defaults are left out: every character makes the code finer and harder to scan.
+        if self.root != DEFAULT_ROOT:
+            words["root"] = self.root
+        if self.mqtt != DEFAULT_MQTT:
+            words["mqtt"] = str(self.mqtt)
         return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
 
     def for_foreign_page(self, frontend: str) -> str:
@@ -76,7 +83,7 @@ class QrUrl:
         return f"{frontend}?{urlencode(words, quote_via=quote)}"
 
 
-def parse_qr_url(url: str, root: str = "/qrkey") -> QrUrl:
+def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
     """What a scanned link says, in either form.
 
     Args:
@@ -95,7 +102,10 @@ def parse_qr_url(url: str, root: str = "/qrkey") -> QrUrl:
         if words.get("v") != VERSION:
             raise BadQrUrl("another version")
         return QrUrl(
-            Pin(words["pin"]), words.get("broker", ""), words.get("root", "/qrkey"), _mqtt(words.get("mqtt", "5"))
+            Pin(words["pin"]),
+            words.get("broker", ""),
+            words.get("root", DEFAULT_ROOT),
+            _mqtt(words.get("mqtt", str(DEFAULT_MQTT))),
         )
     scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
     broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"

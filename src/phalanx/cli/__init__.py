@@ -1,0 +1,5 @@
+"""Commands: each parses, calls one public function and prints."""
+
+from .main import main
+
+__all__ = ["main"]

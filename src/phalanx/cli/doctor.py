@@ -1,0 +1,126 @@
+"""`phalanx doctor`: what is here, what is missing, what to do about it."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import shutil
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+
+from phalanx.errors import PhalanxError
+from phalanx.gateway import pages_are_built
+from phalanx.gateway.up import DEFAULT_PORT
+from phalanx.io import Server, parse_broker_url
+from phalanx.io.mosquitto import find_mosquitto
+from phalanx.io.ports import LOOPBACK, is_free, lan_address
+
+from .options import login_option, read_login
+from .terminal import print_json
+
+RELEASED_S = 1_767_225_600  # 2026-01-01: a clock before this is wrong
+SYNCHRONIZED = Path("/run/systemd/timesync/synchronized")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line: what was looked at, whether it is well, and what to do if not."""
+
+    what: str
+    ok: bool
+    found: str
+    fix: str = ""
+
+
+@click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
+@click.option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
+@login_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def doctor(broker: str | None, broker_login: Path | None, as_json: bool) -> int:
+    """Look at what is installed, which ports are free, the clock, and whether a broker is reachable."""
+    url = parse_broker_url(broker, read_login(broker_login)) if broker else None
+    findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
+    if url:
+        findings.append(asyncio.run(_reach(Server(url), str(url))))
+    if as_json:
+        print_json({"findings": [asdict(finding) for finding in findings]})
+    else:
+        for finding in findings:
+            click.echo(
+                f"{'ok ' if finding.ok else 'fix'}  {finding.what:22} {finding.found}"
+                + (f"  →  {finding.fix}" if finding.fix else "")
+            )
+    return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _python() -> Finding:
+    version = ".".join(map(str, sys.version_info[:3]))
+    return Finding(
+        "python", sys.version_info >= (3, 11), version, "" if sys.version_info >= (3, 11) else "3.11 or newer"
+    )
+
+
+def _broker() -> Finding:
+    path = find_mosquitto()
+    if path:
+        return Finding("embedded broker", True, f"mosquitto at {path}")
+    return Finding("embedded broker", True, "amqtt, in this process: slower", "apt-get install mosquitto")
+
+
+def _pages() -> Finding:
+    built = pages_are_built()
+    return Finding(
+        "pages", built, "built" if built else "not built", "" if built else "make setup (needs node 20 and npm)"
+    )
+
+
+def _figures() -> Finding:
+    there = importlib.util.find_spec("matplotlib") is not None
+    found = "matplotlib" if there else "no matplotlib: phalanx reproduce draws nothing"
+    return Finding("figures", True, found, "" if there else "pip install 'phalanx-swarm[reproduce]'")
+
+
+def _ports() -> list[Finding]:
+    uses = {DEFAULT_PORT: "visitors' page", 1883: "broker", 9001: "broker, websocket"}
+    return [
+        Finding(
+            f"port {port}",
+            True,
+            f"free ({use})" if is_free(port) else f"in use ({use}): another one will be taken",
+        )
+        for port, use in uses.items()
+    ]
+
+
+def _address() -> Finding:
+    address = lan_address()
+    if address == LOOPBACK:
+        return Finding(
+            "address", True, "no network: only this machine can visit", "connect it, then phalanx up --host 0.0.0.0"
+        )
+    return Finding("address", True, f"{address}: phones reach it with phalanx up --host 0.0.0.0")
+
+
+def _clock() -> Finding:
+    now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
+    if time.time() < RELEASED_S:
+        return Finding("clock", False, now, "set it: messages more than 30 s off are refused")
+    if SYNCHRONIZED.exists():
+        return Finding("clock", True, f"{now}, synchronized")
+    keeper = next((name for name in ("chronyc", "ntpq") if shutil.which(name)), None)
+    return Finding("clock", True, f"{now}, {f'kept by {keeper}' if keeper else 'not known to be synchronized'}")
+
+
+async def _reach(server: Server, url: str) -> Finding:
+    try:
+        async with server:
+            await server.wait_connected(8)
+    except TimeoutError:
+        return Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port and firewall")
+    except PhalanxError as error:
+        return Finding("broker", False, str(error), getattr(error, "hint", ""))
+    return Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")

@@ -1,0 +1,236 @@
+"""`phalanx link`: a visitor and a server without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.config import LinkConfig
+from phalanx.errors import Unavailable, UsageError
+from phalanx.io import ANY, Client, Login, Server, parse_broker_url
+from phalanx.io.broker import open_broker
+from phalanx.io.broker_url import BrokerUrl
+from phalanx.link import Command, Epoch, Pin, QrUrl, Request, parse_qr_url
+from phalanx.link.messages import Rejected
+from phalanx.link.topics import ADDRESS
+
+from .options import link_options, login_option, read_login
+from .run import run
+from .terminal import print_json
+
+DRIVE_EVERY_S = 0.1
+STATUS = ("active", "quiet", "lost")
+
+
+@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
+def link() -> None:
+    """Who may command: visit a swarm from a terminal, or serve the link alone."""
+
+
+@link.command(
+    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' "
+    "--drive DECAFBAD00000001 --left 60 --right 60 --for 2"
+)
+@click.argument("qr_url", required=False)
+@click.option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
+@click.option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
+@click.option("--root", default="/qrkey", show_default=True, help="First part of every MQTT topic.")
+@login_option
+@click.option("--drive", metavar="ADDRESS", help="Drive this robot.")
+@click.option("--left", type=click.IntRange(-100, 100), default=0, show_default=True, help="Left wheel, percent.")
+@click.option("--right", type=click.IntRange(-100, 100), default=0, show_default=True, help="Right wheel, percent.")
+@click.option(
+    "--for", "for_s", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="Seconds to drive."
+)
+@click.option("--watch", is_flag=True, help="Print notifications as they come, until Ctrl-C.")
+@click.option("--timeout", type=click.FloatRange(0.1, 3600), default=10.0, show_default=True, help="Seconds to wait.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def connect(
+    qr_url: str | None,
+    pin: str | None,
+    broker: str | None,
+    root: str,
+    broker_login: Path | None,
+    drive: str | None,
+    left: int,
+    right: int,
+    for_s: float,
+    watch: bool,
+    timeout: float,
+    as_json: bool,
+) -> None:
+    """Visit a swarm: list its robots, drive one, or watch.
+
+    QR_URL is the link under the QR code, in quotes; - reads it from standard input, where nobody else sees it.
+    """
+    if qr_url == "-":
+        qr_url = sys.stdin.readline().strip()
+    login = read_login(broker_login)
+    qr, address = _whither(qr_url, pin, broker, root, login)
+    if drive is not None and not ADDRESS.fullmatch(drive):
+        raise UsageError(f"{drive!r} is not a robot's address", "phalanx link connect QR_URL lists them")
+    client = Client(qr, broker=address, login=login, timeout_s=timeout)
+
+    async def visit() -> None:
+        async with client:
+            if watch:
+                await _watch(client)
+            elif drive is not None:
+                await _drive(client, drive, left, right, for_s, timeout, as_json)
+            else:
+                _show_robots(await _robots(client, timeout), as_json)
+
+    if not run(visit()) and not watch:
+        raise KeyboardInterrupt
+
+
+def _whither(
+    qr_url: str | None, pin: str | None, broker: str | None, root: str, login: Login | None
+) -> tuple[QrUrl, BrokerUrl | None]:
+    address = parse_broker_url(broker, login) if broker else None
+    if qr_url:
+        if pin:
+            raise UsageError("a link and a pin", "the link has a pin in it: give one of the two")
+        return parse_qr_url(qr_url, root), address
+    if not pin or address is None:
+        raise UsageError("no swarm to visit", "give the link under the QR code, or --pin and --broker")
+    return QrUrl(Pin(pin), "ws://unused.invalid/mqtt", root), address
+
+
+async def _robots(client: Client, timeout_s: float) -> list[dict[str, Any]]:
+    answer = await client.request(0, timeout_s=timeout_s, frames=True)
+    if not isinstance(answer, list):
+        raise Unavailable("the swarm's answer is not a list of robots")
+    robots = [robot for robot in answer if isinstance(robot, dict) and isinstance(robot.get("address"), str)]
+    return [{key: value for key, value in robot.items() if key != "position_history"} for robot in robots]
+
+
+def _show_robots(robots: list[dict[str, Any]], as_json: bool) -> None:
+    if as_json:
+        print_json({"robots": robots})
+        return
+    for robot in robots:
+        at = robot.get("lh2_position")
+        place = f"{at['x']:7.0f} {at['y']:7.0f} mm" if isinstance(at, dict) else " " * 18
+        state = robot.get("status")
+        click.echo(
+            f"{robot['address']:16}  {robot.get('name') or '':8}  {place}  {robot.get('battery') or 0:5.2f} V  "
+            f"{STATUS[state] if isinstance(state, int) and 0 <= state < len(STATUS) else '?'}"
+        )
+
+
+async def _drive(
+    client: Client, address: str, left: int, right: int, for_s: float, timeout_s: float, as_json: bool
+) -> None:
+    before = _find(await _robots(client, timeout_s), address)
+    wheels = {"left_x": 0, "left_y": left, "right_x": 0, "right_y": right}
+    still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
+    sent = 0
+    try:
+        for _ in range(max(1, round(for_s / DRIVE_EVERY_S))):
+            sent += await client.command(address, "move_raw", wheels)
+            await asyncio.sleep(DRIVE_EVERY_S)
+    finally:
+        await client.command(address, "move_raw", still)
+    after = _find(await _robots(client, timeout_s), address)
+    if as_json:
+        print_json(
+            {"address": address, "commands": sent, "from": before.get("lh2_position"), "to": after.get("lh2_position")}
+        )
+    else:
+        _show_robots([before, after], as_json=False)
+
+
+def _find(robots: list[dict[str, Any]], address: str) -> dict[str, Any]:
+    for robot in robots:
+        if robot["address"].upper() == address.upper():
+            return robot
+    raise Unavailable(f"no robot {address} in this swarm", "phalanx link connect QR_URL lists them")
+
+
+async def _watch(client: Client) -> None:
+    async for payload in client.notifications():
+        print_json(payload)
+
+
+@link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
+@link_options
+@click.option(
+    "--broker", default="auto", show_default=True, help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."
+)
+@click.option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
+@login_option
+@click.option("--frontend", default="", help="Page of the published kind to make the link for.")
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
+@click.option("--events", is_flag=True, help="Print one JSON object a line.")
+def serve(
+    mode: str,  # noqa: ARG001  # one value until the session mode exists
+    pin_digits: int,
+    rotate_s: float,
+    overlap_s: float,
+    root: str,
+    broker: str,
+    broker_ws: str,
+    broker_login: Path | None,
+    frontend: str,
+    duration: float | None,
+    events: bool,
+) -> None:
+    """Serve the link alone: answer every request with itself, tell every command to everybody."""
+    config = LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s)
+    login = read_login(broker_login)
+
+    async def echo() -> None:
+        async with open_broker(broker, login=login, websocket=broker_ws) as running:
+            server = Server(running.url, config=config, broker_for_visitors=running.websocket, mqtt=running.mqtt)
+            _echo(server)
+
+            def url() -> str:
+                return server.qr().for_foreign_page(frontend) if frontend else server.qr().for_page("phalanx:")
+
+            server.on_event = lambda said: _tell(said, url(), events)
+            async with server:
+                await server.wait_connected()
+                _tell(server.epoch, url(), events, "ready")
+                await server.run()
+
+    async def bounded() -> None:
+        try:
+            await asyncio.wait_for(echo(), duration)
+        except TimeoutError:
+            return
+
+    run(bounded())
+
+
+def _echo(server: Server) -> None:
+    @server.on_command(ANY)
+    async def tell(command: Command) -> None:
+        await server.notify({"echo": {"address": command.address, "name": command.name, "payload": command.payload}})
+
+    @server.on_request(ANY)
+    def repeat(request: Request) -> Any:
+        return request.words
+
+
+def _tell(said: object, url: str, events: bool, what: str = "rotation") -> None:
+    told: dict[str, Any]
+    if isinstance(said, Epoch):
+        told = {"event": what, "pin": said.pin.digits, "topic": said.topic, "qr_url": url}
+    elif isinstance(said, Command):
+        told = {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
+    elif isinstance(said, Request):
+        told = {"event": "request", "request": said.number, "client": said.client_id}
+    elif isinstance(said, Rejected):
+        told = {"event": "rejected", "reason": said.reason}
+    else:
+        return
+    if events:
+        print_json(told)
+    else:
+        words = "  ".join(str(value) for key, value in told.items() if key not in ("pin", "topic"))
+        click.echo(words)

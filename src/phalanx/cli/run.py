@@ -1,0 +1,31 @@
+"""Running a coroutine from the command line: Ctrl-C and `kill` end it in order."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Coroutine
+from typing import Any
+
+
+def run(job: Coroutine[Any, Any, None]) -> bool:
+    """Run `job`; true if it came to its end, false if it was stopped by Ctrl-C or SIGTERM, after cleaning up."""
+
+    async def watched() -> bool:
+        task = asyncio.ensure_future(job)
+        stopped = False
+
+        def stop() -> None:
+            nonlocal stopped
+            stopped = True
+            task.cancel()
+
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop)
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+        return not stopped
+
+    return asyncio.run(watched())

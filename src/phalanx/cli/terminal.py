@@ -1,0 +1,46 @@
+"""What people see in a terminal: a QR code that scans on any background, and one calm status line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from typing import Any
+
+import click
+import segno
+
+BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
+
+
+def qr_text(url: str, border: int = 2) -> str:
+    """The QR code of `url` for a terminal of 256 colours, two modules a character."""
+    rows = [list(row) for row in segno.make_qr(url, error="l").matrix_iter(border=border)]
+    if len(rows) % 2:
+        rows.append([0] * len(rows[0]))
+    lines = []
+    for upper, lower in zip(rows[::2], rows[1::2], strict=True):
+        cells = (
+            f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
+            for top, bottom in zip(upper, lower, strict=True)
+        )
+        lines.append("".join(cells) + "\x1b[0m")
+    return "\n".join(lines)
+
+
+def status_line(text: str) -> None:
+    """Put `text` in the place of the last status line; only in a terminal."""
+    if sys.stderr.isatty():
+        width = shutil.get_terminal_size().columns
+        click.echo(f"\r\x1b[2K{text[: width - 1]}", nl=False, err=True)
+
+
+def end_status_line() -> None:
+    """Leave the status line and go on below it."""
+    if sys.stderr.isatty():
+        click.echo("", err=True)
+
+
+def print_json(value: Any) -> None:
+    """One line of JSON on stdout, at once."""
+    click.echo(json.dumps(value, separators=(",", ":"), allow_nan=False))

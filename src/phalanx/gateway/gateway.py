@@ -1,0 +1,136 @@
+"""The gateway: commands from the link to the swarm, and the swarm's state back to every visitor."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from phalanx.errors import PeerError, Unknown
+from phalanx.io import Server
+from phalanx.link import Command, Request
+from phalanx.robot import Robot, Swarm
+
+from . import vocabulary
+from .frames import Frame, Frames
+from .joystick import Joysticks
+from .visitors import Visitors
+from .vocabulary import Notice
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.1
+# Older pages get one robot per notification: at most so many a tick, in turn.
+UPDATES_PER_TICK = 2
+RELOAD_EVERY_S = 120.0
+
+
+class Gateway:
+    """Serves one swarm over one link.
+
+    Args:
+        swarm: the robots.
+        server: the link; its handlers are registered here.
+        clock: seconds since 1970.
+    """
+
+    def __init__(self, swarm: Swarm, server: Server, clock: Callable[[], float] = time.time) -> None:
+        self.swarm = swarm
+        self.server = server
+        self.visitors = Visitors()
+        self._clock = clock
+        self._joysticks = Joysticks()
+        self._frames = Frames()
+        self._next_update = 0
+        self._reloaded_at_s = 0.0
+        for name, handler in (
+            ("move_raw", self._move_raw),
+            ("rgb_led", self._rgb_led),
+            ("waypoints", self._waypoints),
+            ("clear_position_history", self._clear_history),
+        ):
+            server.on_command(name)(self._checked(handler))
+        server.on_request(vocabulary.REQUEST_ROBOTS)(self._tell_robots)
+        server.on_request(vocabulary.REQUEST_AREA)(self._tell_area)
+
+    async def run(self) -> None:
+        """Tell visitors what happens, and stop robots that nobody drives any longer, until cancelled."""
+        await asyncio.gather(self._tell(), self._stop_abandoned())
+
+    def _checked(self, handler: Callable[[str, Any], None]) -> Callable[[Command], None]:
+        def handle(command: Command) -> None:
+            if command.topic.application != vocabulary.APPLICATION:
+                raise Unknown(f"no application {command.topic.application}")
+            handler(command.address.upper(), command.payload)
+
+        return handle
+
+    def _move_raw(self, address: str, payload: Any) -> None:
+        move = vocabulary.parse_move_raw(payload)
+        self.swarm.drive(address, move.left_pct, move.right_pct)
+        self._joysticks.drive(address, bool(move.left_pct or move.right_pct), time.monotonic())
+
+    def _rgb_led(self, address: str, payload: Any) -> None:
+        self.swarm.set_led(address, vocabulary.parse_rgb_led(payload))
+
+    def _waypoints(self, address: str, payload: Any) -> None:
+        route = vocabulary.parse_waypoints(payload, self.swarm.area_mm)
+        self.swarm.follow(address, route.points, route.threshold_mm)
+        self._joysticks.drive(address, False, time.monotonic())
+
+    def _clear_history(self, address: str, _: Any) -> None:
+        self.swarm.clear_history(address)
+
+    def _tell_robots(self, request: Request) -> list[dict[str, Any]]:
+        self._asked(request)
+        limit = self.server.config.max_to_client_bytes - 1024
+        return vocabulary.tell_robots(self.swarm.robots(), self._clock(), limit)
+
+    def _tell_area(self, request: Request) -> dict[str, int]:
+        self._asked(request)
+        width, height = self.swarm.area_mm
+        return {"width": width, "height": height}
+
+    def _asked(self, request: Request) -> None:
+        self.visitors.asked(request.client_id, request.words.get("frames") is True, time.monotonic())
+
+    async def _tell(self) -> None:
+        due_s = time.monotonic()
+        while True:
+            robots = self.swarm.robots()
+            frame = self._frames.next(robots, self._clock(), time.monotonic())
+            if frame:
+                await self.server.notify(frame.payload)
+            if self.visitors.older_pages(time.monotonic()):
+                await self._tell_older_pages(robots, frame)
+            # A tick that came late is not made up for: visitors want the newest state, not every state.
+            due_s = max(due_s + TICK_S, time.monotonic())
+            await asyncio.sleep(due_s - time.monotonic())
+
+    async def _tell_older_pages(self, robots: Sequence[Robot], frame: Frame | None) -> None:
+        now_s, uptime_s = self._clock(), time.monotonic()
+        for robot in frame.joined if frame else ():
+            await self.server.notify({"cmd": int(Notice.NEW_ROBOT), "data": vocabulary.tell_robot(robot, now_s, 0)})
+        stale_s = uptime_s - self._reloaded_at_s
+        # A reload makes every older page ask for everything; once a second is the most they should.
+        if stale_s >= RELOAD_EVERY_S or (frame and (frame.changed or frame.left) and stale_s >= 1):
+            self._reloaded_at_s = uptime_s
+            await self.server.notify({"cmd": int(Notice.RELOAD)})
+        for _ in range(min(UPDATES_PER_TICK, len(robots))):
+            self._next_update = (self._next_update + 1) % len(robots)
+            await self.server.notify(
+                {"cmd": int(Notice.UPDATE), "data": vocabulary.tell_update(robots[self._next_update])}
+            )
+
+    async def _stop_abandoned(self) -> None:
+        while True:
+            for address in self._joysticks.expired(time.monotonic()):
+                try:
+                    self.swarm.drive(address, 0, 0)
+                except PeerError:
+                    log.debug("%s left while being driven", address)
+            due_s = self._joysticks.next_due_s()
+            wait_s = TICK_S if due_s is None else due_s - time.monotonic()
+            await asyncio.sleep(min(TICK_S, max(0.005, wait_s)))

@@ -1,0 +1,40 @@
+"""Joysticks: a robot drives only as long as somebody keeps saying so."""
+
+from __future__ import annotations
+
+import heapq
+
+EXPIRES_S = 0.3
+
+
+class Joysticks:
+    """Remembers which robots are being driven, and until when.
+
+    A phone whose battery dies, whose owner walks off or whose broker is cut must not leave a robot running.
+    """
+
+    def __init__(self) -> None:
+        self._until: dict[str, float] = {}
+        self._due: list[tuple[float, str]] = []
+
+    def drive(self, address: str, moving: bool, uptime_s: float) -> None:
+        """A wheel command was heard."""
+        if moving:
+            self._until[address] = uptime_s + EXPIRES_S
+            heapq.heappush(self._due, (uptime_s + EXPIRES_S, address))
+        else:
+            self._until.pop(address, None)
+
+    def expired(self, uptime_s: float) -> list[str]:
+        """Robots to be stopped now; each is named once."""
+        stop = []
+        while self._due and self._due[0][0] <= uptime_s:
+            due_s, address = heapq.heappop(self._due)
+            if self._until.get(address) == due_s:
+                del self._until[address]
+                stop.append(address)
+        return stop
+
+    def next_due_s(self) -> float | None:
+        """Uptime of the next possible expiry."""
+        return self._due[0][0] if self._due else None

@@ -1,0 +1,133 @@
+"""The two pages over HTTP. The visitors' page is plain files and knows no secret; the operator's asks for a token.
+
+Only `OperatorPages` may answer with a pin, and it listens on loopback only.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from aiohttp import web
+
+from phalanx.errors import Unavailable
+from phalanx.io.ports import LOOPBACK
+
+PAGES = Path(__file__).parent / "pages"
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+COMMON_HEADERS = {
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-cache",
+}
+_BASE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+# Browsers reach the broker by websocket, wherever it is; the operator's page reaches nothing but its own server.
+VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src ws: wss:"
+OPERATOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data: blob:; connect-src 'self'"
+
+
+def pages_are_built() -> bool:
+    """Whether the pages were built from web/ (they are not in git)."""
+    return all((PAGES / page / "index.html").is_file() for page in ("visitor", "operator"))
+
+
+class _Site:
+    """An HTTP server for one page."""
+
+    def __init__(self, page: str, policy: str, host: str, port: int) -> None:
+        self.host, self.port = host, port
+        self._folder = PAGES / page
+        headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            refusal = self.refuse(request)
+            response = refusal or await handler(request)
+            response.headers.update(headers)
+            return response
+
+        self.app = web.Application(middlewares=[guard], client_max_size=4096)
+        self.app.router.add_get("/", self._index)
+        if (self._folder / "assets").is_dir():
+            self.app.router.add_static("/assets", self._folder / "assets")
+        self._runner = web.AppRunner(self.app, access_log=None, shutdown_timeout=0.5)
+
+    def refuse(self, request: web.Request) -> web.Response | None:  # noqa: ARG002
+        """An answer to give instead, or None."""
+        return None
+
+    async def _index(self, _: web.Request) -> web.StreamResponse:
+        index = self._folder / "index.html"
+        if not index.is_file():
+            return web.Response(status=503, text="The page is not built: run `make setup` in the project's folder.\n")
+        return web.FileResponse(index)
+
+    async def __aenter__(self) -> Self:
+        await self._runner.setup()
+        try:
+            await web.TCPSite(self._runner, self.host, self.port).start()
+        except OSError as error:
+            await self._runner.cleanup()
+            raise Unavailable(
+                f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
+                "another program has it; choose another with --port, or --port 0 for any",
+            ) from error
+        sockets = self._runner.addresses
+        self.port = int(sockets[0][1])
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._runner.cleanup()
+
+
+class VisitorPages(_Site):
+    """The page that a QR code opens.
+
+    Args:
+        host: where to listen.
+        port: 0 for any; read it back once entered.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__("visitor", VISITOR_POLICY, host, port)
+
+
+class OperatorPages(_Site):
+    """The operator's page, on loopback, and its data for whoever has the token.
+
+    Args:
+        token: what `Authorization: Bearer` must carry.
+        state: called for each answer.
+    """
+
+    def __init__(self, token: str, state: Callable[[], dict[str, Any]]) -> None:
+        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0)
+        self._token = token
+        self._state = state
+        self.app.router.add_get("/api/state", self._tell_state)
+
+    def refuse(self, request: web.Request) -> web.Response | None:
+        """Turn away names that are not ours: a foreign page that rebinds its name to loopback comes with such a one."""
+        name = request.host.rsplit(":", 1)[0]
+        if name not in (LOOPBACK, "localhost"):
+            return web.json_response({"error": "this page is for this machine only"}, status=403)
+        return None
+
+    async def _tell_state(self, request: web.Request) -> web.Response:
+        given = request.headers.get("Authorization", "").encode(errors="replace")
+        if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
+            return web.json_response({"error": "open the operator link that the gateway printed"}, status=401)
+        return web.Response(
+            text=json.dumps(self._state()), content_type="application/json", headers={"Cache-Control": "no-store"}
+        )

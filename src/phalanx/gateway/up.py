@@ -1,0 +1,247 @@
+"""Everything that `phalanx up` runs: a broker, a swarm, the link, the pages."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import io
+import secrets
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import urlsplit
+
+import segno
+
+from phalanx.config import LinkConfig
+from phalanx.errors import UsageError
+from phalanx.io import Login, Server
+from phalanx.io.broker import RunningBroker, open_broker
+from phalanx.io.broker_url import on_host
+from phalanx.io.ports import LOOPBACK, free_port, lan_address
+from phalanx.io.server import Happening
+from phalanx.link import Command, Epoch
+from phalanx.link.messages import Rejected
+from phalanx.sim import Dotbots
+
+from . import vocabulary
+from .gateway import Gateway
+from .serve_pages import OperatorPages, VisitorPages
+
+DEFAULT_PORT = 8080
+WORLD_HZ = 50
+REPORT_S = 1.0
+WAIT_QUIETLY_S = 1.5
+EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what the user asked for
+
+Say = Callable[[dict[str, Any]], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UpOptions:
+    """What to run.
+
+    Args:
+        robots: simulated robots.
+        seed: of their places.
+        broker: auto, mosquitto, amqtt or a URL.
+        broker_ws: websocket URL of a broker elsewhere, where it is not one port further.
+        login: for a broker elsewhere.
+        host: address to listen on for visitors; 0.0.0.0 for every one.
+        port: of the visitors' page; None for 8080 or any free one, 0 for any.
+        frontend: page of the published form to send visitors to, instead of ours.
+        duration_s: end by itself after so long.
+        link: the link's parameters.
+    """
+
+    robots: int = 12
+    seed: int = 0
+    broker: str = "auto"
+    broker_ws: str = ""
+    login: Login | None = None
+    host: str = LOOPBACK
+    port: int | None = None
+    frontend: str = ""
+    duration_s: float | None = None
+    link: LinkConfig = field(default_factory=LinkConfig)
+
+
+class Running:
+    """A gateway that is up, as an operator sees it."""
+
+    def __init__(self, options: UpOptions, broker: RunningBroker, page_url: str, server: Server, say: Say) -> None:
+        self.page_url = page_url
+        self.gateway = Gateway(Dotbots(options.robots, options.seed, time.time), server)
+        self._options = options
+        self._broker = broker
+        self._server = server
+        self._say = say
+        self._started_at_s = time.monotonic()
+        self._told: Counter[str] = Counter()
+        self._qr: tuple[str, str] = ("", "")
+        server.on_event = self._on_event
+
+    @property
+    def qr_url(self) -> str:
+        """What the QR code says now."""
+        qr = self._server.qr()
+        return qr.for_foreign_page(self._options.frontend) if self._options.frontend else qr.for_page(self.page_url)
+
+    def ready(self, operator_url: str) -> dict[str, Any]:
+        """The first event."""
+        return {
+            "event": "ready",
+            "page_url": self.page_url,
+            "qr_url": self.qr_url,
+            "pin": self._server.epoch.pin.digits,
+            "topic": self._server.epoch.topic,
+            "broker_host": self._broker.url.host,
+            "broker_port": self._broker.url.port,
+            "broker_ws_port": urlsplit(self._broker.websocket).port or 0,
+            "operator_url": operator_url,
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers of a status line."""
+        return {
+            "robots": len(self.gateway.swarm.robots()),
+            "visitors": len(self.gateway.visitors.present(time.monotonic())),
+            "commands": self._server.counters["commands"],
+            "rejected": sum(self._server.rejected.values()),
+            "rotates_in_s": self._server.rotates_in_s,
+            "connected": self._server.connected,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Everything the operator's page shows. Has the pin in it."""
+        now_s, uptime_s = time.time(), time.monotonic()
+        config, server = self._server.config, self._server
+        link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
+        return {
+            "mode": "qrkey",
+            "page_url": self._options.frontend or self.page_url,
+            "qr_url": self.qr_url,
+            "qr_svg": self._qr_svg(),
+            "rotates_in_s": round(server.rotates_in_s, 1),
+            "rotate_s": config.rotate_s,
+            "overlap_s": config.overlap_s,
+            "overlapping": server.overlapping,
+            "uptime_s": round(uptime_s - self._started_at_s, 1),
+            "broker": {"name": self._broker.name, "url": str(self._broker.url), "connected": server.connected},
+            "visitors": [
+                {"id": v.client_id, "last_seen_s": round(uptime_s - v.seen_at_s, 1), "requests": v.requests}
+                for v in self.gateway.visitors.present(uptime_s)
+            ],
+            "robots": [
+                {
+                    "address": robot.address,
+                    "name": robot.name,
+                    "status": int(vocabulary.status(robot, now_s)),
+                    "mode": int(bool(robot.route)),
+                    "battery_v": round(robot.battery_v, 3),
+                    "last_seen_s": round(now_s - robot.heard_at_s, 1),
+                    "rgb_led": vocabulary.tell_led(robot.led),
+                    "link": link[vocabulary.status(robot, now_s)],
+                }
+                for robot in self.gateway.swarm.robots()
+            ],
+            "counters": {key: server.counters[key] for key in ("commands", "requests", "notifications", "knocks")}
+            | {"reconnects": server.reconnects},
+            "rejected": dict(server.rejected),
+        }
+
+    async def run(self) -> None:
+        """Let the world turn, tell visitors, report refusals, until cancelled."""
+        work = (self._turn(), self.gateway.run(), self._server.run(), self._report())
+        tasks = [asyncio.ensure_future(job) for job in work]
+        try:
+            await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    def _qr_svg(self) -> str:
+        if self._qr[0] != self.qr_url:
+            out = io.BytesIO()
+            segno.make_qr(self.qr_url, error="m").save(out, kind="svg", xmldecl=False, svgns=True, omitsize=True)
+            self._qr = (self.qr_url, out.getvalue().decode())
+        return self._qr[1]
+
+    async def _turn(self) -> None:
+        swarm = self.gateway.swarm
+        assert isinstance(swarm, Dotbots)
+        before_s = time.monotonic()
+        while True:
+            await asyncio.sleep(1 / WORLD_HZ)
+            now_s = time.monotonic()
+            # A machine that slept does not hurl its robots through the wall.
+            swarm.step(min(now_s - before_s, 0.2))
+            before_s = now_s
+
+    async def _report(self) -> None:
+        connected = True
+        while True:
+            await asyncio.sleep(REPORT_S)
+            for reason, count in list(self._server.rejected.items()):
+                if count != self._told[reason]:
+                    self._told[reason] = count
+                    self._say({"event": "rejected", "reason": reason, "count": count})
+            if self._server.connected != connected:
+                connected = self._server.connected
+                self._say({"event": "broker", "connected": connected, "trouble": self._server.trouble})
+
+    def _on_event(self, said: Happening) -> None:
+        if isinstance(said, Command):
+            self._say({"event": "command", "address": said.address, "name": said.name, "payload": said.payload})
+        elif isinstance(said, Epoch):
+            self._say({"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": self.qr_url})
+        elif isinstance(said, Rejected) and said.reason not in self._told:
+            # The first of its kind at once; the others are added up, for they may come in thousands.
+            self._told[said.reason] = self._server.rejected[said.reason]
+            self._say({"event": "rejected", "reason": said.reason, "count": self._told[said.reason]})
+
+
+async def up(options: UpOptions, say: Say, started: Callable[[Running], None] = lambda _: None) -> None:
+    """Run a gateway until cancelled, or for as long as the options say.
+
+    Args:
+        options: what to run.
+        say: called with every event; the first of a running gateway is "ready", before it perhaps "waiting".
+        started: called with the running gateway, just after "ready".
+    Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
+    """
+    loopback_only = options.host in (LOOPBACK, "localhost")
+    advertised = lan_address() if options.host in EVERYWHERE else options.host
+    port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
+    ws_host = LOOPBACK if loopback_only else options.host
+    token = secrets.token_hex(16)
+    if options.frontend and urlsplit(options.frontend).scheme not in ("http", "https"):
+        raise UsageError(f"frontend {options.frontend!r} is not a page", "an http:// or https:// URL")
+    async with contextlib.AsyncExitStack() as stack:
+        pages = await stack.enter_async_context(VisitorPages(options.host, port))
+        broker = await stack.enter_async_context(
+            open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=ws_host)
+        )
+        page_url = f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{pages.port}/"
+        server = Server(
+            broker.url, config=options.link, broker_for_visitors=on_host(broker.websocket, advertised), mqtt=broker.mqtt
+        )
+        running = Running(options, broker, page_url, server, say)
+        operator = await stack.enter_async_context(OperatorPages(token, running.state))
+        await stack.enter_async_context(server)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(options.duration_s):
+                await _until_connected(server, say)
+                say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
+                started(running)
+                await running.run()
+
+
+async def _until_connected(server: Server, say: Say) -> None:
+    try:
+        await server.wait_connected(WAIT_QUIETLY_S)
+    except TimeoutError:
+        say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
+        await server.wait_connected()

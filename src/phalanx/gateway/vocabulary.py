@@ -1,0 +1,168 @@
+"""PyDotBot's words: commands parsed into checked values, robots told as PyDotBot tells them.
+
+Only this file knows the names of fields (docs/spec/vocabulary.md). Peers' values come out whole and in range, or as
+`BadPayload`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from phalanx.errors import BadPayload
+from phalanx.robot import Led, Point, Robot
+
+APPLICATION = "0"
+REQUEST_ROBOTS = 0
+REQUEST_AREA = 1
+WHEEL_LIMIT = 128  # what a signed byte holds
+MAX_WAYPOINTS = 64
+THRESHOLD_MM = (1, 1000)
+QUIET_AFTER_S = 5.0
+LOST_AFTER_S = 60.0
+
+
+class Notice(IntEnum):
+    """`cmd` of a notification."""
+
+    RELOAD = 1
+    UPDATE = 2
+    NEW_ROBOT = 4
+    FRAME = 16
+
+
+class Status(IntEnum):
+    """How long ago a robot was heard."""
+
+    ACTIVE = 0
+    INACTIVE = 1
+    LOST = 2
+
+
+@dataclass(frozen=True, slots=True)
+class MoveRaw:
+    """Wheels, -100..100 percent."""
+
+    left_pct: int
+    right_pct: int
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoints:
+    """A route; () stops."""
+
+    points: tuple[Point, ...]
+    threshold_mm: float
+
+
+def parse_move_raw(payload: Any) -> MoveRaw:
+    """Wheel commands of a joystick.
+
+    Raises: BadPayload.
+    """
+    left, right = (_number(payload, key, -WHEEL_LIMIT, WHEEL_LIMIT) for key in ("left_y", "right_y"))
+    return MoveRaw(*(max(-100, min(100, round(value))) for value in (left, right)))
+
+
+def parse_rgb_led(payload: Any) -> Led:
+    """A colour.
+
+    Raises: BadPayload.
+    """
+    red, green, blue = (round(_number(payload, key, 0, 255)) for key in ("red", "green", "blue"))
+    return Led(red, green, blue)
+
+
+def parse_waypoints(payload: Any, area_mm: tuple[int, int]) -> Waypoints:
+    """A route inside the area.
+
+    Raises: BadPayload.
+    """
+    threshold = _number(payload, "threshold", *THRESHOLD_MM)
+    points = payload["waypoints"] if isinstance(payload.get("waypoints"), list) else None
+    if points is None or len(points) > MAX_WAYPOINTS:
+        raise BadPayload(f"'waypoints' is a list of at most {MAX_WAYPOINTS}")
+    width, height = area_mm
+    return Waypoints(tuple(Point(_number(p, "x", 0, width), _number(p, "y", 0, height)) for p in points), threshold)
+
+
+def _number(payload: Any, key: str, low: float, high: float) -> float:
+    value = payload.get(key) if isinstance(payload, dict) else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise BadPayload(f"{key!r} is a number")
+    # Written so that NaN fails; a JSON 1e999 arrives as infinity.
+    if not low <= value <= high:
+        raise BadPayload(f"{key!r} is {low}..{high}")
+    return value
+
+
+def status(robot: Robot, now_s: float) -> Status:
+    """Active, quiet or lost."""
+    silent_s = now_s - robot.heard_at_s
+    if silent_s >= LOST_AFTER_S:
+        return Status.LOST
+    return Status.INACTIVE if silent_s >= QUIET_AFTER_S else Status.ACTIVE
+
+
+def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[str, Any]:
+    """A robot as request 0 tells it; `history` limits the trail to its newest points."""
+    trail = list(robot.history)
+    if history is not None:
+        trail = trail[-history:] if history else []
+    return {
+        "address": robot.address,
+        "name": robot.name,
+        "application": int(APPLICATION),
+        "swarm": "0000",
+        "status": int(status(robot, now_s)),
+        "mode": int(bool(robot.route)),
+        "last_seen": round(robot.heard_at_s, 3),
+        "direction": robot.direction_deg,
+        "lh2_position": _tell_place(robot.at),
+        "rgb_led": tell_led(robot.led),
+        "waypoints": tell_route(robot.route),
+        "waypoints_threshold": round(robot.threshold_mm),
+        "position_history": [_tell_place(place) for place in trail],
+        "calibrated": 1,
+        "battery": round(robot.battery_v, 3),
+    }
+
+
+def tell_robots(robots: Sequence[Robot], now_s: float, limit_bytes: int) -> list[dict[str, Any]]:
+    """The answer to request 0, its trails halved until it fits."""
+    history: int | None = None
+    while True:
+        told = [tell_robot(robot, now_s, history) for robot in robots]
+        size = len(json.dumps(told, separators=(",", ":")))
+        if size <= limit_bytes or history == 0:
+            return told
+        longest = max((len(robot["position_history"]) for robot in told), default=0)
+        history = math.floor(longest * min(0.5, limit_bytes / size))
+
+
+def tell_led(led: Led) -> dict[str, int]:
+    """A colour."""
+    return {"red": led.red, "green": led.green, "blue": led.blue}
+
+
+def tell_route(route: Sequence[Point]) -> list[dict[str, float]]:
+    """A route, its first point where the robot stood."""
+    return [_tell_place(point) for point in route]
+
+
+def tell_update(robot: Robot) -> dict[str, Any]:
+    """One robot's move, as pages of PyDotBot read it."""
+    return {
+        "address": robot.address,
+        "direction": robot.direction_deg,
+        "lh2_position": _tell_place(robot.at),
+        "battery": round(robot.battery_v, 3),
+    }
+
+
+def _tell_place(place: Point) -> dict[str, float]:
+    return {"x": round(place.x_mm, 1), "y": round(place.y_mm, 1), "z": 0}

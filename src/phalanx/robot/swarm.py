@@ -1,0 +1,83 @@
+"""The swarm as whoever commands it sees it: simulated, real or protected ones all stand behind this.
+
+Lengths are millimetres, x to the right and y down from the area's top left corner; a direction is in whole degrees,
+0 along +y and clockwise on the screen (docs/spec/vocabulary.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A place in the area, mm."""
+
+    x_mm: float
+    y_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Led:
+    """A colour, 0..255 each."""
+
+    red: int
+    green: int
+    blue: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Robot:
+    """One robot at one moment.
+
+    Args:
+        address: 16 upper-case hexadecimal digits.
+        name: short, for people.
+        at: where it is.
+        direction_deg: whole degrees.
+        battery_v: volts.
+        led: its colour.
+        route: the points being followed, the first where it stood when told; () when it follows none.
+        threshold_mm: how near counts as reached.
+        heard_at_s: when it last spoke, seconds since 1970.
+        history: where it has been, oldest first.
+    """
+
+    address: str
+    name: str
+    at: Point
+    direction_deg: int
+    battery_v: float
+    led: Led
+    route: tuple[Point, ...]
+    threshold_mm: float
+    heard_at_s: float
+    history: Sequence[Point]
+
+
+class Swarm(Protocol):
+    """Robots that can be watched and told what to do.
+
+    Every method that takes an address raises `phalanx.errors.Unknown` if no such robot is there.
+    """
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the area."""
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot that is there now."""
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """Turn the wheels, -100..100, until told otherwise; ends waypoint following."""
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order; none stops the robot."""
+
+    def clear_history(self, address: str) -> None:
+        """Forget where the robot has been."""

@@ -1,0 +1,5 @@
+"""A world of arrays and ticks."""
+
+from .dotbots import Dotbots
+
+__all__ = ["Dotbots"]
