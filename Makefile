@@ -1,0 +1,90 @@
+# Every target sets up what it needs first; a second run is quick. `make demo` and `make test` are the two to know.
+.DEFAULT_GOAL := help
+SHELL := /bin/sh
+BIN := .venv/bin
+PIP := $(BIN)/pip --disable-pip-version-check --quiet
+PAGES := src/phalanx/gateway/pages
+PEER := tests/peers/npm_qrkey
+WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
+DEMO ?=
+
+.PHONY: help setup setup-dev demo test lint test-python test-web bench docs clean
+
+help:
+	@echo "make demo    run a swarm, and drive it from a phone"
+	@echo "make test    everything: lint, types, Python, TypeScript, browser, docs"
+	@echo "make setup | lint | bench | docs | clean"
+
+# --- setting up -------------------------------------------------------------------------------------------------------
+
+setup: .venv/runtime $(PAGES)/built
+setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs .venv/chromium
+
+.venv/bin/python:
+	@scripts/need.sh venv=python3-venv mosquitto=mosquitto
+	python3 -m venv .venv
+
+.venv/runtime: requirements.lock pyproject.toml | .venv/bin/python
+	@echo "installing Python packages"
+	@$(PIP) install --require-hashes -r requirements.lock
+	@$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv/dev: requirements-dev.lock .venv/runtime
+	@echo "installing Python packages for the tests"
+	@$(PIP) install --require-hashes -r requirements-dev.lock
+	@touch $@
+
+.venv/chromium: | .venv/bin/python
+	@scripts/need.sh chromium=chromium
+	@touch $@
+
+web/node_modules/.installed: web/package-lock.json
+	@scripts/need.sh node=nodejs npm=npm
+	@echo "installing npm packages for the pages"
+	@cd web && npm ci --no-audit --no-fund --loglevel=error
+	@touch $@
+
+$(PAGES)/built: web/node_modules/.installed $(WEB_SOURCES)
+	@echo "building the pages"
+	@cd web && npm run --silent build
+	@touch $@
+
+$(PEER)/dist/peer.cjs: $(PEER)/package-lock.json $(wildcard $(PEER)/*.js $(PEER)/*.jsx)
+	@echo "installing the published npm client, for the tests"
+	@cd $(PEER) && npm ci --no-audit --no-fund --loglevel=error && npm run --silent build
+
+# --- doing ------------------------------------------------------------------------------------------------------------
+
+demo: setup
+	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
+
+test: setup-dev
+	@$(MAKE) --no-print-directory lint test-web test-python docs
+
+lint: setup-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	cd web && npm run --silent lint
+	cd web && npm run --silent types
+
+test-web: setup-dev
+	cd web && npm run --silent test
+
+test-python: setup-dev
+	rm -f .coverage .coverage.*
+	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+
+bench: setup-dev
+	$(BIN)/python benchmarks/bench_link.py
+
+docs: setup-dev
+	$(BIN)/mkdocs build --strict --quiet --site-dir site
+
+clean:
+	rm -rf .venv site out .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache .hypothesis $(PAGES)
+	rm -rf web/node_modules $(PEER)/node_modules $(PEER)/dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

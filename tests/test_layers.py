@@ -1,0 +1,96 @@
+"""Imports point one way: a package imports itself and anything strictly below it."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+SRC = Path(__file__).parent.parent / "src" / "phalanx"
+LAYERS = [
+    "errors",
+    "config",
+    "wire",
+    "crypto",
+    "link mission bti",
+    "robot",
+    "sim io",
+    "experiments gateway",
+    "cli",
+]
+RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}
+# The one door upwards: people look for link.Server, which needs sockets (docs/adr/0003).
+DOORS = {("link/__init__.py", "io")}
+# No clock, socket, random source or await below the floor of sim and io: time and nonces are arguments.
+IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", "threading", "aiomqtt", "aiohttp"}
+PURE_BELOW = RANK["sim"]
+LONGEST = 400
+
+
+def modules():
+    return sorted(SRC.rglob("*.py"))
+
+
+def floor_of(path: Path) -> str:
+    return path.relative_to(SRC).parts[0].removesuffix(".py")
+
+
+def imported_names(path: Path) -> set[str]:
+    package = ["phalanx", *path.relative_to(SRC).parts[:-1]]
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            names |= {f"{module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_module":
+            names |= {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+    return names
+
+
+def check_import(importer: str, imported: str) -> None:
+    assert importer == imported or RANK[imported] < RANK[importer], f"{importer} -> {imported}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(SRC)))
+def test_imports_point_down(path):
+    here = floor_of(path)
+    if here in ("__init__", "__main__"):
+        assert not any(name.startswith("phalanx.") for name in imported_names(path))
+        return
+    assert here in RANK, f"{here} is not a floor of the house"
+    for name in imported_names(path):
+        parts = name.split(".")
+        if parts[0] != "phalanx" or parts[1:2] in (["__version__"], []):
+            continue
+        if (str(path.relative_to(SRC)), parts[1]) not in DOORS:
+            check_import(here, parts[1])
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in modules() if RANK.get(floor_of(path), 99) < PURE_BELOW],
+    ids=lambda path: str(path.relative_to(SRC)),
+)
+def test_protocols_are_pure(path):
+    assert not {name.split(".")[0] for name in imported_names(path)} & IMPURE
+    assert not any(isinstance(node, ast.AsyncFunctionDef | ast.Await) for node in ast.walk(ast.parse(path.read_text())))
+
+
+def test_a_sideways_import_is_caught():
+    for importer, imported in (("link", "io"), ("sim", "io"), ("io", "sim"), ("crypto", "link")):
+        with pytest.raises(AssertionError):
+            check_import(importer, imported)
+
+
+def test_files_hold_one_concept():
+    long = {path.name: n for path in modules() if (n := len(path.read_text().splitlines())) > LONGEST}
+    assert not long
+
+
+def test_no_file_is_named_for_nothing():
+    nothing = {"utils.py", "helpers.py", "common.py", "base.py", "misc.py"}
+    assert not [path for path in modules() if path.name in nothing]
