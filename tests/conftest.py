@@ -1,0 +1,156 @@
+"""What the tests share: a real broker on free ports, and the command line as a child."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+import pytest
+
+from phalanx.io.broker import open_broker
+from phalanx.io.ports import free_port
+
+ROOT = Path(__file__).parent.parent
+PHALANX = [sys.executable, "-m", "phalanx"]
+
+
+@asynccontextmanager
+async def a_broker(kind: str = "mosquitto"):
+    """An embedded broker on free ports."""
+    async with open_broker(kind, tcp_port=free_port(), ws_port=free_port()) as broker:
+        yield broker
+
+
+@pytest.fixture(params=["mosquitto", "amqtt"])
+async def any_broker(request):
+    async with a_broker(request.param) as broker:
+        yield broker
+
+
+@pytest.fixture
+async def broker():
+    async with a_broker() as running:
+        yield running
+
+
+@contextmanager
+def bare_mosquitto(tcp_port: int, ws_port: int, folder: Path, *more: str):
+    """A mosquitto that nobody supervises: a broker of somebody else's. Yields a way to start and kill it."""
+    config = folder / f"mosquitto-{tcp_port}.conf"
+    lines = ["persistence false", *(more or ["allow_anonymous true"])]
+    config.write_text(
+        "\n".join(
+            [*lines, f"listener {tcp_port} 127.0.0.1", f"listener {ws_port} 127.0.0.1", "protocol websockets", ""]
+        )
+    )
+    running: list[subprocess.Popen] = []
+
+    def start():
+        env = os.environ | {"PATH": os.environ["PATH"] + ":/usr/sbin"}
+        running.append(
+            subprocess.Popen(
+                ["mosquitto", "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env
+            )
+        )
+
+    def kill():
+        while running:
+            process = running.pop()
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+
+    try:
+        yield start, kill
+    finally:
+        kill()
+
+
+async def eventually(condition, timeout_s: float = 10.0, every_s: float = 0.02):
+    """Wait until `condition()` is true, and say which one never was."""
+    deadline = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"not within {timeout_s} s: {getattr(condition, '__name__', condition)}"
+        await asyncio.sleep(every_s)
+    return value
+
+
+class Child:
+    """`phalanx …` as a child: its lines of stdout as they come, its stderr, its exit code."""
+
+    def __init__(self, *arguments: str, env: dict[str, str] | None = None, stdin: int | None = subprocess.DEVNULL):
+        self.process = subprocess.Popen(
+            [*PHALANX, *arguments],
+            stdin=stdin,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            env=os.environ | {"PYTHONUNBUFFERED": "1"} | (env or {}),
+        )
+        self.out: list[str] = []
+        self.err: list[str] = []
+        self._threads = [
+            threading.Thread(target=self._read, args=pipe, daemon=True)
+            for pipe in ((self.process.stdout, self.out), (self.process.stderr, self.err))
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @staticmethod
+    def _read(pipe, lines):
+        for line in pipe:
+            lines.append(line.rstrip("\n"))
+
+    def events(self, kind: str) -> list[dict]:
+        return [event for line in list(self.out) if (event := json.loads(line)).get("event") == kind]
+
+    def wait_for(self, kind: str, count: int = 1, timeout_s: float = 20.0) -> dict:
+        deadline = time.monotonic() + timeout_s
+        while len(found := self.events(kind)) < count:
+            assert self.process.poll() is None, f"ended with {self.process.returncode}: {self.err}"
+            assert time.monotonic() < deadline, f"no {kind!r} in {self.out[-5:]}, stderr {self.err[-5:]}"
+            time.sleep(0.02)
+        return found[count - 1]
+
+    def stop(self, number: int = signal.SIGINT, timeout_s: float = 10.0) -> int:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.wait(timeout_s)
+
+    def wait(self, timeout_s: float = 20.0) -> int:
+        code = self.process.wait(timeout_s)
+        for thread in self._threads:
+            thread.join(5)
+        return code
+
+
+@contextmanager
+def child(*arguments: str, **more):
+    running = Child(*arguments, **more)
+    try:
+        yield running
+    finally:
+        if running.process.poll() is None:
+            running.process.kill()
+        running.wait()
+
+
+@contextmanager
+def a_gateway(*arguments: str, **more):
+    """`phalanx up --events` on free ports; yields the child and its 'ready' event."""
+    with child("up", "--events", "--port", "0", *arguments, **more) as running:
+        yield running, running.wait_for("ready")
+
+
+def secrets_of(ready: dict) -> list[str]:
+    """What must never be logged."""
+    return [ready["pin"], re.search("token=(.*)", ready["operator_url"]).group(1)]

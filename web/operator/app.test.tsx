@@ -1,0 +1,175 @@
+// @vitest-environment jsdom
+
+import { act } from "react";
+import { createRoot, type Root } from "react-dom/client";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { App } from "./app";
+
+const TOKEN = "an-operator-token";
+const PIN = "314159265358979323846264338327950288419";
+
+const STATE = {
+  mode: "qrkey",
+  page_url: "http://192.168.1.7:8080/",
+  qr_url: `http://192.168.1.7:8080/#v=1&pin=${PIN}`,
+  qr_svg: '<svg viewBox="0 0 9 9"><path d="M4 4h1"/></svg>',
+  rotates_in_s: 610.2,
+  rotate_s: 900,
+  overlap_s: 120,
+  overlapping: false,
+  uptime_s: 290,
+  broker: { name: "mosquitto", url: "ws://192.168.1.7:9001/mqtt", connected: true },
+  visitors: [{ id: "mqttjs_1a2b", last_seen_s: 2, requests: 4 }],
+  robots: [
+    {
+      address: "B0B0F00D33333333",
+      name: "Ada",
+      status: 0,
+      mode: 1,
+      battery_v: 2.7,
+      last_seen_s: 0.2,
+      rgb_led: { red: 255, green: 0, blue: 0 },
+      link: "ok",
+    },
+  ],
+  counters: { commands: 12, requests: 4, notifications: 90, knocks: 0, reconnects: 0 },
+  rejected: { stale: 3, replayed: 0 },
+};
+
+type Answer = () => Response | Promise<Response>;
+const good: Answer = () => Response.json(STATE);
+const gone: Answer = () => Promise.reject(new TypeError("failed to fetch"));
+
+let answer: Answer = good;
+let asked: { readonly url: string; readonly init: RequestInit }[] = [];
+let root: Root | undefined;
+
+beforeEach(() => {
+  vi.stubGlobal("IS_REACT_ACT_ENVIRONMENT", true);
+  vi.useFakeTimers();
+  answer = good;
+  asked = [];
+  vi.stubGlobal("fetch", (url: string, init: RequestInit) => {
+    asked.push({ url, init });
+    return Promise.resolve().then(answer);
+  });
+  // jsdom draws no images, so it has no URLs for them.
+  URL.createObjectURL = () => "blob:code";
+  URL.revokeObjectURL = () => undefined;
+  window.sessionStorage.clear();
+  window.history.replaceState(null, "", "/");
+});
+
+afterEach(() => {
+  act(() => root?.unmount());
+  root = undefined;
+  document.body.replaceChildren();
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+async function open(hash: string): Promise<void> {
+  window.location.hash = hash;
+  const place = document.body.appendChild(document.createElement("div"));
+  root = createRoot(place);
+  await act(async () => root?.render(<App />));
+  await pass(0);
+}
+
+async function pass(ms: number): Promise<void> {
+  await act(async () => {
+    await vi.advanceTimersByTimeAsync(ms);
+  });
+}
+
+const part = (id: string) => document.querySelector(`[data-testid="${id}"]`);
+const page = () => document.documentElement.outerHTML;
+
+describe("the operator page", () => {
+  it("takes the token from the fragment, sends it as a header only, and shows neither it nor the pin", async () => {
+    await open(`#token=${TOKEN}`);
+    expect(window.location.href).not.toContain(TOKEN);
+    expect(asked[0]?.url).toBe("/api/state");
+    expect(asked[0]?.init.headers).toEqual({ Authorization: `Bearer ${TOKEN}` });
+    expect(page()).not.toContain(TOKEN);
+    expect(page()).not.toContain(PIN);
+  });
+
+  it("shows the code, the countdown, the broker, the visitors, the fleet and the refusals", async () => {
+    await open(`#token=${TOKEN}`);
+    expect(part("qr")?.querySelector("img")?.getAttribute("src")).toBe("blob:code");
+    expect(part("countdown")?.textContent).toContain("10:11");
+    expect(part("broker")?.textContent).toContain("ws://192.168.1.7:9001/mqtt");
+    expect(part("visitors")?.textContent).toContain("mqttjs_1a2b");
+    expect(part("fleet-table")?.textContent).toContain("Ada");
+    expect(part("counters")?.querySelector('[data-counter="commands"]')?.textContent).toContain("12");
+    expect(part("rejections")?.querySelectorAll("[data-reason]")).toHaveLength(1);
+    expect(part("rejections")?.querySelector('[data-reason="stale"]')?.textContent).toContain("clock");
+    expect(part("banner")).toBeNull();
+  });
+
+  it("keeps the token for a reload of the tab", async () => {
+    await open(`#token=${TOKEN}`);
+    act(() => root?.unmount());
+    await open("");
+    expect(part("qr")).not.toBeNull();
+  });
+
+  it("says what to do without a token, and asks nothing", async () => {
+    await open("");
+    expect(part("no-token")?.textContent).toContain("operator link printed in the terminal");
+    await pass(5000);
+    expect(asked).toHaveLength(0);
+  });
+
+  it("says what to do after a refusal, stops asking, and starts again with a new link", async () => {
+    answer = () => new Response("", { status: 401 });
+    await open("#token=an-old-one");
+    expect(part("no-token")).not.toBeNull();
+    await pass(5000);
+    expect(asked).toHaveLength(1);
+    answer = good;
+    window.location.hash = `#token=${TOKEN}`;
+    await act(async () => window.dispatchEvent(new HashChangeEvent("hashchange")));
+    await pass(0);
+    expect(part("qr")).not.toBeNull();
+  });
+
+  it("says that the gateway is gone, takes the code away, and recovers by itself", async () => {
+    await open(`#token=${TOKEN}`);
+    answer = gone;
+    await pass(2000);
+    expect(part("banner")?.textContent).toContain("Gateway not answering, retrying");
+    expect(part("qr")?.getAttribute("data-out-of-order")).toBe("false");
+    await pass(6000);
+    expect(part("qr")?.getAttribute("data-out-of-order")).toBe("true");
+    answer = good;
+    await pass(2000);
+    expect(part("banner")).toBeNull();
+    expect(part("qr")?.getAttribute("data-out-of-order")).toBe("false");
+  });
+
+  it("says that the broker is gone", async () => {
+    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, connected: false } });
+    await open(`#token=${TOKEN}`);
+    expect(part("banner")?.textContent).toContain("lost its broker");
+    expect(part("broker")?.getAttribute("data-connected")).toBe("false");
+  });
+
+  it("does not break on an answer that it does not understand", async () => {
+    answer = () => Response.json({ ...STATE, robots: [{ name: "half a robot" }] });
+    await open(`#token=${TOKEN}`);
+    expect(part("banner")?.textContent).toContain("different versions");
+  });
+
+  it("shows the code alone, and leaves it with Escape", async () => {
+    await open(`#token=${TOKEN}`);
+    const button = () => document.querySelector<HTMLButtonElement>(".buttons button:last-child");
+    await act(async () => button()?.click());
+    expect(part("qr")).not.toBeNull();
+    expect(part("fleet-table")).toBeNull();
+    expect(document.activeElement).toBe(button());
+    await act(async () => document.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape" })));
+    expect(part("fleet-table")).not.toBeNull();
+  });
+});

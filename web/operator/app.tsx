@@ -1,0 +1,114 @@
+// The operator's page: the code for the visitors on one half, the state of everything on the other.
+
+import { useEffect, useState } from "react";
+import { useNow } from "./clock";
+import { useExhibition } from "./exhibition";
+import { Fleet } from "./fleet";
+import type { GatewayState } from "./gateway_state";
+import { Invitation } from "./invitation";
+import { BrokerCard, CountersCard, VisitorsCard } from "./link_health";
+import { type Polled, useGateway } from "./poll";
+import { useWindow } from "./rates";
+import { Rejections } from "./rejections";
+import { takeToken } from "./token";
+import { ago } from "./words";
+
+// A restart of the gateway is over by then; after it, a code on the screen most likely opens nothing.
+const DEAD_AFTER_MS = 5000;
+
+export function App() {
+  const token = useToken();
+  const polled = useGateway(token);
+  const exhibition = useExhibition();
+  const { newest, trouble, refused } = polled;
+  const window = useWindow(newest);
+  const silent_ms = useNow(1000) - (newest?.at_ms ?? 0);
+
+  if (token === undefined || refused) return <OpenTheLink refused={refused} />;
+  const dead = trouble !== undefined && silent_ms > DEAD_AFTER_MS;
+  return (
+    <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
+      {!exhibition.on && <Header state={newest?.state} />}
+      <Banner polled={polled} silent_s={silent_ms / 1000} />
+      {newest && (
+        <main>
+          <Invitation newest={newest} outOfOrder={dead ? "Back in a moment" : undefined} exhibition={exhibition} />
+          {!exhibition.on && (
+            <div className="overview">
+              <div className="pair">
+                <BrokerCard broker={newest.state.broker} />
+                <VisitorsCard visitors={newest.state.visitors} />
+              </div>
+              <Fleet robots={newest.state.robots} />
+              <div className="pair roomy">
+                <CountersCard counters={newest.state.counters} window={window} />
+                <Rejections rejected={newest.state.rejected} window={window} />
+              </div>
+            </div>
+          )}
+        </main>
+      )}
+      {!newest && !trouble && <p className="waiting">Asking the gateway…</p>}
+    </div>
+  );
+}
+
+function useToken(): string | undefined {
+  const [token, setToken] = useState(takeToken);
+  useEffect(() => {
+    // A new link pasted into this tab changes only the fragment, and loads nothing.
+    const onHash = () => setToken(takeToken());
+    window.addEventListener("hashchange", onHash);
+    return () => window.removeEventListener("hashchange", onHash);
+  }, []);
+  return token;
+}
+
+function Header({ state }: { readonly state: GatewayState | undefined }) {
+  return (
+    <header className="top">
+      <p className="brand">
+        <img src="./icon.svg" alt="" width="28" height="28" />
+        Phalanx <span className="quiet">operator</span>
+      </p>
+      {state && (
+        <p className="quiet">
+          mode <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}
+        </p>
+      )}
+    </header>
+  );
+}
+
+function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent_s: number }) {
+  const { newest, trouble } = polled;
+  let text: string | undefined;
+  if (trouble === "unreachable") text = "Gateway not answering, retrying";
+  else if (trouble === "incomprehensible") text = "Gateway and page are of different versions: reload this page";
+  else if (newest && !newest.state.broker.connected)
+    text = "The gateway has lost its broker, retrying: no visitor gets through";
+  if (text === undefined) return null;
+  return (
+    <p className="banner" role="alert" data-testid="banner">
+      {text}
+      {/* Not read out: an alert is announced anew with every change, and this one changes every second. */}
+      {trouble && newest && <span aria-hidden="true"> · last heard {ago(Math.max(1, silent_s))} ago</span>}
+    </p>
+  );
+}
+
+function OpenTheLink({ refused }: { readonly refused: boolean }) {
+  return (
+    <main className="open-the-link" data-testid="no-token">
+      <img src="./icon.svg" alt="" width="64" height="64" />
+      <h1>Open the operator link printed in the terminal</h1>
+      <p>
+        {refused
+          ? "The gateway does not accept this page’s link. It makes a new one each time it starts."
+          : "This page needs the link that the gateway prints when it starts."}{" "}
+        Look for the line that begins with <span className="mono">http://127.0.0.1</span> and open all of it, to the
+        last character.
+      </p>
+    </main>
+  );
+}

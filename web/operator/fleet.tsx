@@ -1,0 +1,111 @@
+// The robots, one a row.
+
+import type { LinkQuality, Rgb, Robot } from "./gateway_state";
+import { ago } from "./words";
+
+// A DotBot's range: below it brakes out, above it has just been charged.
+const EMPTY_V = 1.8;
+const FULL_V = 3.0;
+const LOW = 0.25;
+
+const LINKS: readonly LinkQuality[] = ["ok", "quiet", "lost"];
+const STATUS = ["active", "inactive", "lost"] as const;
+const MODE = ["manual", "route"] as const;
+
+const byName = new Intl.Collator("en", { numeric: true });
+
+export function Fleet({ robots }: { readonly robots: readonly Robot[] }) {
+  const sorted = [...robots].sort((a, b) => byName.compare(a.name, b.name) || byName.compare(a.address, b.address));
+  const counted = LINKS.map((link) => [link, robots.filter((robot) => robot.link === link).length] as const);
+
+  return (
+    <section className="card fleet" aria-labelledby="fleet-title">
+      <header>
+        <h2 id="fleet-title">
+          Fleet <span className="count">{robots.length}</span>
+        </h2>
+        <p className="tally">
+          {counted.map(([link, n]) => (
+            <span key={link} className="tag" data-link={link} data-none={n === 0}>
+              {n} {link}
+            </span>
+          ))}
+        </p>
+      </header>
+      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: a region that scrolls must be reachable by keyboard */}
+      <section className="scroll" aria-label="Robots" tabIndex={0}>
+        <table data-testid="fleet-table">
+          <thead>
+            <tr>
+              <th scope="col">Robot</th>
+              <th scope="col">LED</th>
+              <th scope="col">Battery</th>
+              <th scope="col">Mode</th>
+              <th scope="col">Heard</th>
+              <th scope="col">Link</th>
+            </tr>
+          </thead>
+          <tbody>
+            {sorted.map((robot) => (
+              <Row key={robot.address} robot={robot} />
+            ))}
+          </tbody>
+        </table>
+        {robots.length === 0 && <p className="quiet empty">No robot has been heard yet.</p>}
+      </section>
+    </section>
+  );
+}
+
+function Row({ robot }: { readonly robot: Robot }) {
+  return (
+    <tr data-status={STATUS[robot.status]}>
+      <th scope="row">
+        <span className="robot-name">{robot.name}</span>
+        <span className="address" title={robot.address}>
+          …{robot.address.slice(-4)}
+        </span>
+      </th>
+      <td>
+        <Led rgb={robot.rgb_led} />
+      </td>
+      <td>
+        <Battery volts={robot.battery_v} />
+      </td>
+      <td>{MODE[robot.mode]}</td>
+      <td className="number">{ago(robot.last_seen_s)}</td>
+      <td>
+        <span className="tag" data-link={robot.link} title={`The robot is ${STATUS[robot.status]}`}>
+          {robot.link}
+        </span>
+      </td>
+    </tr>
+  );
+}
+
+function Led({ rgb }: { readonly rgb: Rgb }) {
+  const off = rgb.red + rgb.green + rgb.blue === 0;
+  const words = off ? "off" : `red ${rgb.red}, green ${rgb.green}, blue ${rgb.blue}`;
+  return (
+    <span
+      className="led"
+      role="img"
+      aria-label={words}
+      title={words}
+      data-off={off}
+      style={off ? undefined : { backgroundColor: `rgb(${rgb.red} ${rgb.green} ${rgb.blue})` }}
+    />
+  );
+}
+
+function Battery({ volts }: { readonly volts: number }) {
+  const part = Math.max(0, Math.min(1, (volts - EMPTY_V) / (FULL_V - EMPTY_V)));
+  return (
+    <span className="battery">
+      <span className="battery-shell" aria-hidden="true">
+        <span className="battery-charge" data-low={part < LOW} style={{ width: `${Math.round(part * 100)}%` }} />
+      </span>
+      <span className="number">{volts.toFixed(1)} V</span>
+    </span>
+  );
+}

@@ -1,0 +1,146 @@
+// What the gateway says about itself at /api/state, checked once here, so that no component meets a missing field.
+
+export type LinkQuality = "ok" | "quiet" | "lost";
+
+export interface Broker {
+  readonly name: string;
+  readonly url: string;
+  readonly connected: boolean;
+}
+
+export interface Visitor {
+  readonly id: string;
+  /** Seconds since its last request. */
+  readonly last_seen_s: number;
+  readonly requests: number;
+}
+
+export interface Rgb {
+  readonly red: number;
+  readonly green: number;
+  readonly blue: number;
+}
+
+export interface Robot {
+  readonly address: string;
+  readonly name: string;
+  /** 0 active, 1 inactive, 2 lost (docs/spec/vocabulary.md). */
+  readonly status: 0 | 1 | 2;
+  /** 0 manual, 1 following waypoints. */
+  readonly mode: 0 | 1;
+  readonly battery_v: number;
+  readonly last_seen_s: number;
+  readonly rgb_led: Rgb;
+  readonly link: LinkQuality;
+}
+
+export const COUNTERS = ["commands", "requests", "notifications", "knocks", "reconnects"] as const;
+export type Counters = Readonly<Record<(typeof COUNTERS)[number], number>>;
+
+export interface GatewayState {
+  readonly mode: string;
+  readonly page_url: string;
+  readonly qr_url: string;
+  readonly qr_svg: string;
+  readonly rotates_in_s: number;
+  readonly rotate_s: number;
+  readonly overlap_s: number;
+  readonly overlapping: boolean;
+  readonly uptime_s: number;
+  readonly broker: Broker;
+  readonly visitors: readonly Visitor[];
+  readonly robots: readonly Robot[];
+  readonly counters: Counters;
+  /** Refused messages by reason; a reason of which there was none may be absent. */
+  readonly rejected: Readonly<Record<string, number>>;
+}
+
+/** The gateway answered with something else than its state: most likely another version of it. */
+export class NotAState extends Error {
+  constructor(where: string) {
+    super(`the gateway's answer has no usable "${where}"`);
+    this.name = "NotAState";
+  }
+}
+
+/** @throws NotAState */
+export function parseState(json: unknown): GatewayState {
+  const state = record(json, "state");
+  const broker = record(state["broker"], "broker");
+  const counters = record(state["counters"], "counters");
+  return {
+    mode: text(state["mode"], "mode"),
+    page_url: text(state["page_url"], "page_url"),
+    qr_url: text(state["qr_url"], "qr_url"),
+    qr_svg: text(state["qr_svg"], "qr_svg"),
+    rotates_in_s: finite(state["rotates_in_s"], "rotates_in_s"),
+    rotate_s: finite(state["rotate_s"], "rotate_s"),
+    overlap_s: finite(state["overlap_s"], "overlap_s"),
+    overlapping: state["overlapping"] === true,
+    uptime_s: finite(state["uptime_s"], "uptime_s"),
+    broker: {
+      name: text(broker["name"], "broker.name"),
+      url: text(broker["url"], "broker.url"),
+      connected: broker["connected"] === true,
+    },
+    visitors: list(state["visitors"], "visitors").map(visitor),
+    robots: list(state["robots"], "robots").map(robot),
+    counters: Object.fromEntries(COUNTERS.map((name) => [name, finite(counters[name], name)])) as Counters,
+    rejected: Object.fromEntries(
+      Object.entries(record(state["rejected"], "rejected")).map(([reason, n]) => [reason, finite(n, reason)]),
+    ),
+  };
+}
+
+function visitor(json: unknown): Visitor {
+  const it = record(json, "visitor");
+  return {
+    id: text(it["id"], "visitor.id"),
+    last_seen_s: finite(it["last_seen_s"], "visitor.last_seen_s"),
+    requests: finite(it["requests"], "visitor.requests"),
+  };
+}
+
+function robot(json: unknown): Robot {
+  const it = record(json, "robot");
+  const led = record(it["rgb_led"], "robot.rgb_led");
+  return {
+    address: text(it["address"], "robot.address"),
+    name: text(it["name"], "robot.name"),
+    status: oneOf(it["status"], [0, 1, 2] as const, "robot.status"),
+    mode: oneOf(it["mode"], [0, 1] as const, "robot.mode"),
+    battery_v: finite(it["battery_v"], "robot.battery_v"),
+    last_seen_s: finite(it["last_seen_s"], "robot.last_seen_s"),
+    rgb_led: {
+      red: finite(led["red"], "robot.rgb_led"),
+      green: finite(led["green"], "robot.rgb_led"),
+      blue: finite(led["blue"], "robot.rgb_led"),
+    },
+    link: oneOf(it["link"], ["ok", "quiet", "lost"] as const, "robot.link"),
+  };
+}
+
+function record(json: unknown, where: string): Record<string, unknown> {
+  if (typeof json !== "object" || json === null || Array.isArray(json)) throw new NotAState(where);
+  return json as Record<string, unknown>;
+}
+
+function list(json: unknown, where: string): readonly unknown[] {
+  if (!Array.isArray(json)) throw new NotAState(where);
+  return json;
+}
+
+function text(json: unknown, where: string): string {
+  if (typeof json !== "string") throw new NotAState(where);
+  return json;
+}
+
+function finite(json: unknown, where: string): number {
+  if (typeof json !== "number" || !Number.isFinite(json)) throw new NotAState(where);
+  return json;
+}
+
+function oneOf<T>(json: unknown, allowed: readonly T[], where: string): T {
+  if (!allowed.includes(json as T)) throw new NotAState(where);
+  return json as T;
+}

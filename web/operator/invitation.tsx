@@ -1,0 +1,69 @@
+// The way in for visitors: the code, where it leads, and for how long.
+
+import { useEffect, useRef, useState } from "react";
+import { Countdown } from "./countdown";
+import type { Exhibition } from "./exhibition";
+import type { Sample } from "./poll";
+import { QrCode } from "./qr_code";
+import { shortUrl } from "./words";
+
+const SAID_FOR_MS = 2500;
+
+interface Props {
+  readonly newest: Sample;
+  readonly outOfOrder: string | undefined;
+  readonly exhibition: Exhibition;
+}
+
+export function Invitation({ newest, outOfOrder, exhibition }: Props) {
+  const button = useRef<HTMLButtonElement>(null);
+  const { on, enter, leave } = exhibition;
+  const wasOn = useRef(on);
+  useEffect(() => {
+    // The button under the finger has changed; whoever uses the keyboard stays on it.
+    if (wasOn.current !== on) button.current?.focus();
+    wasOn.current = on;
+  }, [on]);
+
+  return (
+    <section className="invitation" aria-label="Invitation for visitors">
+      <h1>Scan to drive the robots</h1>
+      <QrCode svg={newest.state.qr_svg} outOfOrder={outOfOrder} />
+      <p className="page-url">{shortUrl(newest.state.page_url)}</p>
+      <div className="invitation-foot">
+        <Countdown newest={newest} />
+        <div className="buttons">
+          {!on && <CopyLink url={newest.state.qr_url} />}
+          <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
+            {on ? "Back to the overview" : "QR only"}
+          </button>
+        </div>
+      </div>
+    </section>
+  );
+}
+
+// The link has the pin in it, so it is copied and never written: this page is on a projector.
+function CopyLink({ url }: { readonly url: string }) {
+  const [said, setSaid] = useState<string>();
+  useEffect(() => {
+    if (said === undefined) return;
+    const timer = window.setTimeout(() => setSaid(undefined), SAID_FOR_MS);
+    return () => window.clearTimeout(timer);
+  }, [said]);
+
+  async function copy() {
+    try {
+      await navigator.clipboard.writeText(url);
+      setSaid("Copied");
+    } catch {
+      setSaid("Not allowed here");
+    }
+  }
+
+  return (
+    <button type="button" onClick={copy} title="For visitors without a camera; whoever has the link can drive">
+      <span aria-live="polite">{said ?? "Copy link"}</span>
+    </button>
+  );
+}

@@ -1,0 +1,113 @@
+// What carries the swarm: the broker, the visitors on it, and the messages that go through.
+
+import { type Broker, COUNTERS, type Counters, type Visitor } from "./gateway_state";
+import { rate, type TotalsAt } from "./rates";
+import { ago, grouped, perSecond } from "./words";
+
+const BROKERS: Readonly<Record<string, string>> = {
+  mosquitto: "mosquitto, started by the gateway",
+  amqtt: "amqtt, inside the gateway",
+  external: "not ours",
+};
+
+const COUNTER_WORDS: Readonly<Record<keyof Counters, readonly [string, string]>> = {
+  commands: ["Commands", "carried out by robots"],
+  requests: ["Requests", "answered"],
+  notifications: ["Notifications", "sent to all visitors"],
+  knocks: ["Knocks", "phones that slept through a new code and were told where to go"],
+  reconnects: ["Reconnects", "of the gateway to its broker"],
+};
+
+export function BrokerCard({ broker }: { readonly broker: Broker }) {
+  return (
+    <section className="card" data-testid="broker" data-connected={broker.connected} aria-labelledby="broker-title">
+      <header>
+        <h2 id="broker-title">Broker</h2>
+        <span className="tag" data-link={broker.connected ? "ok" : "lost"}>
+          {broker.connected ? "connected" : "not connected"}
+        </span>
+      </header>
+      <p className="mono wrap">{withoutCredentials(broker.url)}</p>
+      <p className="quiet">{BROKERS[broker.name] ?? broker.name}. It carries the messages and cannot read them.</p>
+    </section>
+  );
+}
+
+export function VisitorsCard({ visitors }: { readonly visitors: readonly Visitor[] }) {
+  const recent = [...visitors].sort((a, b) => a.last_seen_s - b.last_seen_s);
+  return (
+    <section className="card visitors" data-testid="visitors" aria-labelledby="visitors-title">
+      <header>
+        <h2 id="visitors-title">
+          Visitors <span className="count">{visitors.length}</span>
+        </h2>
+      </header>
+      {recent.length === 0 ? (
+        <p className="quiet">Nobody yet. The code is waiting.</p>
+      ) : (
+        // biome-ignore lint/a11y/noNoninteractiveTabindex: a region that scrolls must be reachable by keyboard
+        <ul className="scroll" tabIndex={0} aria-label="Visitors, the most recent first">
+          {recent.map((visitor) => (
+            <li key={visitor.id}>
+              <span className="mono visitor-id" title={visitor.id}>
+                {visitor.id}
+              </span>
+              <span className="quiet number">
+                {grouped(visitor.requests)} {visitor.requests === 1 ? "request" : "requests"} ·{" "}
+                {ago(visitor.last_seen_s)}
+              </span>
+            </li>
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}
+
+interface CountersProps {
+  readonly counters: Counters;
+  readonly window: readonly TotalsAt[];
+}
+
+export function CountersCard({ counters, window }: CountersProps) {
+  return (
+    <section className="card" data-testid="counters" aria-labelledby="counters-title">
+      <header>
+        <h2 id="counters-title">Messages</h2>
+      </header>
+      <table>
+        <thead>
+          <tr>
+            <th scope="col">Kind</th>
+            <th scope="col" className="right">
+              Total
+            </th>
+            <th scope="col" className="right">
+              Per second
+            </th>
+          </tr>
+        </thead>
+        <tbody>
+          {COUNTERS.map((name) => {
+            const perS = rate(window, name);
+            const [title, meaning] = COUNTER_WORDS[name];
+            return (
+              <tr key={name} data-counter={name}>
+                <th scope="row">
+                  {title} <span className="quiet">{meaning}</span>
+                </th>
+                <td className="number right">{grouped(counters[name])}</td>
+                <td className="number right">{perS === undefined ? "–" : perSecond(perS)}</td>
+              </tr>
+            );
+          })}
+        </tbody>
+      </table>
+    </section>
+  );
+}
+
+/** A broker of someone else's may be reached with a password, and this page is on a projector. */
+export function withoutCredentials(url: string): string {
+  return url.replace(/\/\/[^/]*@/, "//");
+}

@@ -1,0 +1,8 @@
+import { createRoot } from "react-dom/client";
+import { App } from "./app";
+import "./styles.css";
+import "./invitation.css";
+import "./tables.css";
+
+const root = document.getElementById("root");
+if (root) createRoot(root).render(<App />);

@@ -1,0 +1,80 @@
+// Why messages were refused, for the person at the exhibition. The reasons are those of docs/spec/link.md.
+
+/** How worried to be: nothing to do, somebody to help, somebody may be trying something, or our own fault. */
+export type Tone = "harmless" | "help" | "suspicious" | "fault";
+
+export interface Reason {
+  readonly title: string;
+  readonly text: string;
+  readonly tone: Tone;
+}
+
+export const TONES: Readonly<Record<Tone, string>> = {
+  harmless: "harmless",
+  help: "someone needs help",
+  suspicious: "keep an eye on it",
+  fault: "our fault",
+};
+
+const REASONS: Readonly<Record<string, Reason>> = {
+  too_large: {
+    title: "Too large",
+    text: "Longer than any message of our page. It was not even decrypted.",
+    tone: "suspicious",
+  },
+  malformed_jwe: {
+    title: "Not our encryption",
+    text: "Not a message of ours at all: another program on the broker, or somebody probing.",
+    tone: "suspicious",
+  },
+  not_authentic: {
+    title: "Wrong key",
+    text: "Sealed without the current code, or altered on the way. Whoever runs or watches the broker can send these; they open nothing.",
+    tone: "suspicious",
+  },
+  malformed_envelope: {
+    title: "Unreadable inside",
+    text: "Sealed with the right code but not in the agreed form: somebody’s own program, with a mistake in it.",
+    tone: "harmless",
+  },
+  stale: {
+    title: "Too old, or from the future",
+    text: "More than 30 s off our clock. Nearly always a phone whose clock is wrong: have its time set to automatic.",
+    tone: "help",
+  },
+  replayed: {
+    title: "Sent twice",
+    text: "A copy of a message that was already carried out. Somebody recorded it and played it back; it did nothing.",
+    tone: "suspicious",
+  },
+  cache_full: {
+    title: "Too many at once",
+    text: "More messages in 30 s than we can tell from copies, so new ones are refused until it calms down.",
+    tone: "suspicious",
+  },
+  wrong_topic: {
+    title: "Wrong address",
+    text: "Sent to a place that does not exist, or under a code that has ended.",
+    tone: "harmless",
+  },
+  bad_payload: {
+    title: "Impossible order",
+    text: "A number is missing or out of range, such as a speed of 900. Not carried out.",
+    tone: "harmless",
+  },
+  unknown: {
+    title: "No such robot or order",
+    text: "Meant for a robot that is not here (any more), or a kind of order that we do not have.",
+    tone: "harmless",
+  },
+  handler_failed: {
+    title: "We failed",
+    text: "The message was fine; the gateway broke while carrying it out. Its log says where. Please report it.",
+    tone: "fault",
+  },
+};
+
+/** What to say about a reason; one that a newer gateway invented is shown by its bare name. */
+export function reason(name: string): Reason {
+  return REASONS[name] ?? { title: name, text: "This page does not know this reason.", tone: "harmless" };
+}
