@@ -1,0 +1,256 @@
+"""Interoperability with the packages published with the paper, run unmodified (tests/peers).
+
+Our server with the npm hook; our Python and TypeScript clients with the PyPI server; and our own two with each other. Each
+pair: request and reply, command, notify, and following a rotation at 6 s / 2 s, by MQTT 5 and 3.1.1.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from conftest import eventually
+from phalanx.config import LinkConfig
+from phalanx.io import ANY, Client, Server
+from phalanx.link import Pin, QrUrl
+
+pytestmark = [pytest.mark.peers, pytest.mark.timeout(120)]
+
+HERE = Path(__file__).parent
+WEB = HERE.parent / "web"
+NPM_PEER = HERE / "peers" / "npm_qrkey" / "dist" / "peer.cjs"
+ROTATION = LinkConfig(rotate_s=6.0, overlap_s=2.0)
+ADDRESS = "DECAFBAD00000001"
+
+
+class Peer:
+    """A child that reads orders and tells events, one JSON object a line."""
+
+    def __init__(self, process: asyncio.subprocess.Process):
+        self.process = process
+        self.events: list[dict] = []
+        self.logged = ""
+        self._readers = [asyncio.create_task(self._read()), asyncio.create_task(self._read_log())]
+
+    async def _read(self):
+        while line := await self.process.stdout.readline():
+            self.events.append(json.loads(line))
+
+    async def _read_log(self):
+        while line := await self.process.stderr.readline():
+            self.logged += line.decode(errors="replace")
+
+    def order(self, **words):
+        self.process.stdin.write((json.dumps(words) + "\n").encode())
+
+    def told(self, kind: str, **words) -> list[dict]:
+        return [
+            event
+            for event in self.events
+            if event.get("event") == kind and all(event.get(key) == value for key, value in words.items())
+        ]
+
+    async def wait(self, kind: str, count: int = 1, timeout_s: float = 15.0, **words) -> dict:
+        def enough():
+            assert self.process.returncode is None, self.logged[-2000:]
+            return len(self.told(kind, **words)) >= count
+
+        try:
+            await eventually(enough, timeout_s)
+        except AssertionError as error:
+            raise AssertionError(
+                f"{error}; no {kind} {words} in {self.events[-5:]}, log {self.logged[-1500:]}"
+            ) from None
+        return self.told(kind, **words)[count - 1]
+
+
+@asynccontextmanager
+async def a_peer(*command: str, env: dict[str, str] | None = None, cwd: Path = HERE):
+    process = await asyncio.create_subprocess_exec(
+        *command,
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=os.environ | (env or {}),
+        cwd=cwd,
+        limit=1 << 24,
+        start_new_session=True,
+    )
+    try:
+        yield Peer(process)
+    finally:
+        if process.returncode is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        await process.wait()
+
+
+def published_server(broker, mqtt: int, *arguments: str, **env: str):
+    settings = {
+        "MQTT_HOST": broker.url.host,
+        "MQTT_PORT": str(broker.url.port),
+        "MQTT_VERSION": str(mqtt),
+        "PIN_CODE_REFRESH_INTERVAL": "6",
+        "PIN_CODE_REVOKE_DELAY": "2",
+    }
+    return a_peer(sys.executable, "peers/pypi_qrkey_server.py", *arguments, env=settings | env)
+
+
+def published_hook(server: Server, broker, mqtt: int):
+    host, port = broker.websocket.split("/")[2].split(":")
+    words = {"--pin": server.epoch.pin.digits, "--host": host, "--port": port, "--version": str(mqtt)}
+    return a_peer("node", str(NPM_PEER), *(word for pair in words.items() for word in pair))
+
+
+def our_typescript(url: str):
+    return a_peer("npx", "--no-install", "tsx", "tests/peer.ts", url, cwd=WEB)
+
+
+def an_echo(broker, mqtt: int = 5) -> Server:
+    server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=mqtt, config=ROTATION)
+    server.heard = []
+
+    @server.on_command(ANY)
+    def hear(command):
+        server.heard.append((command.address, command.topic.application, command.name, command.payload))
+
+    @server.on_request(0)
+    def robots(request):
+        return [{"address": ADDRESS, "n": len(server.heard)}]
+
+    return server
+
+
+def link_to(broker, pin: str, mqtt: int) -> QrUrl:
+    return QrUrl(Pin(pin), broker.websocket, "/qrkey", mqtt)
+
+
+@pytest.mark.parametrize("mqtt", [5, 4])
+async def test_our_server_and_the_published_hook(broker, mqtt):
+    async with an_echo(broker, mqtt) as server:
+        await server.wait_connected(10)
+        async with published_hook(server, broker, mqtt) as hook:
+            ready = await hook.wait("ready")
+            reply_topic = f"/reply/{ready['client_id']}"
+
+            async def a_round(n: int):
+                heard = len(server.heard)
+                hook.order(do="command", address=ADDRESS, application="0", name="move_raw", payload={"left_y": n})
+                await eventually(lambda: len(server.heard) > heard)
+                assert server.heard[-1] == (ADDRESS, "0", "move_raw", {"left_y": n})
+                hook.order(do="request", request=0)
+                answer = {"request": 0, "data": [{"address": ADDRESS, "n": len(server.heard)}]}
+                await hook.wait("message", topic=reply_topic, payload=answer)
+                await asyncio.sleep(0.05)  # the hook drops messages that come within milliseconds of each other
+                await server.notify({"cmd": 2, "n": n})
+                await hook.wait("message", topic="/notify", payload={"cmd": 2, "n": n})
+
+            await a_round(1)
+            before = server.epoch
+            await hook.wait("moved")
+            assert server.epoch is not before
+            await a_round(2)
+            await eventually(lambda: not server.overlapping, 5)
+            await a_round(3)
+        assert not server.rejected
+
+
+@pytest.mark.parametrize("mqtt", [5, 4])
+async def test_our_python_client_and_the_published_server(broker, mqtt):
+    async with published_server(broker, mqtt) as server:
+        pin = (await server.wait("ready"))["pin"]
+        async with Client(link_to(broker, pin, mqtt)) as client:
+            notes = client.notifications()
+
+            async def a_round(n: int):
+                await client.command(ADDRESS, "move_raw", {"left_y": n})
+                topic = f"/command/0000/{ADDRESS}/0/move_raw"
+                await server.wait("command", topic=topic, payload={"left_y": n})
+                assert await client.request(0) == {"request": 0, "reply": client.client_id}
+                server.order(do="notify", payload={"cmd": 2, "n": n})
+                assert await asyncio.wait_for(anext(notes), 5) == {"cmd": 2, "n": n}
+
+            await a_round(1)
+            await server.wait("rotated")
+            await eventually(lambda: client.moves, 3)
+            await a_round(2)
+            await asyncio.sleep(2.5)  # the overlap ends
+            await a_round(3)
+            assert not client.rejected
+
+
+@pytest.mark.parametrize("mqtt", [5, 4])
+async def test_our_typescript_client_and_the_published_server(broker, mqtt):
+    async with published_server(broker, mqtt) as server:
+        pin = (await server.wait("ready"))["pin"]
+        async with our_typescript(link_to(broker, pin, mqtt).for_page("http://page/")) as client:
+            await client.wait("ready")
+
+            async def a_round(n: int):
+                client.order(do="command", address=ADDRESS, application="0", name="move_raw", payload={"left_y": n})
+                topic = f"/command/0000/{ADDRESS}/0/move_raw"
+                await server.wait("command", topic=topic, payload={"left_y": n})
+                client.order(do="request", request=0, id=n)
+                assert (await client.wait("reply", id=n))["data"]["request"] == 0
+                server.order(do="notify", payload={"cmd": 2, "n": n})
+                await client.wait("notify", payload={"cmd": 2, "n": n})
+
+            await a_round(1)
+            await server.wait("rotated")
+            await client.wait("moved")
+            await a_round(2)
+            await asyncio.sleep(2.5)
+            await a_round(3)
+            assert not client.told("rejected")
+            assert not client.told("error")
+
+
+async def test_our_typescript_client_and_our_server(any_broker):
+    async with an_echo(any_broker, any_broker.mqtt) as server:
+        await server.wait_connected(10)
+        async with our_typescript(server.qr().for_page("http://page/")) as client:
+            await client.wait("ready")
+            for n in (1, 2):
+                client.order(do="command", address=ADDRESS, application="0", name="rgb_led", payload={"red": n})
+                await eventually(lambda n=n: (ADDRESS, "0", "rgb_led", {"red": n}) in server.heard)
+                client.order(do="request", request=0, id=n)
+                assert (await client.wait("reply", id=n))["data"][0]["address"] == ADDRESS
+                await server.notify({"cmd": 2, "n": n})
+                await client.wait("notify", payload={"cmd": 2, "n": n})
+                await client.wait("moved", n)
+            assert not client.told("error")
+        assert not server.rejected
+
+
+async def test_a_typescript_phone_that_slept_through_a_rotation_finds_its_way(broker):
+    async with an_echo(broker) as server:
+        await server.wait_connected(10)
+        asleep_with = server.qr().for_page("http://page/")
+        await eventually(lambda: server.overlapping, 8)
+        await eventually(lambda: not server.overlapping, 4)
+        async with our_typescript(asleep_with) as client:
+            await client.wait("ready")
+            client.order(do="request", request=0, id=1, timeout_ms=4000)
+            await client.wait("moved", timeout_s=4)
+            client.order(do="request", request=0, id=2)
+            await client.wait("reply", id=2)
+
+
+async def test_a_published_hook_that_slept_is_led_on_by_our_server(broker):
+    async with an_echo(broker) as server:
+        await server.wait_connected(10)
+        async with published_hook(server, broker, 5) as hook:
+            await hook.wait("ready")
+            os.kill(hook.process.pid, signal.SIGSTOP)
+            await eventually(lambda: server.overlapping, 8)
+            await eventually(lambda: not server.overlapping, 4)
+            os.kill(hook.process.pid, signal.SIGCONT)
+            await hook.wait("moved")
+            hook.order(do="request", request=0)
+            await hook.wait("message", payload={"request": 0, "data": [{"address": ADDRESS, "n": 0}]})
