@@ -22,8 +22,8 @@ from .vocabulary import Notice
 log = logging.getLogger(__name__)
 
 TICK_S = 0.1
-# Older pages get one robot per notification: at most so many a tick, in turn. Their hook holds one message at a time and
-# drops what comes within a few milliseconds of another (seen: 50 at once, 3 delivered; 5 ms apart, all).
+# Older pages get one robot per notification: at most so many a tick, in turn. Their hook holds one message at a time
+# and drops what comes within a few milliseconds of another (seen: 50 at once, 3 delivered; 5 ms apart, all).
 UPDATES_PER_TICK = 2
 APART_S = 0.01
 RELOAD_EVERY_S = 120.0

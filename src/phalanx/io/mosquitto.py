@@ -7,6 +7,7 @@ import contextlib
 import ctypes
 import logging
 import os
+import pwd
 import shutil
 import signal
 import sys
@@ -54,10 +55,20 @@ def configuration(tcp_port: int, ws_host: str, ws_port: int) -> str:
             "max_connections 200",
             f"listener {ws_port} {ws_host}",
             "protocol websockets",
+            # Without it mosquitto 2.0.11 (Debian 12) ignores the address and listens for everybody.
+            f"socket_domain {'ipv6' if ':' in ws_host else 'ipv4'}",
             "max_connections 1000",
             "",
         )
     )
+
+
+def _whose() -> str | None:
+    """As whom to run it. mosquitto gives up root by itself, but that would undo what `_die_with_parent` asks for."""
+    if os.geteuid() != 0:
+        return None
+    names = {entry.pw_name for entry in pwd.getpwall()}
+    return "mosquitto" if "mosquitto" in names else "nobody"
 
 
 def _die_with_parent() -> None:
@@ -75,9 +86,12 @@ async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[
     program = find_mosquitto()
     if program is None:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
+    if ":" in ws_host and ws_host != "::":
+        raise Unavailable(f"mosquitto cannot serve browsers at {ws_host} alone", "--host :: or --broker amqtt")
     with tempfile.TemporaryDirectory(prefix="phalanx-") as folder:
         path = Path(folder) / "mosquitto.conf"
         path.write_text(configuration(tcp_port, ws_host, ws_port))
+        os.chmod(folder, 0o755)  # noqa: PTH101, S103  # nothing secret in it, and the broker may run as another user
         process = await _start(program, path, tcp_port)
         keeper = asyncio.create_task(_keep(program, path, tcp_port, process))
         try:
@@ -98,6 +112,7 @@ async def _start(program: str, path: Path, tcp_port: int) -> asyncio.subprocess.
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
         preexec_fn=_die_with_parent,
+        user=_whose(),
     )
     deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
     while asyncio.get_running_loop().time() < deadline:

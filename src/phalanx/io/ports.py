@@ -3,31 +3,48 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import socket
+
+from phalanx.errors import Unavailable
 
 LOOPBACK = "127.0.0.1"
 
 
 def is_free(port: int, host: str = LOOPBACK) -> bool:
-    """Whether `port` can be listened on at `host` just now."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as probe:
+    """Whether `port` can be listened on at `host` just now.
+
+    Raises: Unavailable: this machine has no such address.
+    """
+    with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
-        except (OSError, OverflowError):
+        except OSError as error:
+            if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+                raise Unavailable(
+                    f"cannot listen on {host}: this machine has no such address",
+                    "0.0.0.0 for every address, 127.0.0.1 for this machine only",
+                ) from error
             return False
         return True
 
 
 def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
-    """`preferred` if it is free, else any free port."""
-    if preferred and is_free(preferred, host):
+    """`preferred` if it is free, else any free port.
+
+    Raises: Unavailable: this machine has no such address.
+    """
+    if is_free(preferred, host) and preferred:
         return preferred
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
+    with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.bind((host, 0))
         port: int = probe.getsockname()[1]
         return port
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET
 
 
 def lan_address() -> str:

@@ -1,0 +1,331 @@
+"""The documentation agrees with the code: commands exist, tables and figures are the code's, links lead somewhere."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.util
+import math
+import re
+import shlex
+import signal
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from phalanx import crypto, errors
+from phalanx.cli.main import phalanx
+from phalanx.config import LinkConfig
+from phalanx.crypto import jwe
+from phalanx.gateway import vocabulary
+from phalanx.io.broker import open_broker
+from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
+from phalanx.link.rotation import State
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "examples").glob("*.md")])
+LINK = (DOCS / "spec" / "link.md").read_text()
+CODE = re.compile(r"`([^`]+)`")
+
+
+def each_page(pages=PAGES):
+    return pytest.mark.parametrize("page", pages, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def fences(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def prose(text: str) -> str:
+    """The text without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def table(text: str, first: str) -> list[list[str]]:
+    """The rows of the tables whose header begins with `first`; cells without their backticks."""
+    rows: list[list[str]] = []
+    inside = False
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        inside = bool(cells) and (inside or cells[0] == first)
+        if inside and cells[0] != first and not set("".join(cells)) <= set("-:"):
+            rows.append([cell.strip("`") if cell.count("`") == 2 else cell for cell in cells])
+    assert rows, f"no table of {first}"
+    return rows
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+
+
+def parse_phalanx(words: list[str]) -> list[str]:
+    """The command's path; fails as the command line would if a command, option or value is unknown."""
+    command: click.Command = phalanx
+    path: list[str] = []
+    while isinstance(command, click.Group):
+        assert words, f"phalanx {' '.join(path)}: which command?"
+        path.append(words[0])
+        assert words[0] in command.commands, f"no command phalanx {' '.join(path)}"
+        command, words = command.commands[words[0]], words[1:]
+    with contextlib.suppress(click.exceptions.Exit):
+        command.make_context(path[-1], list(words))
+    return path
+
+
+def make_targets() -> set[str]:
+    return set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def commands_of(page: Path) -> list[str]:
+    lines = "\n".join(fences(page.read_text(), "console")).splitlines()
+    return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
+
+
+@each_page([page for page in PAGES if commands_of(page)])
+def test_every_command_line_would_be_understood(page):
+    for line in commands_of(page):
+        program, *words = shlex.split(line)
+        if program == "phalanx":
+            path = parse_phalanx(words)
+            assert CliRunner().invoke(phalanx, [*path, "--help"]).exit_code == 0, line
+        elif program == "make":
+            assert set(words) <= make_targets(), line
+        else:
+            assert program in (".", "mosquitto", "python"), f"who checks {line!r}?"
+
+
+@each_page()
+def test_commands_named_in_the_text_exist(page):
+    for words in CODE.findall(prose(page.read_text())):
+        if words.startswith("make "):
+            assert set(words.split()[1:]) <= make_targets(), words
+        if words.startswith("phalanx ") and "`" not in words:
+            command: click.Command = phalanx
+            for word in words.split()[1:]:
+                if not isinstance(command, click.Group):
+                    break
+                assert word in command.commands, words
+                command = command.commands[word]
+
+
+def test_options_named_in_the_text_exist():
+    def options(command: click.Command) -> set[str]:
+        children = command.commands.values() if isinstance(command, click.Group) else ()
+        return {word for p in command.params for word in p.opts}.union(*map(options, children))
+
+    known = options(phalanx) | {"--help"}
+    for page in PAGES:
+        for code in CODE.findall(prose(page.read_text())):
+            named = re.match(r"(--[a-z-]+)", code)
+            assert named is None or named[1] in known, f"{page.name}: {code}"
+
+
+def test_the_first_screen_has_the_two_commands():
+    first = "\n".join((ROOT / "README.md").read_text().splitlines()[:40])
+    assert "$ make demo\n$ make test" in first
+
+
+# --- the example ------------------------------------------------------------------------------------------------------
+
+
+def test_the_readme_shows_the_example_that_is_in_the_tree():
+    assert fences((ROOT / "README.md").read_text(), "python") == [(ROOT / "examples" / "ten_lines.py").read_text()]
+
+
+async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
+    async with open_broker("auto") as broker:
+        example = await asyncio.create_subprocess_exec(
+            sys.executable, ROOT / "examples" / "ten_lines.py", str(broker.url), stdout=asyncio.subprocess.PIPE
+        )
+        try:
+            url = (await asyncio.wait_for(example.stdout.readline(), 20)).decode().strip()
+            async with Client(url, broker=broker.url) as visitor:
+                assert [robot["address"] for robot in await visitor.request(0)] == ["ROBOT-1", "ROBOT-2"]
+                heard = visitor.notifications()
+                await visitor.command("ROBOT-9", "move_raw", {"left_y": 1, "right_y": 1})
+                await visitor.command("ROBOT-1", "move_raw", {"left_y": "fast", "right_y": 1})
+                await visitor.command("ROBOT-1", "move_raw", {"left_y": 60, "right_y": -40})
+                told = await asyncio.wait_for(anext(heard), 10)
+                assert told == {"driven": "ROBOT-1", "wheels": [60, -40]}
+            example.send_signal(signal.SIGINT)
+            assert await asyncio.wait_for(example.wait(), 10) == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                example.kill()
+            await example.wait()
+
+
+# --- the specification ------------------------------------------------------------------------------------------------
+
+
+def test_the_table_of_keys_is_the_derivation():
+    rows = {row[0]: row[1:3] for row in table(LINK, "value")}
+    assert rows == {
+        "topic": [keys.TOPIC_INFO.decode(), str(keys.TOPIC_BYTES)],
+        "key": [keys.KEY_INFO.decode(), str(keys.KEY_BYTES)],
+    }
+    epoch = derive_epoch(Pin("123456789012"))
+    assert f"`{epoch.topic}`" in LINK
+    assert f"`{epoch.key.raw.hex()}`" in LINK
+    assert len(epoch.topic) == 24
+
+
+def test_the_lengths_of_pins_are_the_code_s():
+    said = re.findall(r"(\d+) (?:digits )?\((\d+\.\d+) bits", LINK)
+    assert [int(digits) for digits, _ in said] == [12, LinkConfig().pin_digits]
+    for digits, bits in said:
+        assert float(bits) == pytest.approx(int(digits) * math.log2(10), abs=0.05)
+    assert "4 to 64 digits" in LINK.replace("\n", " ")
+    for digits in (4, 64):
+        Pin("0" * digits)
+    for digits in (3, 65):
+        with pytest.raises(errors.UsageError):
+            Pin("0" * digits)
+
+
+def test_the_grammar_of_topics_is_the_code_s():
+    rows = {row[0]: row[1] for row in table(LINK, "part")}
+    assert rows == {
+        "address": topics.ADDRESS.pattern,
+        "application": topics.APPLICATION.pattern,
+        "name": topics.NAME.pattern,
+        "client id": topics.CLIENT_ID.pattern,
+    }
+
+
+def test_the_table_of_topics_is_the_code_s():
+    command = topics.CommandTopic("ADDRESS", "0", "NAME")
+    made = [topics.full_topic("", "", sub) for sub in (command, "request", "notify", topics.ReplyTopic("CLIENT"))]
+    written = [row[0] for row in table(LINK, "sub-topic")]
+    for placeholder, word in {
+        "<address>": "ADDRESS",
+        "<application>": "0",
+        "<name>": "NAME",
+        "<client id>": "CLIENT",
+    }.items():
+        written = [topic.replace(placeholder, word) for topic in written]
+    assert written == [topic.removeprefix("/") for topic in made]
+
+
+def test_the_tables_of_errors_are_the_code_s():
+    rows = {row[0].strip("`"): row[1].strip("`") for row in table(LINK, "error")}
+    ours = [cls for cls in errors.PeerError.__subclasses__() if cls.__module__ == "phalanx.errors"]
+    assert rows == {cls.__name__: cls.reason for cls in ours if cls is not errors.OpenError}
+
+
+def test_limits_and_tolerance_are_the_code_s():
+    config = LinkConfig()
+    rows = {row[0].strip("`"): row[2] for row in table(LINK, "error")}
+    assert f"{config.max_to_server_bytes // 1024} KiB of plaintext towards a server" in rows["TooLarge"]
+    assert f"{config.max_to_client_bytes // 1024**2} MiB towards a client" in rows["TooLarge"]
+    assert f"above {config.tolerance_s:g} s" in rows["Stale"]
+    assert f"timestamp + {config.tolerance_s:g} s" in LINK.replace("\n", " ")
+    assert f"root is `{config.root}`" in LINK
+    assert config.knock_gap_s == 1
+    assert "at most once a second" in LINK.replace("\n", " ")
+
+
+def test_header_and_iv_are_the_code_s():
+    assert f"`{jwe.HEADER.decode()}`" in LINK
+    assert f"`{jwe.HEADER_SEGMENT.decode()}`" in LINK
+    assert f"random {crypto.IV_BYTES}-byte IV" in LINK
+    assert f"a {jwe.TAG_BYTES}-byte tag" in LINK
+
+
+def test_the_parameters_of_rotation_are_the_code_s():
+    config = LinkConfig()
+    rows = {row[0]: row[1] for row in table(LINK, "parameter")}
+    assert rows["a new pin every"] == f"{config.rotate_s:g} s"
+    assert rows["both epochs are live for"] == f"{config.overlap_s:g} s"
+
+
+def test_the_forms_of_the_link_are_the_code_s():
+    url = QrUrl(Pin("0" * 12), "ws://host:1/mqtt", "/pydotbot", 4)
+    ours, theirs = (re.search(rf"`<{name}>[#?]([^`]*)`", LINK)[1] for name in ("page", "frontend"))
+    for written, made in ((ours, url.for_page("")), (theirs, url.for_foreign_page(""))):
+        assert re.findall(r"(\w+)=", written) == re.findall(r"[#?&](\w+)=", made)
+
+
+def test_the_vocabulary_is_the_code_s():
+    text = (DOCS / "spec" / "vocabulary.md").read_text()
+    assert [row[0] for row in table(text, "request")] == ["0", "1"]
+    assert (vocabulary.REQUEST_ROBOTS, vocabulary.REQUEST_AREA) == (0, 1)
+    numbers = {int(row[0].split()[0]) for row in table(text, "cmd")}
+    assert numbers == {notice.value for notice in vocabulary.Notice} | {255}
+    assert f"at most {vocabulary.MAX_WAYPOINTS};" in text
+    assert "({}…{} mm)".format(*vocabulary.THRESHOLD_MM) in text
+    assert f"not heard for {vocabulary.QUIET_AFTER_S:g} s" in text
+
+
+# --- generated parts, links, paths ------------------------------------------------------------------------------------
+
+
+def generator():
+    spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_generated_parts_are_what_the_code_gives():
+    generate = generator()
+    for name, (path, make) in generate.BLOCKS.items():
+        assert path.read_text() == generate.replaced(path.read_text(), name, make()), f"run docs/generate.py: {name}"
+    assert set(generate.MEANING) == set(State)
+
+
+def test_a_page_without_its_markers_is_not_written():
+    generate = generator()
+    for text in ("", "<!-- x:begin -->", "<!-- x:begin --><!-- x:end --><!-- x:begin --><!-- x:end -->"):
+        with pytest.raises(ValueError, match="not exactly one"):
+            generate.replaced(text, "x", "block")
+
+
+def anchors(page: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", prose(page.read_text()), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@each_page()
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose(page.read_text())):
+        if re.match(r"https?://", target):
+            continue
+        path, _, anchor = target.partition("#")
+        found = (page.parent / path).resolve() if path else page
+        assert found.exists(), target
+        assert found.is_relative_to(DOCS) or not page.is_relative_to(DOCS), f"{target} is not on the site"
+        assert not anchor or anchor in anchors(found), target
+
+
+@each_page()
+def test_files_named_in_the_text_exist(page):
+    bases = [ROOT, ROOT / "src" / "phalanx"]
+    for name in CODE.findall(prose(page.read_text())):
+        if re.fullmatch(r"[\w./-]+/[\w.-]*", name) and name.split("/")[0] not in ("", "out"):
+            assert any((base / name).exists() for base in bases), name
+
+
+@each_page()
+def test_tests_named_in_the_text_exist(page):
+    tests = "\n".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py"))
+    for name in CODE.findall(prose(page.read_text())):
+        if re.fullmatch(r"test_\w+", name):
+            assert f"def {name}(" in tests, name
+
+
+def test_every_page_of_the_site_is_in_its_contents():
+    contents = (ROOT / "mkdocs.yml").read_text()
+    for page in DOCS.rglob("*.md"):
+        assert str(page.relative_to(DOCS)) in contents
+
+
+def test_the_site_loads_nothing_from_elsewhere():
+    config = (ROOT / "mkdocs.yml").read_text()
+    assert re.search(r"^  font: false$", config, re.MULTILINE)
+    assert not re.search(r"https?://", config)
+    # The theme fetches mermaid from a CDN for elements of class mermaid.
+    assert "class: mermaid" not in config

@@ -1,0 +1,50 @@
+"""Fifty browser-like clients (websockets, a key each from the QR code) at ten commands a second for thirty seconds."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+import urllib.request
+
+import pytest
+
+from conftest import a_gateway, eventually
+from phalanx.io import Client
+
+CLIENTS, RATE_HZ, SECONDS = 50, 10, 30
+
+
+def state_of(ready: dict) -> dict:
+    address, token = ready["operator_url"].split("/#token=")
+    request = urllib.request.Request(f"{address}/api/state", headers={"Authorization": f"Bearer {token}"})
+    return json.load(urllib.request.urlopen(request))
+
+
+async def drive(ready: dict, n: int) -> int:
+    sent = 0
+    async with Client(ready["qr_url"], timeout_s=30) as client:
+        robots = await client.request(0, frames=True, timeout_s=30)
+        address = robots[n % len(robots)]["address"]
+        began = time.monotonic()
+        for tick in range(RATE_HZ * SECONDS):
+            await asyncio.sleep(max(0.0, began + tick / RATE_HZ - time.monotonic()))
+            sent += await client.command(address, "move_raw", {"left_x": 0, "left_y": 40, "right_x": 0, "right_y": n})
+        await asyncio.sleep(1)
+        assert not client.rejected
+    return sent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
+async def test_no_command_of_fifty_visitors_is_lost(broker):
+    with a_gateway("--robots", "20", "--broker", broker) as (up, ready):
+        sent = sum(await asyncio.gather(*(drive(ready, n) for n in range(CLIENTS))))
+        assert sent == CLIENTS * RATE_HZ * SECONDS
+        await eventually(lambda: state_of(ready)["counters"]["commands"] == sent, 10, 0.5)
+        state = state_of(ready)
+        assert not state["rejected"]
+        assert len(state["visitors"]) == CLIENTS
+        assert len(up.events("command")) == sent
+        ticks = state["counters"]["notifications"] / state["uptime_s"]
+        assert ticks <= 10.5, "one encryption a tick, whatever the number of visitors"
