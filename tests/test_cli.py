@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -21,6 +22,7 @@ from click.testing import CliRunner
 from conftest import PHALANX, ROOT, a_gateway, bare_mosquitto, child, secrets_of
 from phalanx.cli.main import phalanx
 from phalanx.cli.terminal import qr_text
+from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 
 
@@ -268,6 +270,9 @@ class TestMistakes:
             (["up", "--seed", "-1"], 2, "seed -1"),
             (["up", "--frontend", "javascript:alert(1)"], 2, "is not a page"),
             (["up", "--duration", "0"], 2, "--duration"),
+            (["up", "--broker-ws", "ws://x"], 2, "a websocket address for a broker of our own"),
+            (["up", "--broker", "mqtt://x", "--broker-ws", "mqtt://x"], 2, "browsers cannot use mqtt://x:1883"),
+            (["up", "--page-url", "ftp://x"], 2, "'ftp://x' is not a page"),
             (["up", "--unheard-of"], 2, "--unheard-of"),
             (["nonsense"], 2, "nonsense"),
             (["link", "connect"], 2, "no swarm to visit"),
@@ -383,6 +388,48 @@ class TestLinkServe:
                 assert serve.wait_for("request")["request"] == 0
                 assert watch.stop() == 0
             assert serve.stop() == 0
+
+    def test_what_visitors_say_does_not_command_the_terminal_nor_end_the_server(self):
+        with child("link", "serve") as serve:
+            deadline = time.monotonic() + 20
+            while not serve.out:
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            url = re.search(r"phalanx:#\S+", serve.out[0]).group()
+
+            async def attack():
+                async with Client(url) as client:
+                    for payload in ("\x1b]0;owned\x07", "\ud800", "a\nb", "\u202eabc"):
+                        await client.command("AB", "x", payload)
+                    assert (await client.request(7))["request"] == 7
+
+            asyncio.run(attack())
+            assert serve.stop() == 0
+            text = "\n".join(serve.out)
+            assert "?]0;owned?" in text
+            assert not set(text) & set("\x1b\x07\u202e")
+
+
+class TestHostileSwarms:
+    @pytest.mark.parametrize(
+        "robots",
+        [
+            [{"address": "A", "lh2_position": {"x": "no"}, "battery": "full", "status": 99, "name": ["x"]}],
+            [{"address": "A\x1b[2J", "name": "\x1b]0;x\x07", "lh2_position": {"x": 10**400, "y": None}}],
+            [{"address": 7}, None, "A", {"name": "no address"}, {"address": "B", "battery": True, "status": True}],
+        ],
+        ids=["wrong types", "escapes", "not robots"],
+    )
+    async def test_a_list_of_robots_is_shown_whatever_is_in_it(self, broker, robots):
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
+            server.on_request(0)(lambda request: robots)
+            await server.wait_connected(10)
+            url = server.qr().for_page("phalanx:")
+            done = await asyncio.to_thread(run, "link", "connect", url)
+            assert done.returncode == 0, done.stderr
+            assert "\x1b" not in done.stdout
+            done = await asyncio.to_thread(run, "link", "connect", url, "--json")
+            assert all(isinstance(robot["address"], str) for robot in json.loads(done.stdout)["robots"])
 
 
 class TestDoctor:

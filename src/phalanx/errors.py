@@ -2,6 +2,7 @@
 
 `PeerError`: bytes from outside are wrong. Expected under attack: counted by `reason`, survived, never answered.
 `UsageError`: we were called wrongly; one clear line to a person, who can mend it.
+`Unavailable`: the world said no (a broker, a port); one clear line, and trying again may help.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class Unknown(PeerError):
 
 
 class HandlerFailed(PeerError):
-    """A handler broke on what a peer said. The peer is only told nothing; the fault is ours, and logged as such."""
+    """A handler broke on what a peer said. The peer hears nothing; the fault is ours, and logged as such."""
 
     reason = "handler_failed"
 

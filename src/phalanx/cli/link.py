@@ -20,10 +20,11 @@ from phalanx.link.topics import ADDRESS
 
 from .options import link_options, login_option, read_login
 from .run import run
-from .terminal import print_json
+from .terminal import plain, print_json
 
 DRIVE_EVERY_S = 0.1
 STATUS = ("active", "quiet", "lost")
+MILLION = 1_000_000
 
 
 @click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
@@ -114,13 +115,26 @@ def _show_robots(robots: list[dict[str, Any]], as_json: bool) -> None:
         print_json({"robots": robots})
         return
     for robot in robots:
-        at = robot.get("lh2_position")
-        place = f"{at['x']:7.0f} {at['y']:7.0f} mm" if isinstance(at, dict) else " " * 18
-        state = robot.get("status")
         click.echo(
-            f"{robot['address']:16}  {robot.get('name') or '':8}  {place}  {robot.get('battery') or 0:5.2f} V  "
-            f"{STATUS[state] if isinstance(state, int) and 0 <= state < len(STATUS) else '?'}"
+            f"{plain(robot['address']):16}  {plain(robot.get('name') or ''):8}  {_place(robot.get('lh2_position'))}  "
+            f"{_number(robot.get('battery'), '5.2f', ' V')}  {_state(robot.get('status'))}"
         )
+
+
+def _place(at: object) -> str:
+    x, y = (at.get("x"), at.get("y")) if isinstance(at, dict) else (None, None)
+    return f"{_number(x, '7.0f')} {_number(y, '7.0f', ' mm')}"
+
+
+def _number(value: object, form: str, unit: str = "") -> str:
+    width = int(form.split(".", maxsplit=1)[0]) + len(unit)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MILLION:  # NaN too
+        return " " * width
+    return f"{value:{form}}{unit}"
+
+
+def _state(value: object) -> str:
+    return STATUS[value] if isinstance(value, int) and 0 <= value < len(STATUS) else "?"
 
 
 async def _drive(
@@ -232,5 +246,5 @@ def _tell(said: object, url: str, events: bool, what: str = "rotation") -> None:
     if events:
         print_json(told)
     else:
-        words = "  ".join(str(value) for key, value in told.items() if key not in ("pin", "topic"))
-        click.echo(words)
+        words = (plain(value, 1000) for key, value in told.items() if key not in ("pin", "topic"))
+        click.echo("  ".join(words))

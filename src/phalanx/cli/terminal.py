@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal
 import sys
 from typing import Any
 
@@ -41,6 +43,18 @@ def end_status_line() -> None:
         click.echo("", err=True)
 
 
+def plain(text: object, longest: int = 60) -> str:
+    """`text` from a peer, without the characters that would command the terminal instead of showing in it."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in str(text))
+    return shown if len(shown) <= longest else shown[: longest - 1] + "…"
+
+
 def print_json(value: Any) -> None:
-    """One line of JSON on stdout, at once."""
-    click.echo(json.dumps(value, separators=(",", ":"), allow_nan=False))
+    """One line of JSON on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
+    try:
+        click.echo(json.dumps(value, separators=(",", ":"), allow_nan=False))
+    except BrokenPipeError:
+        if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        signal.raise_signal(signal.SIGTERM)

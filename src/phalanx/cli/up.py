@@ -32,6 +32,7 @@ from .terminal import end_status_line, print_json, qr_text, status_line
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
 )
 @click.option("--port", type=click.IntRange(0, 65535), help="Of the visitors' page.  [default: 8080, or any free one]")
+@click.option("--page-url", default="", help="Where visitors find our page, if not here: behind an https proxy, say.")
 @click.option("--frontend", default="", help="Send visitors to this page of the published kind instead of ours.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
 @click.option("--events", is_flag=True, help="Print one JSON object a line instead of a QR code; the first is 'ready'.")
@@ -48,6 +49,7 @@ def up(
     broker_login: Path | None,
     host: str,
     port: int | None,
+    page_url: str,
     frontend: str,
     duration: float | None,
     events: bool,
@@ -66,6 +68,7 @@ def up(
         login=read_login(broker_login),
         host=host,
         port=port,
+        page_url=page_url,
         frontend=frontend,
         duration_s=duration,
         link=LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s),

@@ -30,7 +30,7 @@ def _decode(segment: bytes) -> bytes:
         raw = base64.urlsafe_b64decode(segment + b"=" * (-len(segment) % 4))
     except binascii.Error as error:
         raise MalformedJwe("a segment is not base64url") from error
-    # Python skips foreign characters and ignores spare bits: two texts for one message would pass the replay cache.
+    # Python skips foreign characters and ignores spare bits; one message has one text, in every language that reads it.
     if _encode(raw) != segment:
         raise MalformedJwe("a segment is not canonical base64url")
     return raw

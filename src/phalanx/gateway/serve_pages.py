@@ -51,7 +51,10 @@ class _Site:
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
             refusal = self.refuse(request)
-            response = refusal or await handler(request)
+            try:
+                response = refusal or await handler(request)
+            except web.HTTPException as error:  # aiohttp's way of saying 404
+                response = web.Response(status=error.status, text=f"{error.reason}\n")
             response.headers.update(headers)
             return response
 

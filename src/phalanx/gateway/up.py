@@ -17,7 +17,7 @@ import segno
 
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
-from phalanx.io import Login, Server
+from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
 from phalanx.io.ports import LOOPBACK, free_port, lan_address
@@ -51,6 +51,7 @@ class UpOptions:
         login: for a broker elsewhere.
         host: address to listen on for visitors; 0.0.0.0 for every one.
         port: of the visitors' page; None for 8080 or any free one, 0 for any.
+        page_url: where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
         frontend: page of the published form to send visitors to, instead of ours.
         duration_s: end by itself after so long.
         link: the link's parameters.
@@ -63,6 +64,7 @@ class UpOptions:
     login: Login | None = None
     host: str = LOOPBACK
     port: int | None = None
+    page_url: str = ""
     frontend: str = ""
     duration_s: float | None = None
     link: LinkConfig = field(default_factory=LinkConfig)
@@ -99,7 +101,7 @@ class Running:
             "topic": self._server.epoch.topic,
             "broker_host": self._broker.url.host,
             "broker_port": self._broker.url.port,
-            "broker_ws_port": urlsplit(self._broker.websocket).port or 0,
+            "broker_ws_port": parse_broker_url(self._broker.websocket).port,
             "operator_url": operator_url,
         }
 
@@ -217,14 +219,15 @@ async def up(options: UpOptions, say: Say, started: Callable[[Running], None] = 
     port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
     token = secrets.token_hex(16)
-    if options.frontend and urlsplit(options.frontend).scheme not in ("http", "https"):
-        raise UsageError(f"frontend {options.frontend!r} is not a page", "an http:// or https:// URL")
+    for page in (options.frontend, options.page_url):
+        if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
+            raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(VisitorPages(options.host, port))
         broker = await stack.enter_async_context(
             open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=ws_host)
         )
-        page_url = f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{pages.port}/"
+        page_url = options.page_url or f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{pages.port}/"
         server = Server(
             broker.url, config=options.link, broker_for_visitors=on_host(broker.websocket, advertised), mqtt=broker.mqtt
         )

@@ -6,14 +6,17 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import Any
 
+import websockets
 from amqtt.broker import Broker
 from amqtt.contexts import BrokerConfig, ListenerConfig, ListenerType
 from amqtt.errors import BrokerError
 
 from phalanx.errors import Unavailable
 
+from .connection import MAX_PACKET_BYTES
 from .ports import LOOPBACK
 
 # Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.
@@ -30,6 +33,21 @@ class _CappedBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
 
     async def retain_message(self, *_: Any, **__: Any) -> None:
         """Retain nothing."""
+
+    async def _create_server_instance(
+        self, listener_name: str, listener_type: ListenerType, address: str | None, port: int, ssl_context: Any
+    ) -> Any:
+        if listener_type is not ListenerType.WS:
+            return await super()._create_server_instance(listener_name, listener_type, address, port, ssl_context)
+        return await websockets.serve(
+            partial(self.ws_connected, listener_name=listener_name),
+            address,
+            port,
+            subprotocols=[websockets.Subprotocol("mqtt")],
+            # MQTT has a keepalive of its own; paho answers a websocket's ping unmasked, and is hung up on for it.
+            ping_interval=None,
+            max_size=MAX_PACKET_BYTES,
+        )
 
     async def hang_up_on_stalled_readers(self) -> None:
         """Close connections whose buffer stays full for three checks in a row; runs until cancelled."""

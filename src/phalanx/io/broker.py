@@ -7,6 +7,8 @@ import logging
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
+from phalanx.errors import UsageError
+
 from .amqtt_broker import amqtt
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
 from .mosquitto import find_mosquitto, mosquitto
@@ -53,12 +55,17 @@ async def open_broker(
         ws_host: address at which an embedded broker listens for browsers; loopback unless asked.
         tcp_port: 0 for 1883 or any free one.
         ws_port: 0 for 9001 or any free one.
-    Raises: UsageError: a bad URL. Unavailable: an embedded broker does not start.
+    Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails.
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
-        yield RunningBroker("external", url, websocket or websocket_of(url), 5)
+        browsers = parse_broker_url(websocket) if websocket else None
+        if browsers and not browsers.websockets:
+            raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
+        yield RunningBroker("external", url, str(browsers) if browsers else websocket_of(url), 5)
         return
+    if websocket:
+        raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
     name = kind if kind != "auto" else "mosquitto" if find_mosquitto() else "amqtt"
     if name != kind:
         log.debug("broker: %s", name)

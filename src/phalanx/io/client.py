@@ -139,8 +139,8 @@ class Client:
             self._waiting[number].remove(answer)
         if self.skew_s is not None:
             raise Unavailable(
-                f"the swarm refuses this machine's clock: it is {abs(self.skew_s):.0f} s "
-                f"{'behind' if self.skew_s > 0 else 'ahead'}",
+                f"this machine's clock is {abs(self.skew_s):.0f} s "
+                f"{'behind' if self.skew_s > 0 else 'ahead of'} the swarm's",
                 "set the clock, best by NTP",
             )
         raise Unavailable(f"no answer from the swarm within {timeout_s:g} s", "the code may have changed: scan again")

@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import random
 import ssl
 from collections.abc import Awaitable, Callable, Iterable
 
 import aiomqtt
 from aiomqtt.client import ProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
 
 from phalanx.errors import Unavailable
 from phalanx.link.messages import Ask, Publish, Subscribe
@@ -26,7 +29,8 @@ KEEPALIVE_S = 60
 # From a broker's return to the first retry: the last wait before it, 1.5 s with jitter, well below the 5 s we promise.
 FIRST_RETRY_S, LAST_RETRY_S = 0.2, 1.0
 CONNECT_TIMEOUT_S = 5.0
-INCOMING_LIMIT = 20_000
+INCOMING_LIMIT = 5_000
+MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
@@ -37,7 +41,7 @@ class Connection:
 
     Args:
         broker: where.
-        client_id: MQTT client id, unique on the broker.
+        name: for the log; the MQTT client id is random and known to nobody else, who could use it to take over.
         subscriptions: filters that should be subscribed to, asked at every connect.
         on_message: awaited with each message's topic and payload, in order.
         on_connect: called after each connect and subscribe; true for a reconnect.
@@ -47,7 +51,7 @@ class Connection:
     def __init__(
         self,
         broker: BrokerUrl,
-        client_id: str,
+        name: str,
         subscriptions: Callable[[], Iterable[str]],
         on_message: Callable[[str, bytes], Awaitable[None]],
         on_connect: Callable[[bool], Awaitable[None]],
@@ -58,7 +62,7 @@ class Connection:
         self.connected = asyncio.Event()
         self.reconnects = 0
         self.trouble = ""
-        self._client_id = client_id
+        self._name = name
         self._subscriptions = subscriptions
         self._on_message = on_message
         self._on_connect = on_connect
@@ -99,7 +103,7 @@ class Connection:
                 else:
                     await client.unsubscribe(ask.topic)
         except (aiomqtt.MqttError, OSError, ValueError) as error:
-            log.debug("%s: not sent: %s", self._client_id, error)
+            log.debug("%s: not sent: %s", self._name, error)
             return False
         return True
 
@@ -107,7 +111,7 @@ class Connection:
         client = aiomqtt.Client(
             self.broker.host,
             self.broker.port,
-            identifier=self._client_id,
+            identifier=f"phalanx{os.urandom(8).hex()}",
             username=self.broker.login.username if self.broker.login else None,
             password=self.broker.login.password if self.broker.login else None,
             protocol=ProtocolVersion.V5 if self.mqtt == 5 else ProtocolVersion.V311,
@@ -117,9 +121,10 @@ class Connection:
             keepalive=KEEPALIVE_S,
             timeout=CONNECT_TIMEOUT_S,
             max_queued_incoming_messages=INCOMING_LIMIT,
+            properties=_connect_properties() if self.mqtt == 5 else None,
         )
         # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
-        await self._knock()
+        await self._reach()
         async with client:
             for topic in self._subscriptions():
                 await client.subscribe(topic, qos=0)
@@ -135,7 +140,7 @@ class Connection:
                 payload = message.payload
                 await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
 
-    async def _knock(self) -> None:
+    async def _reach(self) -> None:
         _, writer = await asyncio.wait_for(
             asyncio.open_connection(self.broker.host, self.broker.port), CONNECT_TIMEOUT_S
         )
@@ -163,3 +168,9 @@ class Connection:
         if not self._ever and not self.trouble:
             log.warning("no broker at %s yet (%s); waiting for it", self.broker, words)
         self.trouble = words
+
+
+def _connect_properties() -> Properties:
+    properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    return properties

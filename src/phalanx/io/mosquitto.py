@@ -17,12 +17,11 @@ from pathlib import Path
 
 from phalanx.errors import Unavailable
 
+from .connection import MAX_PACKET_BYTES
 from .ports import LOOPBACK
 
 log = logging.getLogger(__name__)
 
-# Above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed.
-MAX_PACKET_BYTES = 2 * 1024 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
 PR_SET_PDEATHSIG = 1

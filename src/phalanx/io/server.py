@@ -137,9 +137,8 @@ class Server:
         return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
 
     async def __aenter__(self) -> Self:
-        client_id = f"phalanx-{os.urandom(8).hex()}"
         self._link = Connection(
-            self.broker, client_id, self._side.subscriptions, self._on_message, self._on_connect, self._mqtt
+            self.broker, "server", self._side.subscriptions, self._on_message, self._on_connect, self._mqtt
         )
         self._tasks = [asyncio.create_task(self._link.run()), asyncio.create_task(self._rotate())]
         return self
@@ -197,7 +196,7 @@ class Server:
             await self._do(self._side.advance(time.monotonic()))
             if self._side.epoch is not before:
                 log.info("a new pin; the old one is accepted for %g s more", self.config.overlap_s)
-                self.on_event(self._side.epoch)
+                self._report(self._side.epoch)
 
     async def _do(self, asks: tuple[Ask, ...]) -> None:
         if self._link is not None and asks:
@@ -211,7 +210,14 @@ class Server:
             said = self._side.reject(error)
         if isinstance(said, Rejected):
             log.debug("refused a message: %s", said.reason)
-        self.on_event(said)
+        self._report(said)
+
+    def _report(self, said: Happening) -> None:
+        try:
+            self.on_event(said)
+        except Exception:
+            # What a peer says must not end the receive loop by way of whoever watches it.
+            log.exception("on_event failed")
 
     async def _handle(self, said: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
         if isinstance(said, Command):
