@@ -60,9 +60,13 @@ class _Site:
 
         self.app = web.Application(middlewares=[guard], client_max_size=4096)
         self.app.router.add_get("/", self._index)
-        if (self._folder / "assets").is_dir():
-            self.app.router.add_static("/assets", self._folder / "assets")
+        self._add_routes()
+        if self._folder.is_dir():
+            self.app.router.add_static("/", self._folder)
         self._runner = web.AppRunner(self.app, access_log=None, shutdown_timeout=0.5)
+
+    def _add_routes(self) -> None:
+        """Routes that come before the page's files."""
 
     def refuse(self, request: web.Request) -> web.Response | None:  # noqa: ARG002
         """An answer to give instead, or None."""
@@ -115,9 +119,11 @@ class OperatorPages(_Site):
     """
 
     def __init__(self, token: str, state: Callable[[], dict[str, Any]]) -> None:
-        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0)
         self._token = token
         self._state = state
+        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0)
+
+    def _add_routes(self) -> None:
         self.app.router.add_get("/api/state", self._tell_state)
 
     def refuse(self, request: web.Request) -> web.Response | None:

@@ -1,0 +1,423 @@
+"""The pages in a real browser, on an insecure origin as phones see it, against a real gateway."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zxingcpp
+
+from conftest import ROOT, a_gateway, bare_mosquitto
+from phalanx.io.ports import free_port
+from phalanx.link import Pin, QrUrl
+
+playwright = pytest.importorskip("playwright.sync_api")
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(120)]
+
+# Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
+HOST = "swarm.test"
+FLAGS = [
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
+]
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    chromium = shutil.which("chromium")
+    assert chromium, "apt-get install chromium"
+    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
+    with playwright.sync_playwright() as p:
+        running = p.chromium.launch(executable_path=chromium, args=flags)
+        yield running
+        running.close()
+
+
+@contextmanager
+def a_page(browser, *scripts: str, **options):
+    """A page of its own browser context that fails the test if it logs an error or breaks its policy."""
+    context = browser.new_context(**(options or PHONE))
+    for script in scripts:
+        context.add_init_script(script)
+    page = context.new_page()
+    trouble: list[str] = []
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.on(
+        "console",
+        lambda message: (
+            trouble.append(message.text)
+            if message.type == "error" and not re.search("WebSocket connection|ERR_|status of 401", message.text)
+            else None
+        ),
+    )
+    try:
+        yield page
+        assert not trouble
+    finally:
+        context.close()
+
+
+def insecure(url: str) -> str:
+    return url.replace("http://127.0.0.1", f"http://{HOST}", 1)
+
+
+def badge(page, state: str, timeout_s: float = 15) -> str:
+    found = page.locator(f"[data-testid=badge][data-state={state}]")
+    found.wait_for(timeout=timeout_s * 1000)
+    return found.inner_text()
+
+
+@contextmanager
+def a_dotbot_server(tcp: int, *arguments: str):
+    """The published server with a fleet of PyDotBot's words; yields its events as they come."""
+    server = subprocess.Popen(
+        [sys.executable, "peers/pypi_qrkey_server.py", "--root", "/pydotbot", "--vocabulary", "dotbot", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=os.environ | {"MQTT_HOST": "127.0.0.1", "MQTT_PORT": str(tcp), "MQTT_VERSION": "5"},
+        cwd=ROOT / "tests",
+    )
+    events: list[dict] = []
+
+    def read():
+        for line in server.stdout:
+            events.append(json.loads(line))
+
+    threading.Thread(target=read, daemon=True).start()
+    try:
+        yield events
+    finally:
+        server.kill()
+        server.wait()
+
+
+def choose(page, name: str) -> None:
+    select = page.get_by_test_id("robot-select")
+    select.select_option(
+        label=next(text for text in select.locator("option").all_inner_texts() if text.startswith(name))
+    )
+
+
+def moves(up, address_end: str = "") -> list[dict]:
+    return [
+        e["payload"] for e in up.events("command") if e["name"] == "move_raw" and e["address"].endswith(address_end)
+    ]
+
+
+def wait_until(condition, timeout_s: float = 10):
+    deadline = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return value
+
+
+class TestVisitor:
+    def test_a_phone_scans_and_drives_by_touch_and_the_robot_stops_when_it_lets_go(self, browser):
+        with a_gateway("--robots", "4") as (up, ready), a_page(browser) as page:
+            page.goto(insecure(ready["qr_url"]))
+            assert "4 robots" in badge(page, "live")
+            assert page.evaluate("window.isSecureContext") is False
+            assert page.evaluate("crypto.subtle === undefined")
+            assert ready["pin"] not in page.url
+            assert "#" not in page.url
+            choose(page, "Bo ")
+            box = page.get_by_test_id("joystick").bounding_box()
+            x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+            touch = page.context.new_cdp_session(page)
+
+            def finger(kind: str, *points):
+                touch.send(
+                    "Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b} for a, b in points]}
+                )
+
+            finger("touchStart", (x, y))
+            finger("touchMove", (x, y - box["height"] * 0.45))
+            wait_until(lambda: len(moves(up, "2")) >= 8)
+            began = len(moves(up, "2"))
+            page.wait_for_timeout(1000)
+            assert 7 <= len(moves(up, "2")) - began <= 13, "every 100 ms"
+            assert all(move["left_y"] > 50 and move["right_y"] > 50 for move in moves(up, "2")[2:])
+            finger("touchEnd")
+            wait_until(lambda: moves(up, "2")[-1] == {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0})
+            page.wait_for_timeout(400)
+            count = len(moves(up, "2"))
+            page.wait_for_timeout(400)
+            assert len(moves(up, "2")) == count
+            assert not moves(up, "1"), "only the chosen robot"
+
+    def test_keys_drive_it_and_hiding_the_page_stops_it(self, browser):
+        with (
+            a_gateway("--robots", "2") as (up, ready),
+            a_page(browser, viewport={"width": 1280, "height": 800}) as page,
+        ):
+            page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            for _ in range(12):
+                page.keyboard.press("Tab")
+                if page.evaluate("document.activeElement.dataset.testid") == "robot-select":
+                    break
+            page.keyboard.press("ArrowDown")
+            for _ in range(12):
+                page.keyboard.press("Tab")
+                if page.evaluate("!!document.activeElement.closest('[data-testid=joystick]')"):
+                    break
+            page.keyboard.down("ArrowUp")
+            wait_until(lambda: len(moves(up)) >= 5)
+            assert moves(up)[-1]["left_y"] == moves(up)[-1]["right_y"] > 0
+            page.keyboard.down("ArrowRight")
+            wait_until(lambda: moves(up)[-1]["left_y"] > moves(up)[-1]["right_y"])
+            page.evaluate(
+                "Object.defineProperty(document, 'visibilityState', {value: 'hidden', configurable: true});"
+                "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+                "document.dispatchEvent(new Event('visibilitychange'))"
+            )
+            wait_until(lambda: moves(up)[-1]["left_y"] == moves(up)[-1]["right_y"] == 0)
+            count = len(moves(up))
+            page.wait_for_timeout(500)
+            assert len(moves(up)) == count
+
+    def test_a_phone_that_dies_while_driving_leaves_no_robot_running(self, browser):
+        with a_gateway("--robots", "1") as (up, ready):
+            with a_page(browser) as page:
+                page.goto(insecure(ready["qr_url"]))
+                badge(page, "live")
+                choose(page, "Ada")
+                page.get_by_test_id("joystick").focus()
+                page.keyboard.down("KeyW")
+                wait_until(lambda: len(moves(up)) >= 5)
+                page.close(run_before_unload=False)
+            watch = subprocess.run(
+                [sys.executable, "-m", "phalanx", "link", "connect", ready["qr_url"], "--json"],
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            time.sleep(0.5)
+            again = subprocess.run(watch.args, capture_output=True, text=True, check=True)
+            places = [json.loads(done.stdout)["robots"][0]["lh2_position"] for done in (watch, again)]
+            assert places[0] == places[1]
+
+    def test_colour_route_and_trail(self, browser):
+        with a_gateway("--robots", "3", "--seed", "4") as (up, ready), a_page(browser) as page:
+            page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            choose(page, "Cleo")
+            page.get_by_role("button", name=re.compile("red", re.IGNORECASE)).first.click()
+            led = wait_until(lambda: [e for e in up.events("command") if e["name"] == "rgb_led"])[0]
+            assert led["payload"]["red"] > led["payload"]["blue"]
+            page.get_by_test_id("route-toggle").click()
+            box = page.get_by_test_id("map").bounding_box()
+            for across, down in ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7)):
+                page.touchscreen.tap(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
+                page.wait_for_timeout(100)
+            page.get_by_test_id("threshold").fill("80")
+            page.get_by_test_id("route-start").click()
+            route = wait_until(lambda: [e for e in up.events("command") if e["name"] == "waypoints"])[0]["payload"]
+            assert route["threshold"] == 80
+            corners = [(point["x"], point["y"]) for point in route["waypoints"]][-3:]
+            assert all(300 < x < 1700 and 300 < y < 1700 for x, y in corners)
+            assert corners[0][0] < corners[1][0]
+            assert corners[1][1] < corners[2][1]
+            page.wait_for_timeout(1500)
+            page.get_by_test_id("route-clear").click()
+            wait_until(lambda: [e for e in up.events("command") if e["payload"] == {"threshold": 80, "waypoints": []}])
+            page.get_by_test_id("trail-clear").click()
+            wait_until(lambda: [e for e in up.events("command") if e["name"] == "clear_position_history"])
+            assert not up.events("rejected")
+
+    def test_it_follows_rotations_and_recovers_after_sleeping_through_one(self, browser):
+        with a_gateway("--rotate-s", "6", "--overlap-s", "2") as (up, ready), a_page(browser) as page:
+            page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            up.wait_for("rotation")
+            page.wait_for_timeout(3000)  # beyond the overlap
+            assert "12 robots" in badge(page, "live")
+            # Asleep: from before a rotation until after the end of its overlap nothing of the page runs.
+            page.goto("about:blank")
+            up.wait_for("rotation", len(up.events("rotation")) + 1)
+            page.wait_for_timeout(2500)
+            page.go_back()
+            badge(page, "live", 12)
+            page.get_by_test_id("badge").get_by_text("12 robots").wait_for(timeout=5000)
+            choose(page, "Ada")
+            page.get_by_test_id("joystick").focus()
+            page.keyboard.down("KeyW")
+            wait_until(lambda: moves(up))
+            page.keyboard.up("KeyW")
+
+    def test_a_page_that_hears_nothing_says_so(self, browser):
+        with a_gateway() as (_, ready), a_page(browser) as page:
+            page.goto(insecure(ready["qr_url"].replace(ready["pin"], "1" * 39)))
+            assert "scan" in badge(page, "silent").lower()
+
+    def test_a_killed_broker_is_named_and_the_page_reconnects_by_itself(self, browser, tmp_path):
+        tcp = free_port()
+        ws = tcp + 1
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
+            start()
+            with a_gateway("--broker", f"mqtt://127.0.0.1:{tcp}") as (up, ready), a_page(browser) as page:
+                page.goto(insecure(ready["qr_url"]))
+                badge(page, "live")
+                kill()
+                assert f"127.0.0.1:{ws}" in badge(page, "offline")
+                time.sleep(1)
+                start()
+                returned = time.monotonic()
+                badge(page, "live", 5)
+                choose(page, "Ada")
+                page.get_by_test_id("joystick").focus()
+                page.keyboard.down("KeyW")
+                wait_until(lambda: moves(up), 5)
+                assert time.monotonic() - returned < 5
+                page.keyboard.up("KeyW")
+
+    @pytest.mark.parametrize(
+        ("skew_s", "state", "words"),
+        [(29, "live", "12 robots"), (-29, "live", "12 robots"), (-33, "clock", "behind"), (33, "clock", "ahead")],
+    )
+    def test_a_phones_clock_may_be_off_by_thirty_seconds_and_is_told_when_it_is_more(
+        self, browser, skew_s, state, words
+    ):
+        clock = f"{{const now = Date.now.bind(Date); Date.now = () => now() + {skew_s * 1000};}}"
+        with a_gateway() as (up, ready), a_page(browser, clock) as page:
+            page.goto(insecure(ready["qr_url"]))
+            assert words in badge(page, state)
+            if state == "live":
+                choose(page, "Ada")
+                page.get_by_test_id("joystick").focus()
+                page.keyboard.down("KeyW")
+                wait_until(lambda: moves(up))
+                page.keyboard.up("KeyW")
+            else:
+                assert re.search("3[234] s", badge(page, state))
+                up.wait_for("rejected")
+
+    def test_without_a_code_it_asks_for_one(self, browser):
+        with a_gateway() as (_, ready), a_page(browser) as page:
+            page.goto(insecure(ready["page_url"]))
+            badge(page, "nocode")
+            page.get_by_test_id("link").fill(ready["qr_url"])
+            page.get_by_test_id("link-join").click()
+            badge(page, "live")
+
+    @pytest.mark.parametrize(("vocabulary", "side"), [([], 1), (["--millimetres"], 2000)], ids=["0.28", "0.30"])
+    def test_it_drives_a_server_of_pydotbots_words(self, browser, tmp_path, vocabulary, side):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _), a_gateway() as (_, ready), a_page(browser) as page:
+            start()
+            with a_dotbot_server(tcp, *vocabulary) as events:
+
+                def commands(name):
+                    return [e["payload"] for e in events if e["event"] == "command" and name in e["topic"]]
+
+                pin = wait_until(lambda: [e for e in events if e["event"] == "ready"])[0]["pin"]
+                qr = QrUrl(Pin(pin), f"ws://127.0.0.1:{ws}/mqtt", "/pydotbot")
+                page.goto(insecure(qr.for_page(ready["page_url"])))
+                assert "3 robots" in badge(page, "live")
+                select = page.get_by_test_id("robot-select")
+                wait_until(lambda: select.locator("option").count() >= 4)
+                select.select_option(index=1)
+                page.get_by_test_id("joystick").focus()
+                page.keyboard.down("KeyW")
+                wait_until(lambda: commands("move_raw"))
+                page.keyboard.up("KeyW")
+                page.get_by_role("button", name=re.compile("red", re.IGNORECASE)).first.click()
+                wait_until(lambda: commands("rgb_led"))
+                page.get_by_test_id("route-toggle").click()
+                box = page.get_by_test_id("map").bounding_box()
+                page.touchscreen.tap(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+                page.get_by_test_id("route-start").click()
+                middle = wait_until(lambda: commands("waypoints"))[0]["waypoints"][-1]
+                assert middle["x"] / side == pytest.approx(0.5, abs=0.1)
+                assert middle["y"] / side == pytest.approx(0.5, abs=0.1)
+                assert not [e for e in events if e["event"] == "refused"]
+
+    def test_it_looks_like_the_picture_in_the_readme(self, browser, tmp_path):
+        """Not pixel by pixel: the same layout at phone size, nothing beside the screen, text of a readable size."""
+        with a_gateway() as (_, ready), a_page(browser) as page:
+            page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            assert page.evaluate("document.documentElement.scrollWidth") <= 390
+            for name in ("map", "joystick", "robot-select", "badge"):
+                box = page.get_by_test_id(name).bounding_box()
+                assert box["x"] >= 0
+                assert box["x"] + box["width"] <= 390
+            small = page.evaluate(
+                "[...document.querySelectorAll('button, select, input')].filter(e => e.offsetParent)"
+                ".map(e => [e.dataset.testid || e.textContent, e.getBoundingClientRect()])"
+                ".filter(([, r]) => r.height < 24 || r.width < 24).map(([n]) => n)"
+            )
+            assert not small
+
+
+class TestOperator:
+    def test_its_code_scans_its_numbers_move_and_the_token_is_gone_from_the_address(self, browser, tmp_path):
+        with a_gateway() as (_, ready), a_page(browser, viewport={"width": 1280, "height": 800}) as page:
+            page.goto(ready["operator_url"])
+            page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
+            assert "token" not in page.url
+            picture = tmp_path / "operator.png"
+            page.screenshot(path=picture)
+            assert qr_in(picture) == ready["qr_url"]
+            assert ready["pin"] not in page.locator("body").inner_text()
+            with a_page(browser) as visitor:
+                visitor.goto(insecure(ready["qr_url"]))
+                badge(visitor, "live")
+                choose(visitor, "Ada")
+                visitor.get_by_test_id("joystick").focus()
+                visitor.keyboard.down("KeyW")
+                page.get_by_test_id("visitors").get_by_text("phalanx_").wait_for()
+                wait_until(
+                    lambda: int(re.search(r"\d+", page.locator("[data-counter=commands]").inner_text()).group()) > 5
+                )
+                visitor.keyboard.up("KeyW")
+            page.reload()
+            page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
+
+    def test_without_the_token_it_shows_nothing(self, browser):
+        with a_gateway() as (_, ready):
+            for url in (ready["operator_url"].split("#")[0], ready["operator_url"][:-1] + "x"):
+                with a_page(browser, viewport={"width": 1280, "height": 800}) as page:
+                    page.goto(url)
+                    page.get_by_test_id("no-token").wait_for()
+                    assert page.get_by_test_id("qr").count() == 0
+
+    def test_after_a_rotation_the_code_on_the_screen_is_the_new_one(self, browser, tmp_path):
+        with (
+            a_gateway("--rotate-s", "4", "--overlap-s", "1") as (up, ready),
+            a_page(browser, viewport={"width": 1920, "height": 1080}) as page,
+        ):
+            page.goto(ready["operator_url"])
+            page.get_by_test_id("qr").wait_for()
+            url = up.wait_for("rotation")["qr_url"]
+            page.wait_for_timeout(1800)
+            page.screenshot(path=tmp_path / "operator.png")
+            assert qr_in(tmp_path / "operator.png") == url
+
+
+def qr_in(picture: Path) -> str:
+    import matplotlib.image
+    import numpy as np
+
+    pixels = matplotlib.image.imread(picture)
+    grey = (pixels[..., :3].mean(axis=-1) * 255).astype(np.uint8)
+    (found,) = zxingcpp.read_barcodes(np.ascontiguousarray(grey))
+    return found.text

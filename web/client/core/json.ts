@@ -1,0 +1,54 @@
+// JSON from a peer: parsed strictly, and typed so that nothing inside is used before it was looked at.
+
+import { MalformedEnvelope } from "./errors";
+
+export type Json = null | boolean | number | string | readonly Json[] | JsonObject;
+export interface JsonObject {
+  readonly [key: string]: Json | undefined;
+}
+
+// The vocabulary nests six deep. Parsers differ in how deep they can go, and some run out of stack instead of refusing.
+const DEEPEST = 200;
+
+// ignoreBOM keeps the mark in the text, where JSON.parse refuses it, as other languages' parsers do.
+const utf8 = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
+
+/** The object in `plaintext`. @throws MalformedEnvelope: not UTF-8, not JSON, nested too deep, not an object. */
+export function parseObject(plaintext: Uint8Array): JsonObject {
+  let value: Json;
+  try {
+    const text = utf8.decode(plaintext);
+    refuseDepth(text);
+    value = JSON.parse(text) as Json;
+  } catch {
+    // JSON.parse quotes what it read: that message must not travel on.
+    throw new MalformedEnvelope("not JSON");
+  }
+  if (!isObject(value)) throw new MalformedEnvelope("not a JSON object");
+  return value;
+}
+
+export function isObject(value: unknown): value is JsonObject {
+  return typeof value === "object" && value !== null && !Array.isArray(value);
+}
+
+/** A key of the object itself: `in` would also find what JavaScript gives every object. */
+export function has(object: JsonObject, key: string): boolean {
+  return Object.hasOwn(object, key);
+}
+
+function refuseDepth(text: string): void {
+  let depth = 0;
+  let inString = false;
+  for (let i = 0; i < text.length; i += 1) {
+    const code = text.charCodeAt(i);
+    if (inString) {
+      if (code === 0x5c) i += 1;
+      else if (code === 0x22) inString = false;
+    } else if (code === 0x22) inString = true;
+    else if (code === 0x5b || code === 0x7b) {
+      depth += 1;
+      if (depth > DEEPEST) throw new MalformedEnvelope("nested too deep");
+    } else if (code === 0x5d || code === 0x7d) depth -= 1;
+  }
+}

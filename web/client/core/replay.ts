@@ -1,0 +1,59 @@
+// The replay cache: every authentic message counts once. The same rules, in the same order, as the gateway's.
+
+import { CacheFull, Replayed, Stale } from "./errors";
+
+/**
+ * Remembers (epoch, IV) until the message would be stale anyway.
+ *
+ * When full it refuses: forgetting inside the window would let a flood reopen the door to a replay.
+ */
+export class ReplayCache {
+  readonly #capacity: number;
+  readonly #tolerance_s: number;
+  readonly #seen = new Set<string>();
+  // Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
+  readonly #bySecond = new Map<number, string[]>();
+  #sweptTo = Number.NEGATIVE_INFINITY;
+
+  constructor(capacity: number, tolerance_s: number) {
+    this.#capacity = capacity;
+    this.#tolerance_s = tolerance_s;
+  }
+
+  get size(): number {
+    return this.#seen.size;
+  }
+
+  /**
+   * Take note of an authentic message, or refuse it. A refused message leaves the cache unchanged.
+   *
+   * @param iv as text, in any one spelling.
+   * @throws Stale, Replayed, CacheFull
+   */
+  enter(epoch: string, iv: string, timestamp_s: number, now_s: number): void {
+    const skew_s = timestamp_s - now_s;
+    if (!(Math.abs(skew_s) <= this.#tolerance_s)) throw new Stale(skew_s);
+    this.#sweep(now_s);
+    const second = Math.floor(timestamp_s + this.#tolerance_s) + 1;
+    // The clock was set back: this message may be one we have already forgotten.
+    if (second <= this.#sweptTo) throw new Stale(skew_s);
+    const entry = `${epoch} ${iv}`;
+    if (this.#seen.has(entry)) throw new Replayed("this IV was seen before");
+    if (this.#seen.size >= this.#capacity) throw new CacheFull(`${this.#capacity} messages at once`);
+    this.#seen.add(entry);
+    const due = this.#bySecond.get(second);
+    if (due) due.push(entry);
+    else this.#bySecond.set(second, [entry]);
+  }
+
+  #sweep(now_s: number): void {
+    if (now_s <= this.#sweptTo + 1) return;
+    // An entry of second s was stale from s on: its timestamp + tolerance lies below s.
+    for (const [second, entries] of this.#bySecond) {
+      if (second > now_s) continue;
+      for (const entry of entries) this.#seen.delete(entry);
+      this.#bySecond.delete(second);
+    }
+    this.#sweptTo = Math.floor(now_s);
+  }
+}

@@ -1,0 +1,20 @@
+// The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
+
+export * from "./core";
+export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
+export { SwarmLink, type SwarmView } from "./io/swarm_link";
+export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
+export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, shortAddress, shortName } from "./robot";
+export {
+  type Area,
+  MOST_ROBOTS,
+  NO_SWARM,
+  REQUEST_AREA,
+  REQUEST_ROBOTS,
+  type RosterEntry,
+  type Swarm,
+  type SwarmAction,
+  swarmReducer,
+} from "./swarm";
+export { type Point, TRAIL_POINTS, Trail } from "./trail";
+export type { BrokerState, Health } from "./watch";

@@ -1,0 +1,172 @@
+// A link over a real broker: mqtt.js carries the bytes that core/link.ts makes and reads.
+//
+// Nothing is queued while the broker is away: a joystick command that arrives late is worse than none.
+
+import { bytesToHex, randomBytes } from "@noble/hashes/utils.js";
+import mqtt, { type MqttClient } from "mqtt";
+import { UsageError } from "../core/errors";
+import type { Json, JsonObject } from "../core/json";
+import { IV_BYTES } from "../core/jwe";
+import { Link, type LinkEvent, type Outgoing } from "../core/link";
+import type { Invitation } from "../core/qrurl";
+import type { BrokerState } from "../watch";
+
+export type ConnectionEvent = LinkEvent | { readonly kind: "broker"; readonly state: BrokerState };
+
+/** No answer: the broker is away, the swarm did not answer in time, or the connection was closed. */
+export class Unanswered extends Error {
+  override readonly name = "Unanswered";
+}
+
+interface Waiting {
+  readonly request: number;
+  readonly resolve: (data: Json) => void;
+  readonly reject: (error: Error) => void;
+  readonly timer: ReturnType<typeof setTimeout>;
+}
+
+const KEEPALIVE_S = 60;
+const RECONNECT_MS = 1000;
+const CONNECT_TIMEOUT_MS = 5000;
+
+export class Connection {
+  readonly clientId = `phalanx_${bytesToHex(randomBytes(8))}`;
+  readonly #link: Link;
+  readonly #mqtt: MqttClient;
+  readonly #listeners = new Set<(event: ConnectionEvent) => void>();
+  readonly #waiting = new Set<Waiting>();
+  #state: BrokerState = "connecting";
+
+  /** Connects at once, and again whenever the broker is lost, until close(). */
+  constructor(to: Invitation) {
+    this.#link = new Link(to.root, to.pin, this.clientId);
+    this.#mqtt = mqtt.connect(to.broker, {
+      clientId: this.clientId,
+      protocolVersion: to.mqtt,
+      clean: true,
+      keepalive: KEEPALIVE_S,
+      reconnectPeriod: RECONNECT_MS,
+      connectTimeout: CONNECT_TIMEOUT_MS,
+      // Ours: after a rotation the topics to resubscribe to are others than those first asked for.
+      resubscribe: false,
+      queueQoSZero: false,
+      // The default runs its timers in a Worker made from a blob: URL, which a strict content security policy refuses.
+      timerVariant: "native",
+    });
+    this.#mqtt.on("connect", () => {
+      // Online means that what is said from now on is heard.
+      this.#mqtt.subscribe([...this.#link.subscriptions], { qos: 0 }, () => {
+        if (this.#mqtt.connected) this.#setState("online");
+      });
+    });
+    this.#mqtt.on("close", () => this.#setState("offline"));
+    // mqtt.js goes on trying by itself; without a listener the event would be thrown.
+    this.#mqtt.on("error", () => {
+      if (!this.#mqtt.connected) this.#setState("offline");
+    });
+    this.#mqtt.on("message", (topic, bytes) => this.#receive(topic, bytes));
+  }
+
+  get state(): BrokerState {
+    return this.#state;
+  }
+
+  /** The pin now in use, which rotations replace. */
+  get pin(): Link["pin"] {
+    return this.#link.pin;
+  }
+
+  /** How many messages were refused, by reason. */
+  get rejected(): ReadonlyMap<string, number> {
+    return this.#link.rejected;
+  }
+
+  /** Be told of everything that happens; the result ends it. */
+  listen(listener: (event: ConnectionEvent) => void): () => void {
+    this.#listeners.add(listener);
+    return () => this.#listeners.delete(listener);
+  }
+
+  /** Send a command, unless the broker is away: then false, and nothing is kept for later. */
+  command(address: string, application: string, name: string, payload: unknown): boolean {
+    return this.#publish(this.#link.command(address, application, name, payload, now_s(), randomBytes(IV_BYTES)));
+  }
+
+  /** The data of the answer. @param more further keys of the request. @throws Unanswered (the promise) */
+  request(request: number, more: JsonObject = {}, timeout_ms = 3000): Promise<Json> {
+    if (!Number.isSafeInteger(request)) throw new UsageError("a request is a whole number");
+    return new Promise((resolve, reject) => {
+      if (!this.#publish(this.#link.request(request, more, now_s(), randomBytes(IV_BYTES)))) {
+        reject(new Unanswered("the broker is away"));
+        return;
+      }
+      const waiting: Waiting = {
+        request,
+        resolve,
+        reject,
+        timer: setTimeout(() => {
+          this.#waiting.delete(waiting);
+          reject(new Unanswered(`no answer within ${timeout_ms} ms`));
+        }, timeout_ms),
+      };
+      this.#waiting.add(waiting);
+    });
+  }
+
+  /** Give up a connection that may be dead, and make another. */
+  restart(): void {
+    if (this.#mqtt.connected) this.#mqtt.stream.destroy();
+  }
+
+  /** Disconnect for good. */
+  close(): void {
+    this.#listeners.clear();
+    for (const waiting of this.#waiting) {
+      clearTimeout(waiting.timer);
+      waiting.reject(new Unanswered("closed"));
+    }
+    this.#waiting.clear();
+    this.#mqtt.end(true);
+  }
+
+  #publish({ topic, bytes }: Outgoing): boolean {
+    if (!this.#mqtt.connected) return false;
+    this.#mqtt.publish(topic, bytes as Buffer, { qos: 0, retain: false }, ignore);
+    return true;
+  }
+
+  #receive(topic: string, bytes: Uint8Array): void {
+    const event = this.#link.receive(topic, bytes, now_s());
+    if (event.kind === "moved") {
+      this.#mqtt.unsubscribe([...event.unsubscribe], ignore);
+      this.#mqtt.subscribe([...event.subscribe], { qos: 0 }, () => this.#emit(event));
+      return;
+    }
+    if (event.kind === "replied") {
+      for (const waiting of this.#waiting) {
+        if (waiting.request !== event.request) continue;
+        this.#waiting.delete(waiting);
+        clearTimeout(waiting.timer);
+        waiting.resolve(event.data);
+      }
+    }
+    this.#emit(event);
+  }
+
+  #setState(state: BrokerState): void {
+    if (state === this.#state) return;
+    this.#state = state;
+    this.#emit({ kind: "broker", state });
+  }
+
+  #emit(event: ConnectionEvent): void {
+    for (const listener of this.#listeners) listener(event);
+  }
+}
+
+function now_s(): number {
+  return Date.now() / 1000;
+}
+
+/** A failure shows as silence or as a lost connection, and both are seen elsewhere. */
+function ignore(): void {}

@@ -1,0 +1,133 @@
+// A connection that keeps the swarm's state: it asks when it must, and tells listeners when something changed.
+
+import type { Json, JsonObject } from "../core/json";
+import type { Pin } from "../core/pin";
+import type { Invitation } from "../core/qrurl";
+import { NO_SWARM, REQUEST_AREA, REQUEST_ROBOTS, type Swarm, type SwarmAction, swarmReducer } from "../swarm";
+import { type Health, Watch } from "../watch";
+import { Connection, type ConnectionEvent } from "./connection";
+
+/** What there is to know. A new object whenever something in it changed. */
+export interface SwarmView {
+  readonly swarm: Swarm;
+  readonly health: Health;
+}
+
+const TICK_MS = 250;
+/** A swarm answers well within this, if the connection still carries anything. */
+const WAKE_MS = 3000;
+
+export class SwarmLink {
+  readonly connection: Connection;
+  readonly #watch = new Watch(performance.now());
+  readonly #listeners = new Set<() => void>();
+  readonly #ticking: ReturnType<typeof setInterval>;
+  readonly #onMoved: (pin: Pin) => void;
+  #waking: ReturnType<typeof setTimeout> | undefined;
+  #heardAt_ms = 0;
+  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
+
+  /** @param onMoved told of every new pin, so that it can be kept for a reload. */
+  constructor(to: Invitation, onMoved: (pin: Pin) => void = () => {}) {
+    this.#onMoved = onMoved;
+    this.connection = new Connection(to);
+    this.connection.listen((event) => this.#on(event));
+    this.#ticking = setInterval(() => this.#tick(), TICK_MS);
+  }
+
+  get view(): SwarmView {
+    return this.#view;
+  }
+
+  /** Be told when `view` changes; the result ends it. */
+  subscribe(listener: () => void): () => void {
+    this.#listeners.add(listener);
+    return () => this.#listeners.delete(listener);
+  }
+
+  /** Send one robot a command, unless the broker is away: then false, and nothing is kept for later. */
+  command(address: string, name: string, payload: unknown): boolean {
+    const application = this.#view.swarm.robots.get(address)?.application ?? "0";
+    const sent = this.connection.command(address, application, name, payload);
+    if (sent && name === "clear_position_history") this.#reduce({ kind: "history_cleared", address });
+    return sent;
+  }
+
+  /** The data of the answer. @throws Unanswered (the promise) */
+  request(request: number, more: JsonObject = {}, timeout_ms?: number): Promise<Json> {
+    // Without the word a gateway would take us for an older page, and begin to notify every robot by itself.
+    return this.connection.request(request, { frames: true, ...more }, timeout_ms);
+  }
+
+  /**
+   * The phone was asleep, or the page in the background: ask at once what was missed.
+   *
+   * A connection that died meanwhile can look alive until the next keepalive, up to 90 s; silence now is taken for that.
+   */
+  wake(): void {
+    const woke_ms = performance.now();
+    this.#watch.missed(woke_ms, 0);
+    clearTimeout(this.#waking);
+    this.#waking = setTimeout(() => {
+      if (this.#heardAt_ms < woke_ms) this.connection.restart();
+    }, WAKE_MS);
+  }
+
+  close(): void {
+    clearInterval(this.#ticking);
+    clearTimeout(this.#waking);
+    this.#listeners.clear();
+    this.connection.close();
+  }
+
+  #on(event: ConnectionEvent): void {
+    const now_ms = performance.now();
+    if (event.kind !== "broker") this.#heardAt_ms = now_ms;
+    switch (event.kind) {
+      case "broker":
+        this.#watch.broker(event.state, now_ms);
+        if (event.state === "online") this.#reduce({ kind: "reconnected" });
+        this.#tick();
+        return;
+      case "rejected":
+        if (event.skew_s !== undefined) this.#watch.stale(event.skew_s, now_ms);
+        return;
+      case "moved":
+        this.#watch.heard(now_ms);
+        // Whatever the swarm said between our leaving the old topics and reaching the new ones.
+        this.#watch.missed(now_ms, Math.random());
+        this.#onMoved(this.connection.pin);
+        return;
+      default:
+        this.#watch.heard(now_ms);
+        if (event.kind === "replied" && event.request === REQUEST_ROBOTS) this.#watch.answered();
+        this.#reduce(event);
+    }
+  }
+
+  #reduce(action: SwarmAction): void {
+    const swarm = swarmReducer(this.#view.swarm, action);
+    if (swarm.missed !== this.#view.swarm.missed) this.#watch.missed(performance.now(), Math.random());
+    if (swarm !== this.#view.swarm) this.#show({ ...this.#view, swarm });
+  }
+
+  #tick(): void {
+    const now_ms = performance.now();
+    if (this.#watch.due(now_ms, Math.random())) {
+      this.#ask(REQUEST_ROBOTS);
+      if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
+    }
+    const health = this.#watch.health(now_ms);
+    if (JSON.stringify(health) !== JSON.stringify(this.#view.health)) this.#show({ ...this.#view, health });
+  }
+
+  #ask(request: number): void {
+    // The answer also comes as an event; that none came is seen by the watch.
+    this.request(request).catch(() => {});
+  }
+
+  #show(view: SwarmView): void {
+    this.#view = view;
+    for (const listener of this.#listeners) listener();
+  }
+}

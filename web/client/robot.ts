@@ -1,0 +1,154 @@
+// A robot as the vocabulary describes it (docs/spec/vocabulary.md), read from words that may be anything.
+//
+// Every reader here returns a value that can be drawn, or undefined: never NaN, never more than a screen or memory holds.
+
+import { isObject, type Json, type JsonObject } from "./core/json";
+import { isAddress } from "./core/topics";
+import { type Point, Trail } from "./trail";
+
+export const ACTIVE = 0;
+export const INACTIVE = 1;
+export const LOST = 2;
+
+export interface Rgb {
+  readonly red: number;
+  readonly green: number;
+  readonly blue: number;
+}
+
+export interface Robot {
+  readonly address: string;
+  readonly name: string;
+  readonly application: string;
+  readonly status: number;
+  /** 0 manual, 1 following waypoints. */
+  readonly mode: number;
+  /** Degrees: 0 faces +y, clockwise on the screen. */
+  readonly direction: number | undefined;
+  readonly position: Point | undefined;
+  readonly led: Rgb | undefined;
+  readonly waypoints: readonly Point[];
+  readonly threshold: number;
+  readonly trail: Trail;
+  readonly battery_v: number | undefined;
+}
+
+// 64 that a server takes, and where the robot stood.
+const MOST_WAYPOINTS = 65;
+const LONGEST_NAME = 32;
+const FURTHEST = 1e7;
+export const DEFAULT_THRESHOLD = 40;
+export const UNNAMED = "Robot";
+
+/** The robot in an answer to request 0, in `joined` or in notification 4. Undefined without an address. */
+export function readRobot(words: Json | undefined): Robot | undefined {
+  if (!isObject(words) || !isAddress(words["address"])) return undefined;
+  return {
+    address: words["address"],
+    name: readName(words["name"]) ?? UNNAMED,
+    application: readApplication(words["application"]),
+    status: readStatus(words["status"]) ?? ACTIVE,
+    mode: readMode(words["mode"]) ?? 0,
+    direction: readDirection(words["direction"]),
+    position: readPoint(words["lh2_position"]),
+    led: readRgb(words["rgb_led"]),
+    waypoints: readWaypoints(words["waypoints"]) ?? [],
+    threshold: readThreshold(words["waypoints_threshold"]) ?? DEFAULT_THRESHOLD,
+    trail: readTrail(words["position_history"]) ?? Trail.EMPTY,
+    battery_v: readBattery(words["battery"]),
+  };
+}
+
+export function readNumber(word: unknown, least: number, most: number): number | undefined {
+  return typeof word === "number" && word >= least && word <= most ? word : undefined;
+}
+
+export function readPointXy(x: unknown, y: unknown): Point | undefined {
+  const checkedX = readNumber(x, -FURTHEST, FURTHEST);
+  const checkedY = readNumber(y, -FURTHEST, FURTHEST);
+  return checkedX === undefined || checkedY === undefined ? undefined : { x: checkedX, y: checkedY };
+}
+
+export function readPoint(words: Json | undefined): Point | undefined {
+  return isObject(words) ? readPointXy(words["x"], words["y"]) : undefined;
+}
+
+export function readDirection(word: unknown): number | undefined {
+  // PyDotBot 0.30 says -1000 for "unknown".
+  const degrees = readNumber(word, -360, 720);
+  return degrees === undefined ? undefined : ((degrees % 360) + 360) % 360;
+}
+
+export function readRgb(words: Json | undefined): Rgb | undefined {
+  if (!isObject(words)) return undefined;
+  const [red, green, blue] = [words["red"], words["green"], words["blue"]].map((word) => readNumber(word, 0, 255));
+  if (red === undefined || green === undefined || blue === undefined) return undefined;
+  return { red: Math.round(red), green: Math.round(green), blue: Math.round(blue) };
+}
+
+export function readWaypoints(words: Json | undefined): readonly Point[] | undefined {
+  return readPoints(words, MOST_WAYPOINTS);
+}
+
+export function readThreshold(word: unknown): number | undefined {
+  return readNumber(word, 0, 1000);
+}
+
+export function readStatus(word: unknown): number | undefined {
+  return word === ACTIVE || word === INACTIVE || word === LOST ? word : undefined;
+}
+
+export function readMode(word: unknown): number | undefined {
+  return word === 0 || word === 1 ? word : undefined;
+}
+
+export function readBattery(word: unknown): number | undefined {
+  return readNumber(word, 0, 100);
+}
+
+export function readTrail(words: Json | undefined): Trail | undefined {
+  const points = Array.isArray(words) ? readPoints(words.slice(-1000), 1000) : undefined;
+  return points && Trail.of(points);
+}
+
+function readPoints(words: Json | undefined, most: number): readonly Point[] | undefined {
+  if (!Array.isArray(words)) return undefined;
+  const points: Point[] = [];
+  for (const word of (words as readonly Json[]).slice(0, most)) {
+    const point = readPoint(word);
+    if (point) points.push(point);
+  }
+  return points;
+}
+
+function readName(word: unknown): string | undefined {
+  if (typeof word !== "string") return undefined;
+  // Control characters break a line; direction marks can make one name look like another robot's.
+  const shown = word.replace(/[\p{C}\u2028\u2029]/gu, "").trim();
+  return shown === "" ? undefined : Array.from(shown).slice(0, LONGEST_NAME).join("");
+}
+
+function readApplication(word: unknown): string {
+  const number = readNumber(word, 0, 999);
+  return number !== undefined && Number.isInteger(number) ? String(number) : "0";
+}
+
+/** What tells two robots of one name apart. */
+export function shortAddress(address: string): string {
+  return address.slice(-4);
+}
+
+/** As in the list of robots: also what a screen reader says. */
+export function label(robot: { readonly name: string; readonly address: string }): string {
+  return `${robot.name} (${shortAddress(robot.address)})`;
+}
+
+/** For the map: older servers know no names, and a map full of "Robot" names nobody. */
+export function shortName(robot: { readonly name: string; readonly address: string }): string {
+  return robot.name === UNNAMED ? shortAddress(robot.address) : robot.name;
+}
+
+/** The objects among the entries of a list; none if it is no list. */
+export function objectsOf(words: Json | undefined): readonly JsonObject[] {
+  return Array.isArray(words) ? (words as readonly Json[]).filter(isObject) : [];
+}

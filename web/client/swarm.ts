@@ -1,0 +1,270 @@
+// The swarm as a visitor sees it: a pure reducer of answers and notifications (docs/spec/vocabulary.md).
+//
+// It reads our gateway's frames and PyDotBot's one-robot notifications, and survives anything else: a hostile or older
+// peer can make it show nonsense within bounds, never throw, and never grow without end.
+
+import { isObject, type Json, type JsonObject } from "./core/json";
+import { isAddress } from "./core/topics";
+import {
+  objectsOf,
+  type Robot,
+  readBattery,
+  readDirection,
+  readMode,
+  readNumber,
+  readPoint,
+  readPointXy,
+  readRgb,
+  readRobot,
+  readStatus,
+  readThreshold,
+  readWaypoints,
+} from "./robot";
+import { type Point, Trail } from "./trail";
+
+export const REQUEST_ROBOTS = 0;
+export const REQUEST_AREA = 1;
+
+const NOTIFY_RELOAD = 1;
+const NOTIFY_UPDATE = 2;
+const NOTIFY_JOINED = 4;
+const NOTIFY_FRAME = 16;
+
+/** Most robots that are kept: ten times what the map is made for. */
+export const MOST_ROBOTS = 2000;
+const LARGEST_AREA_MM = 1e7;
+// A trail point for every step of this fraction of the area's width: 10 mm of 2 m.
+const TRAIL_STEP = 0.005;
+// Positions of an older server are fractions of the side; robots can stand a little outside.
+const UNIT_SQUARE_LIMIT = 1.5;
+
+/** The ground under the swarm, in the unit of the positions. */
+export interface Area {
+  readonly width: number;
+  readonly height: number;
+  /** "side": an older server, that measures in sides of its square area, and thresholds in thousandths of one. */
+  readonly unit: "mm" | "side";
+}
+
+const DEFAULT_AREA: Area = { width: 2000, height: 2000, unit: "mm" };
+const UNIT_SQUARE: Area = { width: 1, height: 1, unit: "side" };
+
+export interface Swarm {
+  readonly robots: ReadonlyMap<string, Robot>;
+  /** Changes only when a robot comes, goes, or changes its name or status: lists need not be drawn at every frame. */
+  readonly roster: readonly RosterEntry[];
+  readonly area: Area;
+  /** Whether the server answered request 1; until then the area is guessed from the positions. */
+  readonly areaTold: boolean;
+  /** Whether request 0 was ever answered: before that, robots that a frame names are no surprise. */
+  readonly listed: boolean;
+  /** The newest frame's number. */
+  readonly seq: number | undefined;
+  /** Counts the occasions on which something was missed, so that request 0 has to be asked again. */
+  readonly missed: number;
+}
+
+export interface RosterEntry {
+  readonly address: string;
+  readonly name: string;
+  readonly status: number;
+}
+
+export const NO_SWARM: Swarm = {
+  robots: new Map(),
+  roster: [],
+  area: DEFAULT_AREA,
+  areaTold: false,
+  listed: false,
+  seq: undefined,
+  missed: 0,
+};
+
+export type SwarmAction =
+  | { readonly kind: "replied"; readonly request: number; readonly data: Json }
+  | { readonly kind: "notified"; readonly payload: Json }
+  /** Connected again: frames were missed, but request 0 is being asked anyway. */
+  | { readonly kind: "reconnected" }
+  /** We asked a robot to forget its trail: an older server tells nobody. */
+  | { readonly kind: "history_cleared"; readonly address: string };
+
+export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
+  switch (action.kind) {
+    case "replied":
+      if (action.request === REQUEST_ROBOTS) return withRobots(swarm, action.data);
+      if (action.request === REQUEST_AREA) return withArea(swarm, action.data);
+      return swarm;
+    case "notified":
+      return notified(swarm, action.payload);
+    case "reconnected":
+      return { ...swarm, seq: undefined };
+    case "history_cleared":
+      return edited(swarm, (robots) => change(robots, action.address, { trail: Trail.EMPTY }));
+  }
+}
+
+function notified(swarm: Swarm, payload: Json): Swarm {
+  if (!isObject(payload)) return swarm;
+  const { cmd, data } = payload;
+  if (cmd === NOTIFY_RELOAD) return { ...swarm, missed: swarm.missed + 1 };
+  if (cmd === NOTIFY_UPDATE) return isObject(data) ? updated(swarm, data) : swarm;
+  if (cmd === NOTIFY_JOINED) return edited(swarm, (robots) => join(robots, data));
+  if (cmd === NOTIFY_FRAME) return isObject(data) ? framed(swarm, data) : swarm;
+  return swarm;
+}
+
+function withRobots(swarm: Swarm, data: Json): Swarm {
+  if (!Array.isArray(data)) return swarm;
+  const listed: Robot[] = [];
+  for (const words of (data as readonly Json[]).slice(0, MOST_ROBOTS)) {
+    const robot = readRobot(words);
+    if (robot) listed.push(robot);
+  }
+  // An answer above the client's limit comes without histories: what was seen meanwhile is better than nothing.
+  const trimmed = listed.every((robot) => robot.trail.length === 0);
+  const robots = new Map<string, Robot>();
+  for (const robot of listed) {
+    const known = swarm.robots.get(robot.address);
+    robots.set(robot.address, trimmed && known && listed.length > 1 ? { ...robot, trail: known.trail } : robot);
+  }
+  return settled({ ...swarm, robots, listed: true });
+}
+
+function withArea(swarm: Swarm, data: Json): Swarm {
+  if (!isObject(data)) return swarm;
+  const width = readNumber(data["width"], 1, LARGEST_AREA_MM);
+  const height = readNumber(data["height"], 1, LARGEST_AREA_MM);
+  if (width === undefined || height === undefined) return swarm;
+  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true };
+}
+
+/** Notification 2: one robot, and only what it has to say. */
+function updated(swarm: Swarm, data: JsonObject): Swarm {
+  const { address } = data;
+  if (!isAddress(address)) return swarm;
+  if (!swarm.robots.has(address)) return swarm.listed ? { ...swarm, missed: swarm.missed + 1 } : swarm;
+  const direction = readDirection(data["direction"]);
+  const battery_v = readBattery(data["battery"]);
+  return edited(swarm, (robots) => {
+    move(robots, address, readPoint(data["lh2_position"]), swarm.area);
+    change(robots, address, {
+      ...(direction !== undefined && { direction }),
+      ...(battery_v !== undefined && { battery_v }),
+    });
+  });
+}
+
+function framed(swarm: Swarm, frame: JsonObject): Swarm {
+  const seq = readNumber(frame["seq"], 0, Number.MAX_SAFE_INTEGER);
+  if (seq === undefined || !Number.isInteger(seq)) return swarm;
+  let missed = swarm.seq !== undefined && seq !== swarm.seq + 1;
+  const next = edited(swarm, (robots) => {
+    for (const words of list(frame["joined"])) join(robots, words);
+    for (const words of list(frame["robots"])) {
+      if (Array.isArray(words) && !moveInFrame(robots, words, swarm.area)) missed ||= swarm.listed;
+    }
+    for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
+    for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
+  });
+  return { ...next, seq, missed: next.missed + (missed ? 1 : 0) };
+}
+
+/** `[address, x, y, direction, battery_mv, status, mode]`; false for a robot that we do not know. */
+function moveInFrame(robots: Map<string, Robot>, words: readonly Json[], area: Area): boolean {
+  const [address, x, y, directionWord, battery_mv, statusWord, modeWord] = words;
+  if (!isAddress(address)) return true;
+  // Of robots beyond what we keep, no answer would tell us more.
+  if (!robots.has(address)) return robots.size >= MOST_ROBOTS;
+  move(robots, address, readPointXy(x, y), area);
+  const direction = readDirection(directionWord);
+  const millivolts = readNumber(battery_mv, 0, 100_000);
+  const status = readStatus(statusWord);
+  const mode = readMode(modeWord);
+  change(robots, address, {
+    ...(direction !== undefined && { direction }),
+    ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
+    ...(status !== undefined && { status }),
+    ...(mode !== undefined && { mode }),
+  });
+  return true;
+}
+
+function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {
+  const { address } = words;
+  if (typeof address !== "string") return;
+  const led = readRgb(words["rgb_led"]);
+  const waypoints = readWaypoints(words["waypoints"]);
+  const threshold = readThreshold(words["waypoints_threshold"]);
+  change(robots, address, {
+    ...(led && { led }),
+    ...(waypoints && { waypoints }),
+    ...(threshold !== undefined && { threshold }),
+    ...(words["history_cleared"] === true && { trail: Trail.EMPTY }),
+  });
+}
+
+function join(robots: Map<string, Robot>, words: Json | undefined): void {
+  const robot = readRobot(words);
+  if (robot && (robots.has(robot.address) || robots.size < MOST_ROBOTS)) robots.set(robot.address, robot);
+}
+
+function change(robots: Map<string, Robot>, address: string, what: Partial<Robot>): void {
+  const robot = robots.get(address);
+  if (robot) robots.set(address, { ...robot, ...what });
+}
+
+function move(robots: Map<string, Robot>, address: string, position: Point | undefined, area: Area): void {
+  const robot = robots.get(address);
+  if (!robot || !position) return;
+  const { trail } = robot;
+  const step = TRAIL_STEP * area.width;
+  const last = trail.length - 1;
+  const near = last >= 0 && Math.hypot(position.x - trail.x(last), position.y - trail.y(last)) < step;
+  robots.set(address, { ...robot, position, trail: near ? trail : trail.append(position) });
+}
+
+function list(words: Json | undefined): readonly Json[] {
+  return Array.isArray(words) ? (words as readonly Json[]).slice(0, MOST_ROBOTS) : [];
+}
+
+function edited(swarm: Swarm, edit: (robots: Map<string, Robot>) => void): Swarm {
+  const robots = new Map(swarm.robots);
+  edit(robots);
+  return settled({ ...swarm, robots });
+}
+
+/** With the roster and the guessed area brought up to date. */
+function settled(swarm: Swarm): Swarm {
+  const { robots, roster } = swarm;
+  const same =
+    roster.length === robots.size &&
+    roster.every((entry) => {
+      const robot = robots.get(entry.address);
+      return robot && robot.name === entry.name && robot.status === entry.status;
+    });
+  return {
+    ...swarm,
+    roster: same
+      ? roster
+      : [...robots.values()].map(({ address, name, status }) => ({ address, name, status })).sort(byName),
+    area: swarm.areaTold ? swarm.area : guessedArea(robots),
+  };
+}
+
+function guessedArea(robots: ReadonlyMap<string, Robot>): Area {
+  let placed = 0;
+  for (const { position } of robots.values()) {
+    if (!position) continue;
+    placed += 1;
+    if (Math.min(position.x, position.y) < 0 || Math.max(position.x, position.y) > UNIT_SQUARE_LIMIT)
+      return DEFAULT_AREA;
+  }
+  return placed > 0 ? UNIT_SQUARE : DEFAULT_AREA;
+}
+
+function byName(a: RosterEntry, b: RosterEntry): number {
+  // Numbers within names in their order: robot 2 before robot 10. Addresses make it total.
+  return collator.compare(a.name, b.name) || (a.address < b.address ? -1 : 1);
+}
+
+const collator = new Intl.Collator("en", { numeric: true });

@@ -1,0 +1,107 @@
+// Watching over a swarm that may fall silent: when to ask request 0 again, and what to tell the visitor.
+//
+// Pure: told what happened and when, it says what is due. A phone that slept through a rotation recovers by these requests:
+// the server answers them with the pin message under the old epoch.
+
+/** connecting: not yet heard of; offline: lost or refused, and being tried again. */
+export type BrokerState = "connecting" | "online" | "offline";
+
+/** Nothing heard for so long: ask again. A gateway sends a frame at least once a second. */
+const SILENCE_MS = 5000;
+const ASK_AGAIN_MS = 3000;
+// An older server says nothing while no robot moves: it must have had the time to answer before it is called silent.
+const GRACE_MS = 1500;
+const RESYNC_MS = 60_000;
+const RESYNC_JITTER_MS = 10_000;
+/** After a gap everybody asks: not all at once. */
+const GAP_JITTER_MS = 500;
+/** A peer that makes every frame look like a gap must not make us ask at every frame. */
+const ASK_GAP_MS = 1000;
+/** A broker that replays an old message must not make a clock look wrong; nor one message that was held up. */
+const STALE_IN_A_ROW = 3;
+/** Connecting for longer than this counts as unreachable. */
+const PATIENCE_MS = 5000;
+
+export type Health =
+  | { readonly state: "connecting"; readonly broker: "away" | "reached" }
+  | { readonly state: "offline" }
+  | { readonly state: "silent" }
+  /** Positive: our clock is behind. Whole seconds. */
+  | { readonly state: "clock"; readonly skew_s: number }
+  | { readonly state: "live" };
+
+export class Watch {
+  #broker: BrokerState = "connecting";
+  #brokerSince_ms: number;
+  #heardAt_ms: number | undefined;
+  #askedAt_ms = Number.NEGATIVE_INFINITY;
+  #askAt_ms = Number.POSITIVE_INFINITY;
+  #answered = false;
+  #staleInARow = 0;
+  #staleAt_ms = Number.NEGATIVE_INFINITY;
+  #skew_s = 0;
+
+  constructor(now_ms: number) {
+    this.#brokerSince_ms = now_ms;
+  }
+
+  broker(state: BrokerState, now_ms: number): void {
+    this.#broker = state;
+    this.#brokerSince_ms = now_ms;
+    this.#heardAt_ms = undefined;
+    this.#staleInARow = 0;
+    this.#askAt_ms = state === "online" ? now_ms : Number.POSITIVE_INFINITY;
+    this.#askedAt_ms = Number.NEGATIVE_INFINITY;
+  }
+
+  /** An authentic, fresh message came. */
+  heard(now_ms: number): void {
+    this.#heardAt_ms = now_ms;
+    this.#staleInARow = 0;
+  }
+
+  /** Request 0 was answered. */
+  answered(): void {
+    this.#answered = true;
+  }
+
+  /** An authentic message came whose timestamp is off by `skew_s` from our clock. */
+  stale(skew_s: number, now_ms: number): void {
+    this.#staleInARow += 1;
+    this.#staleAt_ms = now_ms;
+    this.#skew_s = skew_s;
+  }
+
+  /** Something was missed. `chance` is in [0, 1). */
+  missed(now_ms: number, chance: number): void {
+    this.#askAt_ms = Math.min(this.#askAt_ms, now_ms + chance * GAP_JITTER_MS);
+  }
+
+  /** Whether to ask request 0 now; then it counts as asked. `chance` is in [0, 1). */
+  due(now_ms: number, chance: number): boolean {
+    if (this.#broker !== "online") return false;
+    const quietSince_ms = this.#heardAt_ms ?? this.#brokerSince_ms;
+    // Frames alone do not tell who is there: a question that was lost is asked again, too.
+    const wanting = !this.#answered || now_ms - quietSince_ms >= SILENCE_MS;
+    const again = wanting && now_ms - this.#askedAt_ms >= ASK_AGAIN_MS;
+    const planned = now_ms >= this.#askAt_ms && now_ms - this.#askedAt_ms >= ASK_GAP_MS;
+    if (!again && !planned) return false;
+    this.#askedAt_ms = now_ms;
+    this.#answered = false;
+    this.#askAt_ms = now_ms + RESYNC_MS + chance * RESYNC_JITTER_MS;
+    return true;
+  }
+
+  health(now_ms: number): Health {
+    if (this.#broker === "offline") return { state: "offline" };
+    if (this.#broker === "connecting") {
+      if (now_ms - this.#brokerSince_ms >= PATIENCE_MS) return { state: "offline" };
+      return { state: "connecting", broker: "away" };
+    }
+    if (this.#staleInARow >= STALE_IN_A_ROW && now_ms - this.#staleAt_ms < SILENCE_MS + GRACE_MS) {
+      return { state: "clock", skew_s: Math.round(this.#skew_s) };
+    }
+    if (now_ms - (this.#heardAt_ms ?? this.#brokerSince_ms) >= SILENCE_MS + GRACE_MS) return { state: "silent" };
+    return this.#heardAt_ms === undefined ? { state: "connecting", broker: "reached" } : { state: "live" };
+  }
+}

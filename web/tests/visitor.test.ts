@@ -1,0 +1,259 @@
+// The page's logic without a page: driving, the badge's words, the map's geometry, where the invitation is kept.
+
+import fc from "fast-check";
+import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
+import { type Area, Pin } from "../client";
+import { badgeWords, duration, hostOf } from "../visitor/badge";
+import { clampStick, Drive, stickOfKeys, type Wheels, wheels } from "../visitor/drive";
+import { keep, readTyped, type Surroundings, takeFromAddress, takeKept } from "../visitor/invitation_store";
+import { hexOf, rgbOf } from "../visitor/led";
+import { Motion } from "../visitor/map/motion";
+import { fitArea, gridStep, nearest, thresholdLength, toArea, toScreen } from "../visitor/map/projection";
+import { routePayload } from "../visitor/route";
+
+describe("wheels", () => {
+  test("forward, back and turning on the spot", () => {
+    expect(wheels({ x: 0, y: 1 })).toEqual({ left: 100, right: 100 });
+    expect(wheels({ x: 0, y: -0.5 })).toEqual({ left: -50, right: -50 });
+    expect(wheels({ x: 1, y: 0 })).toEqual({ left: 100, right: -100 });
+    expect(wheels({ x: 0.05, y: 0.05 })).toEqual({ left: 0, right: 0 });
+  });
+
+  test("are whole numbers within 100, and turn to the side that was meant", () => {
+    const axis = fc.double({ min: -1, max: 1, noNaN: true });
+    fc.assert(
+      fc.property(axis, axis, (x, y) => {
+        const { left, right } = wheels(clampStick({ x, y }));
+        for (const wheel of [left, right]) {
+          expect(Number.isInteger(wheel) && Math.abs(wheel) <= 100 && !Object.is(wheel, -0)).toBe(true);
+        }
+        if (x > 0.2) expect(left).toBeGreaterThan(right);
+      }),
+    );
+  });
+
+  test("keys add up, and opposite ones cancel", () => {
+    expect(stickOfKeys(new Set(["ArrowUp", "KeyD"]))).toEqual({ x: 0.4, y: 0.8 });
+    expect(stickOfKeys(new Set(["KeyW", "KeyS"]))).toEqual({ x: 0, y: 0 });
+    expect(stickOfKeys(new Set(["KeyQ", "toString"]))).toBeUndefined();
+  });
+});
+
+describe("drive", () => {
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
+
+  function driven() {
+    const sent: Wheels[] = [];
+    return { sent, drive: new Drive((command) => void sent.push(command)) };
+  }
+
+  test("sends at once, every 100 ms while held, and one zero at the end", () => {
+    const { sent, drive } = driven();
+    drive.hold({ x: 0, y: 1 });
+    expect(sent).toHaveLength(1);
+    vi.advanceTimersByTime(450);
+    expect(sent).toHaveLength(5);
+    drive.release();
+    expect(sent.at(-1)).toEqual({ left: 0, right: 0 });
+    vi.advanceTimersByTime(2000);
+    expect(sent).toHaveLength(6);
+  });
+
+  test("moving the stick does not send faster, and the newest place counts", () => {
+    const { sent, drive } = driven();
+    for (let i = 0; i <= 100; i += 1) drive.hold({ x: 0, y: i / 100 });
+    expect(sent).toHaveLength(1);
+    vi.advanceTimersByTime(100);
+    expect(sent[1]).toEqual({ left: 100, right: 100 });
+  });
+
+  test("releasing what is not held says nothing", () => {
+    const { sent, drive } = driven();
+    drive.release();
+    drive.hold({ x: 0, y: 1 });
+    drive.release();
+    drive.release();
+    expect(sent).toHaveLength(2);
+  });
+});
+
+describe("badge", () => {
+  test("says in plain words what is wrong", () => {
+    const words = (health: Parameters<typeof badgeWords>[0], robots = 3) =>
+      badgeWords(health, "swarm:9001", robots).text;
+    expect(words({ state: "offline" })).toBe("Broker unreachable at swarm:9001. Trying again…");
+    expect(words({ state: "silent" })).toContain("scan it again");
+    expect(words({ state: "clock", skew_s: 31 })).toBe("Your clock is 31 s behind: set it to automatic.");
+    expect(words({ state: "clock", skew_s: -3600 })).toBe("Your clock is 60 min ahead: set it to automatic.");
+    expect([words({ state: "live" }), words({ state: "live" }, 1)]).toEqual(["Live · 3 robots", "Live · 1 robot"]);
+  });
+
+  test("large errors of a clock are told in large units", () => {
+    expect([duration(119), duration(-300), duration(7200), duration(-400_000)]).toEqual([
+      "119 s behind",
+      "5 min ahead",
+      "2 h behind",
+      "5 days ahead",
+    ]);
+  });
+
+  test("names the broker's host and port", () => {
+    expect(hostOf("ws://192.168.1.7:9001/mqtt")).toBe("192.168.1.7:9001");
+    expect(hostOf("wss://broker.example/mqtt")).toBe("broker.example:443");
+    expect(hostOf("ws://[::1]/mqtt")).toBe("[::1]:80");
+  });
+});
+
+describe("map", () => {
+  const mm: Area = { width: 3000, height: 2000, unit: "mm" };
+  const side: Area = { width: 1, height: 1, unit: "side" };
+
+  test("a tap on a place of the map means that place", () => {
+    const size = fc.integer({ min: 100, max: 2000 });
+    fc.assert(
+      fc.property(size, size, fc.integer({ min: 0, max: 3000 }), fc.integer({ min: 0, max: 2000 }), (w, h, x, y) => {
+        const p = fitArea(mm, w, h);
+        expect(toArea(p, toScreen(p, { x, y }))).toEqual({ x, y });
+        const { x: px, y: py } = toScreen(p, { x, y });
+        expect(px >= 0 && px <= w && py >= 0 && py <= h).toBe(true);
+      }),
+    );
+  });
+
+  test("a tap beside the area means its edge", () => {
+    expect(toArea(fitArea(mm, 300, 300), { x: -50, y: 9999 })).toEqual({ x: 0, y: 2000 });
+  });
+
+  test("an older server's lengths are sides and thousandths of a side", () => {
+    const p = fitArea(side, 124, 124);
+    expect(toArea(p, { x: 62, y: 12 })).toEqual({ x: 0.5, y: 0 });
+    expect([thresholdLength(side, 40), thresholdLength(mm, 40)]).toEqual([0.04, 40]);
+  });
+
+  test("the grid has round steps", () => {
+    expect([gridStep(mm), gridStep(side), gridStep({ width: 9000, height: 100, unit: "mm" })]).toEqual([
+      500, 0.2, 2000,
+    ]);
+  });
+
+  test("a tap takes the nearest robot within reach", () => {
+    const places = new Map([
+      ["a", { x: 10, y: 10 }],
+      ["b", { x: 30, y: 10 }],
+    ]);
+    expect(nearest(places, { x: 22, y: 10 }, 28)).toBe("b");
+    expect(nearest(places, { x: 200, y: 10 }, 28)).toBeUndefined();
+  });
+
+  test("robots glide to where they are said to be, arrive, and jump only when carried", () => {
+    const motion = new Motion();
+    const aim = (x: number, still = false) => motion.aim(new Map([["a", { x, y: 0 }]]), still);
+    const at = () => motion.places.get("a")?.x ?? Number.NaN;
+    aim(0);
+    aim(20);
+    expect(motion.advance(16)).toBe(true);
+    expect(at() > 0 && at() < 20).toBe(true);
+    for (let i = 0; i < 100; i += 1) motion.advance(16);
+    expect([at(), motion.advance(16)]).toEqual([20, false]);
+    aim(500);
+    expect(at()).toBe(500);
+    aim(490, true);
+    expect(at()).toBe(490);
+    motion.aim(new Map(), false);
+    expect(motion.places.size).toBe(0);
+  });
+});
+
+describe("colours and routes", () => {
+  test("a colour field's value becomes the payload, and back", () => {
+    expect(rgbOf("#ff8a00")).toEqual({ red: 255, green: 138, blue: 0 });
+    expect(hexOf({ red: 1, green: 20, blue: 255 })).toBe("#0114ff");
+    expect(hexOf(undefined)).toBe("#000000");
+  });
+
+  test("waypoints carry the z without which PyDotBot refuses them", () => {
+    expect(routePayload(50, [{ x: 1, y: 2 }])).toEqual({ threshold: 50, waypoints: [{ x: 1, y: 2, z: 0 }] });
+  });
+});
+
+describe("invitation", () => {
+  const PIN = "123456789012345678901234567890123456789";
+  const fragment = `#v=1&pin=${PIN}&broker=ws%3A%2F%2Fh%3A9001%2Fmqtt&root=%2Fqrkey&mqtt=5`;
+  const published = `?use_qrkey=true&pin=${PIN}&mqtt_host=h&mqtt_port=9001&mqtt_version=4&mqtt_use_ssl=True&lang=en`;
+
+  function tab(href: string, stored = new Map<string, string>()) {
+    const location = { href };
+    const at: Surroundings = {
+      location,
+      history: {
+        replaceState: (_data, _unused, url) => {
+          location.href = new URL(url, location.href).href;
+        },
+      },
+      storage: {
+        getItem: (key) => stored.get(key) ?? null,
+        setItem: (key, value) => void stored.set(key, value),
+        removeItem: (key) => void stored.delete(key),
+      },
+    };
+    return { at, location, stored };
+  }
+
+  test("is taken from the fragment, and leaves nothing of it in the address", () => {
+    const { at, location } = tab(`http://swarm:8080/visit/${fragment}`);
+    expect(takeFromAddress(at)?.to?.pin.reveal()).toBe(PIN);
+    expect(location.href).toBe("http://swarm:8080/visit/");
+  });
+
+  test("is taken from the published form, and leaves what is not its own", () => {
+    const { at, location } = tab(`http://swarm:8080/${published}`);
+    expect(takeFromAddress(at)?.to).toMatchObject({ broker: "wss://h:9001/mqtt", mqtt: 4, root: "/qrkey" });
+    expect(location.href).toBe("http://swarm:8080/?lang=en");
+  });
+
+  test("a bad one is removed from the address all the same, and not repeated", () => {
+    const { at, location } = tab(`http://swarm:8080/#v=1&pin=12345x&broker=ws%3A%2F%2Fh%2Fmqtt`);
+    const found = takeFromAddress(at);
+    expect(found?.to).toBeUndefined();
+    expect(found?.problem).toMatch(/4 to 64 digits/);
+    expect(`${location.href} ${found?.problem}`).not.toContain("12345x");
+  });
+
+  test("an address without one is left alone", () => {
+    const { at, location } = tab("http://swarm:8080/#help");
+    expect(takeFromAddress(at)).toBeUndefined();
+    expect(location.href).toBe("http://swarm:8080/#help");
+  });
+
+  test("a reload goes on with the newest pin", () => {
+    const { at, stored } = tab(`http://swarm:8080/${fragment}`);
+    const { to } = takeFromAddress(at) ?? {};
+    if (!to) throw new Error("nothing taken");
+    keep(at, to, new Pin("0000000042"));
+    const reloaded = takeKept(tab("http://swarm:8080/", stored).at);
+    expect(reloaded.to?.pin.reveal()).toBe("0000000042");
+    expect(reloaded.to).toMatchObject({ broker: to.broker, root: to.root, mqtt: to.mqtt });
+  });
+
+  test("a storage that is full, forbidden or spoilt costs no more than a scan", () => {
+    const { at } = tab("http://swarm:8080/", new Map([["phalanx.invitation", '{"pin":7}']]));
+    expect(takeKept(at)).toEqual({});
+    const broken = { ...at, storage: undefined };
+    expect(takeKept(broken)).toEqual({});
+    const refuse = () => {
+      throw new Error("full");
+    };
+    const full: Surroundings = { ...at, storage: { getItem: refuse, setItem: refuse, removeItem: refuse } };
+    expect(takeKept(full)).toEqual({});
+    const { to } = readTyped("1234 5678 9012", "ws://h:1/mqtt", "/qrkey", "5");
+    if (!to) throw new Error("nothing read");
+    expect(() => keep(full, to)).not.toThrow();
+  });
+
+  test("typed words may have spaces in the pin, and are refused in plain words", () => {
+    expect(readTyped("1234 5678 9012", " ws://h:1/mqtt ", "/qrkey", "5").to?.pin.reveal()).toBe("123456789012");
+    expect(readTyped("1", "ws://h:1/mqtt", "/qrkey", "5").problem).toMatch(/4 to 64 digits/);
+    expect(readTyped("1234", "http://h:1", "/qrkey", "5").problem).toMatch(/ws:/);
+  });
+});

@@ -1,0 +1,119 @@
+// When request 0 is asked again, and what the visitor is told.
+
+import { describe, expect, test } from "vitest";
+import { type Health, Watch } from "../client/watch";
+
+/** Run a watch through `until_ms` in ticks of 100 ms; the times at which it asked. */
+function askedAt(watch: Watch, from_ms: number, until_ms: number, each: (now_ms: number) => void = () => {}): number[] {
+  const asked: number[] = [];
+  for (let now_ms = from_ms; now_ms <= until_ms; now_ms += 100) {
+    each(now_ms);
+    if (watch.due(now_ms, 0)) asked.push(now_ms);
+  }
+  return asked;
+}
+
+function online(): Watch {
+  const watch = new Watch(0);
+  watch.broker("online", 0);
+  return watch;
+}
+
+function wellAt(watch: Watch, now_ms: number): void {
+  watch.heard(now_ms);
+  watch.answered();
+}
+
+const state = (health: Health) => health.state;
+
+describe("asking", () => {
+  test("at once when connected, and never while the broker is away", () => {
+    expect(new Watch(0).due(60_000, 0)).toBe(false);
+    const watch = online();
+    expect(watch.due(0, 0)).toBe(true);
+    watch.broker("offline", 10);
+    expect(askedAt(watch, 100, 20_000)).toEqual([]);
+  });
+
+  test("after 5 s of silence every 3 s, which is what finds a swarm that rotated while the phone slept", () => {
+    const watch = online();
+    watch.due(0, 0);
+    watch.heard(100);
+    watch.answered();
+    expect(askedAt(watch, 200, 12_000)).toEqual([5100, 8100, 11_100]);
+  });
+
+  test("about every minute while all is well", () => {
+    const watch = online();
+    expect(askedAt(watch, 0, 125_000, (now_ms) => wellAt(watch, now_ms))).toEqual([0, 60_000, 120_000]);
+  });
+
+  test("again after 3 s when the answer was lost, though frames come", () => {
+    const watch = online();
+    expect(askedAt(watch, 0, 7000, (now_ms) => watch.heard(now_ms))).toEqual([0, 3000, 6000]);
+  });
+
+  test("after a gap within half a second, and at most once a second however many gaps there are", () => {
+    const watch = online();
+    expect(askedAt(watch, 0, 2000, (now_ms) => wellAt(watch, now_ms))).toEqual([0]);
+    watch.missed(2100, 0.9);
+    expect(askedAt(watch, 2100, 4000, (now_ms) => wellAt(watch, now_ms))).toEqual([2600]);
+    const flooded = askedAt(watch, 5000, 9900, (now_ms) => {
+      wellAt(watch, now_ms);
+      watch.missed(now_ms, 0);
+    });
+    expect(flooded).toEqual([5000, 6000, 7000, 8000, 9000]);
+  });
+});
+
+describe("health", () => {
+  test("connecting, then unreachable, then looking for the swarm, then live", () => {
+    const watch = new Watch(0);
+    expect(watch.health(100)).toEqual({ state: "connecting", broker: "away" });
+    expect(state(watch.health(5000))).toBe("offline");
+    watch.broker("online", 6000);
+    expect(watch.health(6000)).toEqual({ state: "connecting", broker: "reached" });
+    watch.heard(6100);
+    expect(state(watch.health(6100))).toBe("live");
+    watch.broker("offline", 7000);
+    expect(state(watch.health(7000))).toBe("offline");
+  });
+
+  test("silent once a question had the time to be answered; live again at the first word", () => {
+    const watch = online();
+    expect(state(watch.health(6400))).toBe("connecting");
+    expect(state(watch.health(6500))).toBe("silent");
+    watch.heard(7000);
+    expect(state(watch.health(7000))).toBe("live");
+    expect(state(watch.health(13_499))).toBe("live");
+    expect(state(watch.health(13_500))).toBe("silent");
+  });
+
+  test("the clock is blamed after three stale messages in a row, and no longer once one is fresh", () => {
+    const watch = online();
+    watch.heard(0);
+    watch.stale(31.2, 100);
+    watch.stale(31.2, 200);
+    expect(state(watch.health(200))).toBe("live");
+    watch.stale(31.4, 300);
+    expect(watch.health(300)).toEqual({ state: "clock", skew_s: 31 });
+    watch.heard(400);
+    expect(state(watch.health(400))).toBe("live");
+  });
+
+  test("stale messages between fresh ones blame nobody: a broker may replay", () => {
+    const watch = online();
+    for (let now_ms = 0; now_ms < 2000; now_ms += 100) {
+      watch.stale(-600, now_ms);
+      watch.heard(now_ms);
+      expect(state(watch.health(now_ms))).toBe("live");
+    }
+  });
+
+  test("when the stale messages end too, the swarm is silent", () => {
+    const watch = online();
+    for (let i = 0; i < 3; i += 1) watch.stale(40, 100);
+    expect(state(watch.health(6000))).toBe("clock");
+    expect(state(watch.health(7000))).toBe("silent");
+  });
+});

@@ -1,0 +1,58 @@
+// The badge: one line that says whether all is well, and if not, what is wrong and what to do.
+
+import type { Health } from "../client";
+
+export type BadgeState = Health["state"] | "nocode";
+
+interface Words {
+  readonly state: BadgeState;
+  readonly text: string;
+}
+
+/** Plain words for the health of the link. `host` is the broker's host and port. */
+export function badgeWords(health: Health, host: string, robots: number): Words {
+  switch (health.state) {
+    case "connecting":
+      return {
+        state: "connecting",
+        text: health.broker === "away" ? "Connecting to the broker…" : "Looking for the swarm…",
+      };
+    case "offline":
+      return { state: "offline", text: `Broker unreachable at ${host}. Trying again…` };
+    case "silent":
+      return { state: "silent", text: "Connected, but the swarm is silent. The code may have changed: scan it again." };
+    case "clock":
+      return { state: "clock", text: `Your clock is ${duration(health.skew_s)}: set it to automatic.` };
+    case "live":
+      return { state: "live", text: robots === 1 ? "Live · 1 robot" : `Live · ${robots} robots` };
+  }
+}
+
+/** "31 s behind", "2 min ahead": how our clock differs, given how far the swarm's is ahead of it. */
+export function duration(skew_s: number): string {
+  const off = Math.abs(skew_s);
+  const [amount, unit] =
+    off < 120
+      ? [off, "s"]
+      : off < 7200
+        ? [off / 60, "min"]
+        : off < 172_800
+          ? [off / 3600, "h"]
+          : [off / 86_400, "days"];
+  return `${Math.round(amount)} ${unit} ${skew_s > 0 ? "behind" : "ahead"}`;
+}
+
+/** Host and port of a broker's URL, as people say it. */
+export function hostOf(broker: string): string {
+  const url = new URL(broker);
+  return `${url.hostname}:${url.port || (url.protocol === "wss:" ? 443 : 80)}`;
+}
+
+export function Badge({ state, text }: Words) {
+  return (
+    <p className="badge" role="status" aria-live="polite" data-testid="badge" data-state={state}>
+      <span className="badge-dot" aria-hidden="true" />
+      <span>{text}</span>
+    </p>
+  );
+}

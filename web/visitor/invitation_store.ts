@@ -1,0 +1,93 @@
+// Where the page finds its invitation, and how it keeps the pin out of sight.
+//
+// From the address (and removed from it at once, so that it stays in no history, screenshot or shared link), else from
+// this tab's session storage, where the newest pin is kept so that a reload goes on after rotations.
+
+import { DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
+
+const KEY = "phalanx.invitation";
+
+/** What is kept of the browser: passed in, so that it can be tested without one. */
+export interface Surroundings {
+  readonly location: { readonly href: string };
+  readonly history: { replaceState(data: null, unused: string, url: string): void };
+  readonly storage: Pick<Storage, "getItem" | "setItem" | "removeItem"> | undefined;
+}
+
+interface Kept {
+  readonly pin: string;
+  readonly broker: string;
+  readonly root: string;
+  readonly mqtt: number;
+}
+
+export type Found = { readonly to?: Invitation; readonly problem?: string };
+
+/**
+ * The invitation in the address, which is then removed from it; undefined if there is none.
+ *
+ * `problem` says in plain words why one was refused.
+ */
+export function takeFromAddress(at: Surroundings): Found | undefined {
+  const { href } = at.location;
+  const clean = withoutSecrets(href);
+  if (clean === undefined) return undefined;
+  at.history.replaceState(null, "", clean);
+  return readLink(href);
+}
+
+/** The invitation in a link that somebody pasted. `root` is for the published form, which does not name one. */
+export function readLink(text: string, root: string = DEFAULT_ROOT): Found {
+  try {
+    return { to: parseQrUrl(text.trim(), root) };
+  } catch (error) {
+    // Only our own messages are shown: they never repeat the link.
+    return { problem: error instanceof UsageError ? error.message : "this is not a swarm's link" };
+  }
+}
+
+/** The invitation in what somebody typed. */
+export function readTyped(pin: string, broker: string, root: string, mqtt: string): Found {
+  try {
+    return { to: invitation(pin.replace(/\s/g, ""), broker.trim(), root.trim(), mqtt) };
+  } catch (error) {
+    return { problem: error instanceof UsageError ? error.message : "these words do not make an invitation" };
+  }
+}
+
+export function keep(at: Surroundings, to: Invitation, pin: Pin = to.pin): void {
+  try {
+    at.storage?.setItem(KEY, JSON.stringify({ pin: pin.reveal(), broker: to.broker, root: to.root, mqtt: to.mqtt }));
+  } catch {
+    // Storage is full or forbidden: a reload has to scan again, and nothing else is lost.
+  }
+}
+
+export function forget(at: Surroundings): void {
+  try {
+    at.storage?.removeItem(KEY);
+  } catch {
+    // As above.
+  }
+}
+
+/** The invitation that this tab used last. */
+export function takeKept(at: Surroundings): Found {
+  try {
+    const words = JSON.parse(at.storage?.getItem(KEY) ?? "null") as Kept | null;
+    return words ? { to: invitation(words.pin, words.broker, words.root, String(words.mqtt)) } : {};
+  } catch {
+    return {};
+  }
+}
+
+/** The address without an invitation; undefined if there is none in it. */
+function withoutSecrets(href: string): string | undefined {
+  const url = new URL(href);
+  const inFragment = new URLSearchParams(url.hash.slice(1));
+  const inQuery = url.searchParams.has("pin");
+  if (!inQuery && !inFragment.has("pin") && !inFragment.has("v")) return undefined;
+  url.hash = "";
+  for (const key of PUBLISHED_KEYS) url.searchParams.delete(key);
+  return `${url.pathname}${url.search}`;
+}

@@ -1,0 +1,107 @@
+// Draws the scene when something changed, and while something glides; otherwise it leaves the phone's battery alone.
+
+import type { Point } from "../../client";
+import { Motion } from "./motion";
+import { fitArea, type Projection, toScreen } from "./projection";
+import { drawGround, drawRobots, type Scene, shownRobots } from "./scene";
+import { readTheme, type Theme } from "./theme";
+
+/** More pixels than this per CSS pixel cost a phone more than anybody sees. */
+const MOST_DENSE = 2;
+
+export class Painter {
+  readonly #ground: HTMLCanvasElement;
+  readonly #robots: HTMLCanvasElement;
+  readonly #motion = new Motion();
+  readonly #still = matchMedia("(prefers-reduced-motion: reduce)");
+  readonly #dark = matchMedia("(prefers-color-scheme: dark)");
+  readonly #resizing: ResizeObserver;
+  readonly #onTheme = () => {
+    this.#theme = undefined;
+    this.#changed();
+  };
+  #scene: Scene | undefined;
+  #theme: Theme | undefined;
+  #projection: Projection | undefined;
+  #width = 0;
+  #height = 0;
+  #groundIsOld = true;
+  #frame: number | undefined;
+  #drawnAt_ms = 0;
+
+  constructor(ground: HTMLCanvasElement, robots: HTMLCanvasElement) {
+    this.#ground = ground;
+    this.#robots = robots;
+    this.#resizing = new ResizeObserver(() => this.#resize());
+    this.#resizing.observe(ground);
+    this.#dark.addEventListener("change", this.#onTheme);
+    this.#resize();
+  }
+
+  stop(): void {
+    this.#resizing.disconnect();
+    this.#dark.removeEventListener("change", this.#onTheme);
+    if (this.#frame !== undefined) cancelAnimationFrame(this.#frame);
+  }
+
+  show(scene: Scene): void {
+    this.#scene = scene;
+    this.#changed();
+  }
+
+  get projection(): Projection | undefined {
+    return this.#projection;
+  }
+
+  /** Where robots are on the screen, as drawn. */
+  get places(): ReadonlyMap<string, Point> {
+    return this.#motion.places;
+  }
+
+  #resize(): void {
+    const { width, height } = this.#ground.getBoundingClientRect();
+    if (width === 0 || height === 0) return;
+    const density = Math.min(window.devicePixelRatio || 1, MOST_DENSE);
+    for (const canvas of [this.#ground, this.#robots]) {
+      canvas.width = Math.round(width * density);
+      canvas.height = Math.round(height * density);
+      canvas.getContext("2d")?.setTransform(density, 0, 0, density, 0, 0);
+    }
+    this.#width = width;
+    this.#height = height;
+    this.#changed();
+  }
+
+  #changed(): void {
+    if (!this.#scene || this.#width === 0) return;
+    const projection = fitArea(this.#scene.swarm.area, this.#width, this.#height);
+    // After a change of scale the old pixels mean other places.
+    const rescaled = projection.scale !== this.#projection?.scale || projection.left !== this.#projection.left;
+    this.#projection = projection;
+    const places = new Map<string, Point>();
+    for (const robot of shownRobots(this.#scene.swarm)) {
+      if (robot.position) places.set(robot.address, toScreen(projection, robot.position));
+    }
+    this.#motion.aim(places, this.#still.matches || rescaled);
+    this.#groundIsOld = true;
+    this.#frame ??= requestAnimationFrame((now_ms) => this.#draw(now_ms));
+  }
+
+  #draw(now_ms: number): void {
+    this.#frame = undefined;
+    const [ground, robots] = [this.#ground.getContext("2d"), this.#robots.getContext("2d")];
+    if (!this.#scene || !this.#projection || !ground || !robots) return;
+    this.#theme ??= readTheme(this.#ground);
+    // After a pause the first step is one frame long, not the pause.
+    const moving = this.#motion.advance(Math.min(now_ms - this.#drawnAt_ms, 50));
+    this.#drawnAt_ms = now_ms;
+    if (this.#groundIsOld) {
+      ground.clearRect(0, 0, this.#width, this.#height);
+      drawGround(ground, this.#projection, this.#theme, this.#scene);
+      this.#groundIsOld = false;
+    }
+    robots.clearRect(0, 0, this.#width, this.#height);
+    drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places);
+    if (moving) this.#frame = requestAnimationFrame((next_ms) => this.#draw(next_ms));
+  }
+}

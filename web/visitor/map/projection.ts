@@ -1,0 +1,63 @@
+// Between the area's lengths and the canvas's pixels (CSS pixels, origin top left, y down in both).
+
+import type { Area, Point } from "../../client";
+
+export interface Projection {
+  readonly area: Area;
+  /** Pixels per unit of length. */
+  readonly scale: number;
+  readonly left: number;
+  readonly top: number;
+}
+
+/** Room around the area for a robot that stands on its edge. */
+const MARGIN = 12;
+
+/** The area centred in a canvas, as large as fits. */
+export function fitArea(area: Area, width: number, height: number): Projection {
+  const scale = Math.max(Math.min((width - 2 * MARGIN) / area.width, (height - 2 * MARGIN) / area.height), 1e-9);
+  return { area, scale, left: (width - area.width * scale) / 2, top: (height - area.height * scale) / 2 };
+}
+
+export function toScreen({ scale, left, top }: Projection, { x, y }: Point): Point {
+  return { x: left + x * scale, y: top + y * scale };
+}
+
+/** Within the area: a tap on the margin means its edge. */
+export function toArea({ area, scale, left, top }: Projection, { x, y }: Point): Point {
+  const clamp = (value: number, most: number) => Math.min(Math.max(value, 0), most);
+  return rounded(area, { x: clamp((x - left) / scale, area.width), y: clamp((y - top) / scale, area.height) });
+}
+
+/** As it is sent: whole millimetres, or millionths of a side. */
+export function rounded(area: Area, { x, y }: Point): Point {
+  const grain = area.unit === "mm" ? 1 : 1e6;
+  return { x: Math.round(x * grain) / grain, y: Math.round(y * grain) / grain };
+}
+
+/** A route's threshold in the area's unit of length: an older server counts it in thousandths of a side. */
+export function thresholdLength(area: Area, threshold: number): number {
+  return area.unit === "mm" ? threshold : threshold / 1000;
+}
+
+/** Distance between grid lines: 1, 2 or 5 times a power of ten, about a fifth of the area. */
+export function gridStep(area: Area): number {
+  const rough = Math.max(area.width, area.height) / 5;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const digit = rough / power;
+  return (digit < 1.5 ? 1 : digit < 3.5 ? 2 : digit < 7.5 ? 5 : 10) * power;
+}
+
+/** The place nearest to `at`, within `reach` pixels. */
+export function nearest(places: ReadonlyMap<string, Point>, at: Point, reach: number): string | undefined {
+  let best: string | undefined;
+  let bestDistance = reach;
+  for (const [address, { x, y }] of places) {
+    const distance = Math.hypot(x - at.x, y - at.y);
+    if (distance <= bestDistance) {
+      best = address;
+      bestDistance = distance;
+    }
+  }
+  return best;
+}

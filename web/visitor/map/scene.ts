@@ -1,0 +1,247 @@
+// What the map shows. Two canvases: below, what changes ten times a second at most (grid, trails, routes); above, what
+// glides (robots and their names).
+
+import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm, shortName } from "../../client";
+import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
+import type { Theme } from "./theme";
+
+export interface Scene {
+  readonly swarm: Swarm;
+  readonly selected: string | undefined;
+  /** The route being tapped together, not yet sent. */
+  readonly draft: readonly Point[];
+  readonly threshold: number;
+  /** Keyboard cursor for waypoints. */
+  readonly cursor: Point | undefined;
+}
+
+/** Everybody's trail but the selected one's is short: 200 long ones are a tangle, and slow on a phone. */
+const TRAIL_OF_FEW = 60;
+const TRAIL_OF_MANY = 15;
+/** Up to so many robots are few: all are named on the map. */
+const MOST_NAMES = 30;
+const ROBOT_MM = 60;
+const LEAST_RADIUS = 5;
+/** Few robots may be drawn larger than they are, for thumbs. */
+const LEAST_RADIUS_OF_FEW = 7.5;
+const MOST_RADIUS = 13;
+const TURN = 2 * Math.PI;
+
+export function shownRobots(swarm: Swarm): Robot[] {
+  return [...swarm.robots.values()].filter((robot) => robot.position && robot.status !== LOST);
+}
+
+export function robotRadius({ area, scale }: Projection, robots: number): number {
+  const length = area.unit === "mm" ? ROBOT_MM : ROBOT_MM / 2000;
+  const least = robots <= MOST_NAMES ? LEAST_RADIUS_OF_FEW : LEAST_RADIUS;
+  return Math.min(Math.max(length * scale, least), MOST_RADIUS);
+}
+
+/** The colour of a disc. A dark LED would be a hole in a dark map, so it is drawn as unlit. */
+export function ledColour(led: Rgb | undefined, theme: Theme): string {
+  if (!led || Math.max(led.red, led.green, led.blue) < 24) return theme.unlit;
+  return `rgb(${led.red} ${led.green} ${led.blue})`;
+}
+
+export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: Theme, scene: Scene): void {
+  const { area, scale, left, top } = p;
+  ctx.fillStyle = theme.ground;
+  ctx.beginPath();
+  ctx.roundRect(left, top, area.width * scale, area.height * scale, 6);
+  ctx.fill();
+  drawGrid(ctx, p, theme);
+  const robots = shownRobots(scene.swarm);
+  const short = robots.length <= MOST_NAMES ? TRAIL_OF_FEW : TRAIL_OF_MANY;
+  for (const robot of robots) {
+    if (robot.address !== scene.selected) drawTrail(ctx, p, robot, short, ledColour(robot.led, theme), 0.35);
+  }
+  const selected = scene.selected === undefined ? undefined : scene.swarm.robots.get(scene.selected);
+  if (selected?.position) {
+    drawTrail(ctx, p, selected, selected.trail.length, ledColour(selected.led, theme), 0.8);
+    drawRoute(ctx, p, theme, selected.waypoints, selected.threshold, false);
+    const from = scene.draft.length > 0 ? [selected.position, ...scene.draft] : [];
+    drawRoute(ctx, p, theme, from, scene.threshold, true);
+  }
+  if (scene.cursor) drawCursor(ctx, toScreen(p, scene.cursor), theme);
+}
+
+function drawGrid(ctx: CanvasRenderingContext2D, { area, scale, left, top }: Projection, theme: Theme): void {
+  const step = gridStep(area);
+  ctx.strokeStyle = theme.grid;
+  ctx.lineWidth = 1;
+  ctx.beginPath();
+  for (let x = step; x < area.width - step / 100; x += step) {
+    ctx.moveTo(left + x * scale, top);
+    ctx.lineTo(left + x * scale, top + area.height * scale);
+  }
+  for (let y = step; y < area.height - step / 100; y += step) {
+    ctx.moveTo(left, top + y * scale);
+    ctx.lineTo(left + area.width * scale, top + y * scale);
+  }
+  ctx.stroke();
+  ctx.strokeStyle = theme.edge;
+  ctx.beginPath();
+  ctx.roundRect(left, top, area.width * scale, area.height * scale, 6);
+  ctx.stroke();
+}
+
+function drawTrail(
+  ctx: CanvasRenderingContext2D,
+  { scale, left, top }: Projection,
+  { trail, position }: Robot,
+  most: number,
+  colour: string,
+  alpha: number,
+): void {
+  if (trail.length < 1 || !position) return;
+  ctx.globalAlpha = alpha;
+  ctx.strokeStyle = colour;
+  ctx.lineWidth = 2;
+  ctx.lineJoin = "round";
+  ctx.beginPath();
+  const first = Math.max(0, trail.length - most);
+  ctx.moveTo(left + trail.x(first) * scale, top + trail.y(first) * scale);
+  for (let i = first + 1; i < trail.length; i += 1) ctx.lineTo(left + trail.x(i) * scale, top + trail.y(i) * scale);
+  ctx.lineTo(left + position.x * scale, top + position.y * scale);
+  ctx.stroke();
+  ctx.globalAlpha = 1;
+}
+
+/** The first point is where the robot stands or stood: a route's start, and no waypoint. */
+function drawRoute(
+  ctx: CanvasRenderingContext2D,
+  p: Projection,
+  theme: Theme,
+  points: readonly Point[],
+  threshold: number,
+  isDraft: boolean,
+): void {
+  const [start, ...waypoints] = points.map((point) => toScreen(p, point));
+  if (!start || waypoints.length === 0) return;
+  const reach = Math.max(thresholdLength(p.area, threshold) * p.scale, 2);
+  ctx.strokeStyle = theme.accent;
+  ctx.fillStyle = theme.accent;
+  ctx.globalAlpha = 0.16;
+  for (const { x, y } of waypoints) {
+    ctx.beginPath();
+    ctx.arc(x, y, reach, 0, TURN);
+    ctx.fill();
+  }
+  ctx.globalAlpha = 0.9;
+  ctx.lineWidth = 2;
+  ctx.setLineDash(isDraft ? [3, 6] : [8, 5]);
+  ctx.beginPath();
+  ctx.moveTo(start.x, start.y);
+  for (const { x, y } of waypoints) ctx.lineTo(x, y);
+  ctx.stroke();
+  ctx.setLineDash([]);
+  ctx.lineWidth = 1.5;
+  for (const { x, y } of waypoints) {
+    ctx.beginPath();
+    ctx.arc(x, y, reach, 0, TURN);
+    ctx.stroke();
+  }
+  ctx.globalAlpha = 1;
+  ctx.font = "600 11px system-ui, sans-serif";
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  waypoints.forEach(({ x, y }, i) => {
+    ctx.fillStyle = theme.accent;
+    ctx.beginPath();
+    ctx.arc(x, y, 8, 0, TURN);
+    ctx.fill();
+    ctx.fillStyle = theme.ground;
+    ctx.fillText(String(i + 1), x, y + 0.5);
+  });
+}
+
+function drawCursor(ctx: CanvasRenderingContext2D, { x, y }: Point, theme: Theme): void {
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = 2;
+  ctx.beginPath();
+  ctx.moveTo(x - 12, y);
+  ctx.lineTo(x + 12, y);
+  ctx.moveTo(x, y - 12);
+  ctx.lineTo(x, y + 12);
+  ctx.stroke();
+}
+
+/** `places` are pixels: where the robots are in their glide. */
+export function drawRobots(
+  ctx: CanvasRenderingContext2D,
+  p: Projection,
+  theme: Theme,
+  scene: Scene,
+  places: ReadonlyMap<string, Point>,
+): void {
+  const robots = shownRobots(scene.swarm);
+  const radius = robotRadius(p, robots.length);
+  for (const robot of robots) {
+    const place = places.get(robot.address);
+    if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
+  }
+  if (robots.length <= MOST_NAMES) {
+    for (const robot of robots) {
+      const place = places.get(robot.address);
+      if (place && robot.address !== scene.selected) drawName(ctx, p, theme, shortName(robot), place, radius, false);
+    }
+  }
+  const selected = robots.find((robot) => robot.address === scene.selected);
+  const place = selected && places.get(selected.address);
+  if (!selected || !place) return;
+  ctx.strokeStyle = theme.accent;
+  ctx.lineWidth = 3;
+  ctx.beginPath();
+  ctx.arc(place.x, place.y, radius + 6, 0, TURN);
+  ctx.stroke();
+  drawRobot(ctx, theme, selected, place, radius + 1);
+  drawName(ctx, p, theme, shortName(selected), place, radius + 6, true);
+}
+
+function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { x, y }: Point, radius: number): void {
+  ctx.globalAlpha = robot.status === INACTIVE ? 0.35 : 1;
+  const colour = ledColour(robot.led, theme);
+  if (robot.direction !== undefined) {
+    // 0 faces +y and degrees turn clockwise on the screen: the nose lies along (-sin, cos).
+    const angle = (robot.direction * TURN) / 360;
+    const [noseX, noseY] = [-Math.sin(angle), Math.cos(angle)];
+    const tip = radius * 1.75;
+    ctx.fillStyle = theme.ink;
+    ctx.beginPath();
+    ctx.moveTo(x + noseX * tip, y + noseY * tip);
+    ctx.lineTo(x + noseY * radius * 0.72, y - noseX * radius * 0.72);
+    ctx.lineTo(x - noseY * radius * 0.72, y + noseX * radius * 0.72);
+    ctx.fill();
+  }
+  ctx.fillStyle = colour;
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = 1.5;
+  ctx.beginPath();
+  ctx.arc(x, y, radius, 0, TURN);
+  ctx.fill();
+  ctx.stroke();
+  ctx.globalAlpha = 1;
+}
+
+function drawName(
+  ctx: CanvasRenderingContext2D,
+  p: Projection,
+  theme: Theme,
+  name: string,
+  { x, y }: Point,
+  radius: number,
+  bold: boolean,
+): void {
+  // Below the robot, or above it where below is off the map.
+  const bottom = p.top + p.area.height * p.scale;
+  const at = y + radius + 16 > bottom ? y - radius - 16 : y + radius + 4;
+  ctx.font = `${bold ? 700 : 500} 12px system-ui, sans-serif`;
+  ctx.textAlign = "center";
+  ctx.textBaseline = "top";
+  ctx.lineJoin = "round";
+  ctx.lineWidth = 3;
+  ctx.strokeStyle = theme.halo;
+  ctx.strokeText(name, x, at);
+  ctx.fillStyle = theme.ink;
+  ctx.fillText(name, x, at);
+}

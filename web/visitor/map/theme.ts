@@ -1,0 +1,26 @@
+// The map's colours: the stylesheet's, read where a canvas cannot see them.
+
+export interface Theme {
+  readonly ground: string;
+  readonly grid: string;
+  readonly edge: string;
+  readonly ink: string;
+  readonly halo: string;
+  readonly accent: string;
+  /** A robot whose LED is off or unknown. */
+  readonly unlit: string;
+}
+
+export function readTheme(element: Element): Theme {
+  const style = getComputedStyle(element);
+  const colour = (name: string) => style.getPropertyValue(name).trim() || "#888";
+  return {
+    ground: colour("--ground"),
+    grid: colour("--grid"),
+    edge: colour("--edge"),
+    ink: colour("--ink"),
+    halo: colour("--ground"),
+    accent: colour("--accent"),
+    unlit: colour("--unlit"),
+  };
+}
