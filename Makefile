@@ -82,7 +82,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_link.py
 
 docs: setup-dev
-	$(BIN)/mkdocs build --strict --quiet --site-dir site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 clean:
 	rm -rf .venv site out .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache .hypothesis $(PAGES)

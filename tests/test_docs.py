@@ -255,7 +255,7 @@ def test_the_vocabulary_is_the_code_s():
     assert (vocabulary.REQUEST_ROBOTS, vocabulary.REQUEST_AREA) == (0, 1)
     numbers = {int(row[0].split()[0]) for row in table(text, "cmd")}
     assert numbers == {notice.value for notice in vocabulary.Notice} | {255}
-    assert f"at most {vocabulary.MAX_WAYPOINTS};" in text
+    assert f"at most {vocabulary.MAX_WAYPOINTS}," in text
     assert "({}…{} mm)".format(*vocabulary.THRESHOLD_MM) in text
     assert f"not heard for {vocabulary.QUIET_AFTER_S:g} s" in text
 

@@ -320,6 +320,7 @@ def qrurls() -> list[dict[str, Any]]:
         "empty": "",
         "no pin": ours.replace("&pin=" + pin, ""),
         "pin of letters": ours.replace(pin, "abcdefgh"),
+        "a pin twice": ours + "&pin=" + pin,
         "another version": ours.replace("v=1", "v=9"),
         "no broker": ours.split("&broker", maxsplit=1)[0],
         "broker by http": ours.replace("ws%3A", "http%3A"),

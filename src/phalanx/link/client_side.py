@@ -98,6 +98,8 @@ class ClientSide:
 
     def _move(self, pin: Pin) -> Moved:
         # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
+        if pin == self._epoch.pin:
+            raise BadPayload("a move to the current pin")
         left = self.subscriptions()
         self._epoch = derive_epoch(pin)
         joined = self.subscriptions()

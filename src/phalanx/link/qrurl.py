@@ -93,9 +93,13 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
     """
     try:
         parts = urlsplit(url.strip())
-        words = {name: values[0] for name, values in parse_qs(parts.fragment or parts.query, max_num_fields=32).items()}
+        given = parse_qs(parts.fragment or parts.query, max_num_fields=32)
     except ValueError:
         raise BadQrUrl("not a URL") from None
+    # Two programs that read one link must not each take another of two pins.
+    if any(len(values) > 1 for values in given.values()):
+        raise BadQrUrl("a word twice")
+    words = {name: values[0] for name, values in given.items()}
     if "pin" not in words:
         raise BadQrUrl("no pin in it")
     if parts.fragment:

@@ -41,7 +41,9 @@ export class Connection {
   constructor(to: Invitation) {
     this.#link = new Link(to.root, to.pin, this.clientId);
     this.#mqtt = mqtt.connect(to.broker, {
-      clientId: this.clientId,
+      // Not the client id that answers are addressed to: that one is in a topic, and a broker closes the older of two
+      // connections of one name, so whoever read it there could push this visitor off.
+      clientId: `phalanx${bytesToHex(randomBytes(8))}`,
       protocolVersion: to.mqtt,
       clean: true,
       keepalive: KEEPALIVE_S,

@@ -1,0 +1,56 @@
+"""Takes the pictures of the pages in docs/img from a running gateway: `python scripts/screenshots.py`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.async_api import async_playwright
+
+from phalanx.link import Client
+
+IMG = Path(__file__).parent.parent / "docs" / "img"
+GATEWAY = [sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--seed", "6", "--duration", "60"]
+
+
+def corner(i: int, n: int) -> dict[str, float]:
+    """Where robot i of n goes: a loose ring."""
+    places = [(500, 450), (1000, 350), (1500, 450), (1600, 1000), (1500, 1550), (1000, 1650), (500, 1550), (400, 1000)]
+    x, y = places[(i * 3) % len(places)]
+    return {"x": x + 40 * (i // len(places)) + i % n, "y": y, "z": 0}
+
+
+async def main() -> None:
+    """One gateway, a few robots on their way, a phone and an operator's screen."""
+    gateway = subprocess.Popen(GATEWAY, stdout=subprocess.PIPE, text=True)
+    assert gateway.stdout is not None
+    ready = json.loads(gateway.stdout.readline())
+    try:
+        async with Client(ready["qr_url"]) as client, async_playwright() as p:
+            robots = await client.request(0, frames=True)
+            for i, robot in enumerate(robots[:8]):
+                route = {"threshold": 60, "waypoints": [corner(i, 12), corner(i + 3, 12)]}
+                await client.command(robot["address"], "waypoints", route)
+            chromium = await p.chromium.launch(
+                executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+            )
+            phone = await chromium.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=2, has_touch=True)
+            await phone.goto(ready["qr_url"])
+            await phone.get_by_test_id("robot-select").select_option(index=3)
+            await asyncio.sleep(7)
+            await phone.screenshot(path=IMG / "visitor.png")
+            desk = await chromium.new_page(viewport={"width": 1280, "height": 800})
+            await desk.goto(ready["operator_url"])
+            await asyncio.sleep(2.5)
+            await desk.screenshot(path=IMG / "operator.png")
+            await chromium.close()
+    finally:
+        gateway.terminate()
+        gateway.wait()
+
+
+asyncio.run(main())
