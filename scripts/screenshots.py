@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -26,9 +25,9 @@ def corner(i: int, n: int) -> dict[str, float]:
 
 async def main() -> None:
     """One gateway, a few robots on their way, a phone and an operator's screen."""
-    gateway = subprocess.Popen(GATEWAY, stdout=subprocess.PIPE, text=True)
+    gateway = await asyncio.create_subprocess_exec(*GATEWAY, stdout=asyncio.subprocess.PIPE)
     assert gateway.stdout is not None
-    ready = json.loads(gateway.stdout.readline())
+    ready = json.loads(await gateway.stdout.readline())
     try:
         async with Client(ready["qr_url"]) as client, async_playwright() as p:
             robots = await client.request(0, frames=True)
@@ -38,7 +37,9 @@ async def main() -> None:
             chromium = await p.chromium.launch(
                 executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
             )
-            phone = await chromium.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=2, has_touch=True)
+            phone = await chromium.new_page(
+                viewport={"width": 390, "height": 844}, device_scale_factor=2, has_touch=True
+            )
             await phone.goto(ready["qr_url"])
             await phone.get_by_test_id("robot-select").select_option(index=3)
             await asyncio.sleep(7)
@@ -50,7 +51,7 @@ async def main() -> None:
             await chromium.close()
     finally:
         gateway.terminate()
-        gateway.wait()
+        await gateway.wait()
 
 
 asyncio.run(main())
