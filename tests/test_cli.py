@@ -233,7 +233,8 @@ class TestUp:
         with child("up", "--port", "0", "--duration", "2") as up:
             assert up.wait() == 0
             text = "\n".join(up.out)
-            assert "▀" in text
+            assert "█" in text
+            assert "\x1b" not in text, "no colours in a file"
             assert re.search(r"visitors  http://127.0.0.1:\d+/ ", text)
             assert re.search(r"operator  http://127.0.0.1:\d+/#token=", text)
 
@@ -453,19 +454,22 @@ class TestDoctor:
         assert any(line.startswith("fix") and "broker" in line for line in done.stdout.splitlines())
 
 
-def test_the_terminals_code_is_the_code(tmp_path):
+@pytest.mark.parametrize("colour", [True, False])
+def test_the_terminals_code_is_the_code(colour):
     """Read it back with another program: first the terminal's cells to pixels, then zxing."""
     import numpy as np
     import zxingcpp
 
     url = "http://192.168.1.7:8080/#v=1&pin=" + "7" * 39 + "&broker=ws%3A%2F%2F192.168.1.7%3A9001%2Fmqtt"
+    light = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
     rows = []
-    for line in qr_text(url, border=4).splitlines():
-        cells = re.findall(r"38;5;(\d+);48;5;(\d+)m▀", line)
-        rows.append([int(top) for top, _ in cells])
-        rows.append([int(bottom) for _, bottom in cells])
-    pixels = np.where(np.array(rows) == 231, 255, 0).astype(np.uint8)
-    picture = np.kron(pixels, np.ones((8, 8), dtype=np.uint8))
+    for line in qr_text(url, border=4, colour=colour).splitlines():
+        if colour:
+            cells = [(t == "231", b == "231") for t, b in re.findall(r"38;5;(\d+);48;5;(\d+)m▀", line)]
+        else:
+            cells = [light[letter] for letter in line]
+        rows += [[top for top, _ in cells], [bottom for _, bottom in cells]]
+    picture = np.kron(np.array(rows, dtype=np.uint8) * 255, np.ones((8, 8), dtype=np.uint8))
     (found,) = zxingcpp.read_barcodes(picture)
     assert found.text == url
     assert segno.make_qr(url, error="l").symbol_size(border=2)[0] <= 60, "it fits an ordinary terminal"

@@ -32,7 +32,6 @@ export function Fleet({ robots }: { readonly robots: readonly Robot[] }) {
           ))}
         </p>
       </header>
-      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: a region that scrolls must be reachable by keyboard */}
       <section className="scroll" aria-label="Robots" tabIndex={0}>
         <table data-testid="fleet-table">
           <thead>

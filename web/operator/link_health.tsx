@@ -45,7 +45,6 @@ export function VisitorsCard({ visitors }: { readonly visitors: readonly Visitor
       {recent.length === 0 ? (
         <p className="quiet">Nobody yet. The code is waiting.</p>
       ) : (
-        // biome-ignore lint/a11y/noNoninteractiveTabindex: a region that scrolls must be reachable by keyboard
         <ul className="scroll" tabIndex={0} aria-label="Visitors, the most recent first">
           {recent.map((visitor) => (
             <li key={visitor.id}>

@@ -15,19 +15,29 @@ import segno
 BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
 
-def qr_text(url: str, border: int = 2) -> str:
-    """The QR code of `url` for a terminal of 256 colours, two modules a character."""
+def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
+    """The QR code of `url`, two modules a character.
+
+    With colour it is black on white whatever the terminal's theme. Without, light modules are drawn: right on a dark
+    background, and read by most phones on a light one too.
+    """
     rows = [list(row) for row in segno.make_qr(url, error="l").matrix_iter(border=border)]
     if len(rows) % 2:
         rows.append([0] * len(rows[0]))
-    lines = []
-    for upper, lower in zip(rows[::2], rows[1::2], strict=True):
-        cells = (
-            f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
-            for top, bottom in zip(upper, lower, strict=True)
-        )
-        lines.append("".join(cells) + "\x1b[0m")
-    return "\n".join(lines)
+    draw = _colour_cell if colour else _plain_cell
+    end = "\x1b[0m" if colour else ""
+    return "\n".join(
+        "".join(draw(bool(top), bool(bottom)) for top, bottom in zip(upper, lower, strict=True)) + end
+        for upper, lower in zip(rows[::2], rows[1::2], strict=True)
+    )
+
+
+def _colour_cell(top: bool, bottom: bool) -> str:
+    return f"\x1b[38;5;{BLACK if top else WHITE};48;5;{BLACK if bottom else WHITE}m▀"
+
+
+def _plain_cell(top: bool, bottom: bool) -> str:
+    return (" " if bottom else "▄") if top else ("▀" if bottom else "█")
 
 
 def status_line(text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,7 @@ def _run_for_people(options: UpOptions) -> None:
 
 
 def _show_code(url: str) -> None:
-    click.echo(f"\n{qr_text(url)}\n{url}\n")
+    click.echo(f"\n{qr_text(url, colour=sys.stdout.isatty())}\n{url}\n")
 
 
 async def _keep_status(running: Running) -> None:
