@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
 from dataclasses import replace
 
@@ -13,12 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
+from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.gateway import Gateway, OperatorPages, VisitorPages, vocabulary
 from phalanx.gateway.frames import Frames
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
 from phalanx.gateway.visitors import FORGET_AFTER_S, LIMIT, Visitors
 from phalanx.io import Client, Server
+from phalanx.link import ClientSide, Request, ServerSide
+from phalanx.link.messages import Reply, ReplyPart
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 
@@ -41,18 +45,18 @@ class Mirror:
             del self.robots[address]
         for robot in data.get("joined", ()):
             self.robots[robot["address"]] = dict(robot)
-        for address, x, y, direction, battery_mv, status, mode in data["robots"]:
-            self.robots[address] |= {
-                "lh2_position": {"x": x, "y": y, "z": 0},
-                "direction": direction,
-                "battery": battery_mv / 1000,
-                "status": status,
-                "mode": mode,
-            }
+        by_number = {robot["n"]: robot for robot in self.robots.values()}
+        assert len(by_number) == len(self.robots)
+        for number, x, y, direction in data["robots"]:
+            by_number[number] |= {"lh2_position": {"x": x, "y": y, "z": 0}, "direction": direction}
         for change in data.get("changed", ()):
-            change = dict(change)
-            change.pop("history_cleared", None)
-            self.robots[change["address"]] |= change
+            known = self.robots[change["address"]]
+            known |= {key: value for key, value in change.items() if key not in ("history_cleared", "battery_mv")}
+            if "battery_mv" in change:
+                known["battery"] = change["battery_mv"] / 1000
+
+
+FRAME_BYTES = LinkConfig().part_plaintext_bytes
 
 
 actions = st.lists(
@@ -68,7 +72,7 @@ actions = st.lists(
 class TestFrames:
     @given(actions)
     def test_a_visitor_who_reads_frames_knows_what_the_swarm_knows(self, steps):
-        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(), 0.0
+        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(FRAME_BYTES), 0.0
         mirror = None
         for what, who, value in [("wait", 0, 0), *steps]:
             robots = swarm.robots()
@@ -88,43 +92,73 @@ class TestFrames:
                     swarm.leave(address)
             swarm.step(0.1)
             uptime += 0.1
-            frame = frames.next(swarm.robots(), NOW, uptime)
-            told = [vocabulary.tell_robot(robot, NOW, 0) for robot in swarm.robots()]
+            tick = frames.next(swarm.robots(), NOW, uptime)
+            told = [
+                vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
+            ]
             if mirror is None:
                 mirror = Mirror(told)
-            if frame:
-                mirror.read(json.loads(json.dumps(frame.payload)))
+            for frame in tick.frames if tick else ():
+                mirror.read(json.loads(json.dumps(frame)))
             for robot in told:
                 known = mirror.robots[robot["address"]]
-                for key in (
-                    "lh2_position",
-                    "direction",
-                    "status",
-                    "mode",
-                    "rgb_led",
-                    "waypoints",
-                    "waypoints_threshold",
-                ):
+                for key in ("direction", "status", "mode", "rgb_led", "waypoints", "waypoints_threshold"):
                     assert known[key] == robot[key], key
+                for axis in "xy":
+                    assert abs(known["lh2_position"][axis] - robot["lh2_position"][axis]) <= 0.6
+                assert abs(known["battery"] - robot["battery"]) <= 0.021
             assert set(mirror.robots) == {robot["address"] for robot in told}
+
+    @pytest.mark.parametrize("root", ["/qrkey", "/" + "r" * 64 + "/" + "s" * 64])
+    def test_no_frame_or_part_makes_a_packet_that_mosquitto_would_dribble(self, root):
+        config = LinkConfig(root=root)
+        swarm, frames = Dotbots(1000, 1, lambda: NOW), Frames(config.part_plaintext_bytes)
+        server = ServerSide(config, os.urandom, 0.0)
+        frames.next(swarm.robots(), NOW, 0.0)
+        for robot in swarm.robots():
+            swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 64, 60)
+        for _ in range(3):
+            swarm.join()
+        swarm.step(0.5)
+        tick = frames.next(swarm.robots(), NOW, 0.5)
+        assert len(tick.frames) > 300
+        request = Request(0, "phalanx_" + "f" * 16, {"parts": True})
+        answer = [vocabulary.tell_robot(robot, NOW, 3) for robot in swarm.robots()]
+        sealed = [publish for frame in tick.frames for publish in server.notify(frame, NOW)]
+        sealed += server.reply(request, answer, NOW)
+        assert max(len(publish.payload) + len(publish.topic) + 16 for publish in sealed) <= 4096
+
+    def test_an_answer_in_parts_is_the_answer(self):
+        config = LinkConfig()
+        server = ServerSide(config, os.urandom, 0.0)
+        client = ClientSide(config, os.urandom, server.epoch.pin, "c")
+        ask = client.request(0, NOW)
+        request = server.receive(ask.topic, ask.payload, NOW, 0.0)
+        data = [vocabulary.tell_robot(robot, NOW) for robot in Dotbots(100, 1, lambda: NOW).robots()]
+        said = [client.receive(publish.topic, publish.payload, NOW) for publish in server.reply(request, data, NOW)]
+        assert len(said) > 10
+        assert all(isinstance(part, ReplyPart) for part in said[:-1])
+        assert said[-1] == Reply(0, data)
+        whole = server.reply(replace(request, words={}), data, NOW)
+        assert len(whole) == 1, "who does not read parts gets it in one piece"
 
     def test_a_swarm_at_rest_is_told_once_a_second(self):
         robots = Dotbots(3, 1, lambda: NOW).robots()
-        frames = Frames()
+        frames = Frames(FRAME_BYTES)
         told = [frames.next(robots, NOW, tick * 0.1) for tick in range(31)]
-        full = [frame for frame in told if frame]
+        full = [tick for tick in told if tick]
         assert len(full) in (3, 4)
-        assert all(len(frame.payload["data"]["robots"]) == 3 for frame in full)
+        assert all(len(tick.frames[0]["data"]["robots"]) == 3 for tick in full)
 
     def test_a_cleared_history_is_told(self):
-        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames()
+        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames(FRAME_BYTES)
         address = swarm.robots()[0].address
         swarm.drive(address, 100, 100)
         swarm.step(0.5)
         frames.next(swarm.robots(), NOW, 0.0)
         swarm.clear_history(address)
-        frame = frames.next(swarm.robots(), NOW, 0.1)
-        assert frame.payload["data"]["changed"] == [{"address": address, "history_cleared": True}]
+        (frame,) = frames.next(swarm.robots(), NOW, 0.1).frames
+        assert frame["data"]["changed"] == [{"address": address, "history_cleared": True}]
 
 
 class TestJoysticks:
@@ -188,14 +222,24 @@ class TestVocabulary:
         swarm = Dotbots(50, 1, lambda: NOW)
         trail = [Point(i * 1.1, i * 1.3) for i in range(1000)]
         robots = [replace(robot, history=trail) for robot in swarm.robots()]
-        whole = vocabulary.tell_robots(robots, NOW, 1 << 30)
+        whole = vocabulary.tell_robots(robots, NOW, 1 << 30, 1 << 30)
         assert all(len(robot["position_history"]) == 1000 for robot in whole)
-        told = vocabulary.tell_robots(robots, NOW, 1 << 20)
-        assert len(json.dumps(told, separators=(",", ":"))) <= 1 << 20
+        told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
+        assert len(json.dumps(told, separators=(",", ":"))) <= 48 << 10
         lengths = {len(robot["position_history"]) for robot in told}
         assert 0 < min(lengths) <= max(lengths) < 1000
         assert told[0]["position_history"][-1] == {"x": 1098.9, "y": 1298.7, "z": 0}, "the newest are kept"
-        assert len(vocabulary.tell_robots(robots, NOW, 100)) == 50, "robots are never dropped"
+        assert len(vocabulary.tell_robots(robots, NOW, 100, 1 << 20)) == 50, "robots are not dropped for a wish"
+
+    def test_nothing_makes_an_answer_longer_than_a_client_reads(self):
+        robots = [
+            replace(robot, route=[Point(1234.5, 1234.5)] * 65, history=[Point(1.5, 1.5)] * 1000)
+            for robot in Dotbots(2000, 1, lambda: NOW).robots()
+        ]
+        told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
+        assert len(json.dumps(told, separators=(",", ":"))) <= 1 << 20
+        assert len(told) == 2000
+        assert len(vocabulary.tell_robots(robots, NOW, 100, 100_000)) >= 100, "in the end, some robots"
 
     @pytest.mark.parametrize(("silent_s", "status"), [(0, 0), (4.9, 0), (5, 1), (59, 1), (60, 2)])
     def test_a_silent_robot_is_quiet_then_lost(self, silent_s, status):

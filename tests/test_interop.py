@@ -172,7 +172,7 @@ async def test_our_python_client_and_the_published_server(broker, mqtt):
                 await client.command(ADDRESS, "move_raw", {"left_y": n})
                 topic = f"/command/0000/{ADDRESS}/0/move_raw"
                 await server.wait("command", topic=topic, payload={"left_y": n})
-                assert await client.request(0) == {"request": 0, "reply": client.client_id}
+                assert await client.request(0) == {"request": 0, "reply": client.client_id, "parts": True}
                 server.order(do="notify", payload={"cmd": 2, "n": n})
                 assert await asyncio.wait_for(anext(notes), 5) == {"cmd": 2, "n": n}
 

@@ -162,7 +162,7 @@ def test_names_are_unique_even_in_a_large_swarm():
     assert len(set(names)) == 500
 
 
-@pytest.mark.parametrize("count", [0, -1, 10_001])
+@pytest.mark.parametrize("count", [0, -1, 2001])
 def test_a_swarm_has_a_size(count):
     with pytest.raises(UsageError):
         Dotbots(count, 0, lambda: 0.0)

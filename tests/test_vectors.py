@@ -15,6 +15,7 @@ from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import OpenError, PeerError, PhalanxError
 from phalanx.link.envelope import Envelope, open_envelope, seal
 from phalanx.link.keys import Epoch, derive_epoch
+from phalanx.link.parts import PartsInbox
 from phalanx.link.pin import Pin
 from phalanx.link.qrurl import parse_qr_url
 from phalanx.link.replay import ReplayCache
@@ -98,6 +99,19 @@ def test_replays_are_refused_and_nothing_is_forgotten_early(case):
     for i, step in enumerate(case["steps"]):
         entry = (step["epoch"], bytes.fromhex(step["iv"]), step["timestamp"], step["now"])
         assert outcome(lambda entry=entry: cache.enter(*entry)) == step["expect"], i
+
+
+@cases("parts")
+def test_answers_in_parts_arrive_whole(case):
+    inbox = PartsInbox()
+    for i, step in enumerate(case["steps"]):
+        taken = []
+        said = outcome(lambda step=step, taken=taken: taken.append(inbox.take(0, step["words"])))
+        if said == "ok":
+            said = "part" if taken[0] is None else "whole"
+        assert said == step["expect"], i
+        if said == "whole":
+            assert taken[0] == step["whole"]
 
 
 @cases("pin_message")

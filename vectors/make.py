@@ -339,7 +339,66 @@ def qrurls() -> list[dict[str, Any]]:
     ]
 
 
+def parts() -> list[dict[str, Any]]:
+    def step(answer: Any, part: Any, count: Any, data: Any, expect: str, **more: Any) -> dict[str, Any]:
+        words = {"request": 0, "answer": answer, "part": part, "parts": count, "data": data}
+        return {"words": words, "expect": expect, **more}
+
+    bad = {
+        "a part beyond the last": (1, 2, 2, []),
+        "a negative part": (1, -1, 2, []),
+        "no parts at all": (1, 0, 0, []),
+        "more parts than anybody needs": (1, 0, 1025, []),
+        "a fraction": (1, 0.5, 2, []),
+        "true": (True, 0, 2, []),
+        "no answer number": (None, 0, 2, []),
+        "data no list": (1, 0, 2, {"a": 1}),
+    }
+    return [
+        {
+            "name": "three parts in order",
+            "steps": [
+                step(7, 0, 3, [1, 2], "part"),
+                step(7, 1, 3, [3], "part"),
+                step(7, 2, 3, [], "whole", whole=[1, 2, 3]),
+            ],
+        },
+        {
+            "name": "out of order, one twice",
+            "steps": [
+                step(7, 1, 2, ["b"], "part"),
+                step(7, 1, 2, ["B"], "part"),
+                step(7, 0, 2, ["a"], "whole", whole=["a", "B"]),
+            ],
+        },
+        {"name": "one part is the whole", "steps": [step(1, 0, 1, [5], "whole", whole=[5])]},
+        {
+            "name": "two answers do not mix",
+            "steps": [
+                step(1, 0, 2, [1], "part"),
+                step(2, 0, 2, [10], "part"),
+                step(2, 1, 2, [11], "whole", whole=[10, 11]),
+                step(1, 1, 2, [2], "whole", whole=[1, 2]),
+            ],
+        },
+        {
+            "name": "the oldest of five unfinished answers is forgotten",
+            "steps": [
+                *(step(answer, 0, 2, [answer], "part") for answer in range(5)),
+                step(0, 1, 2, [9], "part"),
+                step(4, 1, 2, [9], "whole", whole=[4, 9]),
+            ],
+        },
+        {
+            "name": "an answer that changes its number of parts",
+            "steps": [step(1, 0, 2, [], "part"), step(1, 1, 3, [], "BadPayload")],
+        },
+        *({"name": name, "steps": [step(*words, "BadPayload")]} for name, words in bad.items()),
+    ]
+
+
 VECTORS = {
+    "parts": parts,
     "keys": keys,
     "envelope": envelopes,
     "topics": topics,

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from .errors import UsageError
 
+# MQTT header and properties, the rest of the longest topic of ours, JWE segments but the ciphertext, the envelope.
+PACKET_OVERHEAD_BYTES = 16 + 25 + 7 + 40 + 85 + 60
 _ROOT = re.compile(r"/[0-9A-Za-z_-]{1,64}(/[0-9A-Za-z_-]{1,64}){0,7}")
 
 
@@ -23,6 +25,8 @@ class LinkConfig:
         tolerance_s: largest distance between a message's timestamp and the receiver's clock.
         max_to_server_bytes: longest plaintext that a server reads.
         max_to_client_bytes: longest plaintext that a client reads.
+        part_bytes: longest MQTT packet for messages that can be split. mosquitto 2.0 sends longer ones to browsers at a
+            few kilobytes per 100 ms.
         replay_capacity: messages that the replay cache remembers at once, per receiver.
         knock_gap_s: at most one pin message per so many seconds for late phones.
     Raises: UsageError: a value is out of range.
@@ -36,6 +40,7 @@ class LinkConfig:
     tolerance_s: float = 30.0
     max_to_server_bytes: int = 48 * 1024
     max_to_client_bytes: int = 1024 * 1024
+    part_bytes: int = 4000
     replay_capacity: int = 200_000
     knock_gap_s: float = 1.0
 
@@ -56,3 +61,10 @@ class LinkConfig:
         for name in ("max_to_server_bytes", "max_to_client_bytes", "replay_capacity"):
             if getattr(self, name) < 1:
                 raise UsageError(f"{name} is {getattr(self, name)}", "at least 1")
+        if self.part_bytes < 1024:
+            raise UsageError(f"part_bytes is {self.part_bytes}", "at least 1024")
+
+    @property
+    def part_plaintext_bytes(self) -> int:
+        """Longest payload, as JSON, that makes a packet of `part_bytes`: less topic, envelope, JWE and base64."""
+        return (self.part_bytes - len(self.root) - PACKET_OVERHEAD_BYTES) * 3 // 4

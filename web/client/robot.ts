@@ -18,6 +18,8 @@ export interface Rgb {
 
 export interface Robot {
   readonly address: string;
+  /** What frames call it. */
+  readonly number: number | undefined;
   readonly name: string;
   readonly application: string;
   readonly status: number;
@@ -45,6 +47,7 @@ export function readRobot(words: Json | undefined): Robot | undefined {
   if (!isObject(words) || !isAddress(words["address"])) return undefined;
   return {
     address: words["address"],
+    number: readNumber(words["n"], 0, Number.MAX_SAFE_INTEGER),
     name: readName(words["name"]) ?? UNNAMED,
     application: readApplication(words["application"]),
     status: readStatus(words["status"]) ?? ACTIVE,

@@ -53,6 +53,8 @@ export interface Swarm {
   readonly robots: ReadonlyMap<string, Robot>;
   /** Changes only when a robot comes, goes, or changes its name or status: lists need not be drawn at every frame. */
   readonly roster: readonly RosterEntry[];
+  /** Addresses by the numbers that frames use. */
+  readonly numbers: ReadonlyMap<number, string>;
   readonly area: Area;
   /** Whether the server answered request 1; until then the area is guessed from the positions. */
   readonly areaTold: boolean;
@@ -72,6 +74,7 @@ export interface RosterEntry {
 
 export const NO_SWARM: Swarm = {
   robots: new Map(),
+  numbers: new Map(),
   roster: [],
   area: DEFAULT_AREA,
   areaTold: false,
@@ -121,13 +124,15 @@ function withRobots(swarm: Swarm, data: Json): Swarm {
     if (robot) listed.push(robot);
   }
   // An answer above the client's limit comes without histories: what was seen meanwhile is better than nothing.
-  const trimmed = listed.every((robot) => robot.trail.length === 0);
+  // Ours tells the newest points only.
+  const trimmed = listed.length > 1 && listed.every((robot) => robot.trail.length === 0);
   const robots = new Map<string, Robot>();
   for (const robot of listed) {
     const known = swarm.robots.get(robot.address);
-    robots.set(robot.address, trimmed && known && listed.length > 1 ? { ...robot, trail: known.trail } : robot);
+    const shorter = known && robot.trail.length < known.trail.length && (trimmed || robot.trail.length > 0);
+    robots.set(robot.address, shorter ? { ...robot, trail: known.trail } : robot);
   }
-  return settled({ ...swarm, robots, listed: true });
+  return settled({ ...swarm, robots, numbers: numbersOf(robots), listed: true });
 }
 
 function withArea(swarm: Swarm, data: Json): Swarm {
@@ -158,34 +163,35 @@ function framed(swarm: Swarm, frame: JsonObject): Swarm {
   const seq = readNumber(frame["seq"], 0, Number.MAX_SAFE_INTEGER);
   if (seq === undefined || !Number.isInteger(seq)) return swarm;
   let missed = swarm.seq !== undefined && seq !== swarm.seq + 1;
+  let { numbers } = swarm;
   const next = edited(swarm, (robots) => {
-    for (const words of list(frame["joined"])) join(robots, words);
+    const joined = list(frame["joined"]);
+    for (const words of joined) join(robots, words);
+    if (joined.length > 0) numbers = numbersOf(robots);
     for (const words of list(frame["robots"])) {
-      if (Array.isArray(words) && !moveInFrame(robots, words, swarm.area)) missed ||= swarm.listed;
+      if (Array.isArray(words) && !moveInFrame(robots, numbers, words, swarm.area)) missed ||= swarm.listed;
     }
     for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
     for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
   });
-  return { ...next, seq, missed: next.missed + (missed ? 1 : 0) };
+  return { ...next, numbers, seq, missed: next.missed + (missed ? 1 : 0) };
 }
 
-/** `[address, x, y, direction, battery_mv, status, mode]`; false for a robot that we do not know. */
-function moveInFrame(robots: Map<string, Robot>, words: readonly Json[], area: Area): boolean {
-  const [address, x, y, directionWord, battery_mv, statusWord, modeWord] = words;
-  if (!isAddress(address)) return true;
+/** `[number, x, y, direction]`; false for a robot that we do not know. */
+function moveInFrame(
+  robots: Map<string, Robot>,
+  numbers: ReadonlyMap<number, string>,
+  words: readonly Json[],
+  area: Area,
+): boolean {
+  const [number, x, y, directionWord] = words;
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const robot = address === undefined ? undefined : robots.get(address);
   // Of robots beyond what we keep, no answer would tell us more.
-  if (!robots.has(address)) return robots.size >= MOST_ROBOTS;
-  move(robots, address, readPointXy(x, y), area);
+  if (address === undefined || !robot) return robots.size >= MOST_ROBOTS;
   const direction = readDirection(directionWord);
-  const millivolts = readNumber(battery_mv, 0, 100_000);
-  const status = readStatus(statusWord);
-  const mode = readMode(modeWord);
-  change(robots, address, {
-    ...(direction !== undefined && { direction }),
-    ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
-    ...(status !== undefined && { status }),
-    ...(mode !== undefined && { mode }),
-  });
+  if (direction !== undefined) robots.set(address, { ...robot, direction });
+  move(robots, address, readPointXy(x, y), area);
   return true;
 }
 
@@ -195,7 +201,13 @@ function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {
   const led = readRgb(words["rgb_led"]);
   const waypoints = readWaypoints(words["waypoints"]);
   const threshold = readThreshold(words["waypoints_threshold"]);
+  const millivolts = readNumber(words["battery_mv"], 0, 100_000);
+  const status = readStatus(words["status"]);
+  const mode = readMode(words["mode"]);
   change(robots, address, {
+    ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
+    ...(status !== undefined && { status }),
+    ...(mode !== undefined && { mode }),
     ...(led && { led }),
     ...(waypoints && { waypoints }),
     ...(threshold !== undefined && { threshold }),
@@ -221,6 +233,12 @@ function move(robots: Map<string, Robot>, address: string, position: Point | und
   const last = trail.length - 1;
   const near = last >= 0 && Math.hypot(position.x - trail.x(last), position.y - trail.y(last)) < step;
   robots.set(address, { ...robot, position, trail: near ? trail : trail.append(position) });
+}
+
+function numbersOf(robots: ReadonlyMap<string, Robot>): ReadonlyMap<number, string> {
+  const numbers = new Map<number, string>();
+  for (const { address, number } of robots.values()) if (number !== undefined) numbers.set(number, address);
+  return numbers;
 }
 
 function list(words: Json | undefined): readonly Json[] {

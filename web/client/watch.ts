@@ -60,6 +60,11 @@ export class Watch {
     this.#staleInARow = 0;
   }
 
+  /** Request 0 is being answered: a part came. */
+  answering(now_ms: number): void {
+    this.#askedAt_ms = now_ms;
+  }
+
   /** Request 0 was answered. */
   answered(): void {
     this.#answered = true;

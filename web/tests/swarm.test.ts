@@ -15,6 +15,7 @@ const play = (actions: readonly Action[], from: Swarm = NO_SWARM) => actions.red
 function robot(address: string, more: object = {}) {
   return {
     address,
+    n: address === A ? 1 : 2,
     name: "Ada",
     application: 0,
     swarm: "0000",
@@ -57,6 +58,17 @@ describe("answers", () => {
     expect(START.roster.map(label)).toEqual(["Ada (0001)", "Bo (0002)"]);
   });
 
+  test("a resync with the newest points only does not shorten a trail that was seen growing", () => {
+    const grown = play([frame(1, { robots: [[1, 500, 200, 0]] }), frame(2, { robots: [[1, 900, 200, 0]] })], START);
+    expect(of(play([told(0, [robot(A), robot(B)])], grown)).trail.length).toBe(3);
+  });
+
+  test("who joins has a number, and frames may use it at once", () => {
+    const swarm = play([frame(1, { joined: [robot("C", { n: 9 })], robots: [[9, 700, 800, 45]] })], START);
+    expect(of(swarm, "C")).toMatchObject({ position: { x: 700, y: 800 }, direction: 45 });
+    expect(swarm.missed).toBe(0);
+  });
+
   test("a second answer forgets robots that are no longer listed", () => {
     expect([...play([told(0, [robot(B)])], START).robots.keys()]).toEqual([B]);
   });
@@ -86,9 +98,9 @@ describe("frames", () => {
   test("move robots, and grow their trails by steps that can be seen", () => {
     const swarm = play(
       [
-        frame(1, { robots: [[A, 110, 200, 270, 3100, 1, 1]] }),
-        frame(2, { robots: [[A, 400, 200, -90, 3100, 1, 1]] }),
-        frame(3, { robots: [[A, 401, 200, 450, 3000, 0, 0]] }),
+        frame(1, { robots: [[1, 110, 200, 270]], changed: [{ address: A, battery_mv: 3100, status: 1, mode: 1 }] }),
+        frame(2, { robots: [[1, 400, 200, -90]] }),
+        frame(3, { robots: [[1, 401, 200, 450]], changed: [{ address: A, battery_mv: 3000, status: 0, mode: 0 }] }),
       ],
       START,
     );
@@ -129,20 +141,20 @@ describe("frames", () => {
     expect(play([frame(8)], one).missed).toBe(0);
     expect(play([frame(9)], one).missed).toBe(1);
     expect(play([frame(1)], one).missed).toBe(1);
-    expect(play([frame(8, { robots: [["F00D", 1, 1, 1, 1, 0, 0]] })], one).missed).toBe(1);
+    expect(play([frame(8, { robots: [[77, 1, 1, 1]] })], one).missed).toBe(1);
     expect(play([{ kind: "reconnected" }, frame(20)], one).missed).toBe(0);
   });
 
   test("the roster keeps its identity while nobody comes, goes or is renamed", () => {
-    const moved = play([frame(1, { robots: [[A, 500, 500, 0, 3000, 0, 0]] })], START);
+    const moved = play([frame(1, { robots: [[1, 500, 500, 0]] })], START);
     expect(moved.roster).toBe(START.roster);
-    expect(play([frame(2, { robots: [[A, 500, 500, 0, 3000, 2, 0]] })], moved).roster).not.toBe(START.roster);
+    expect(play([frame(2, { changed: [{ address: A, status: 2 }] })], moved).roster).not.toBe(START.roster);
   });
 
   test("the state that was given is left as it was", () => {
     const before = of(START);
-    const grown = play([frame(1, { robots: [[A, 900, 200, 0, 3000, 0, 0]] })], START);
-    const other = play([frame(1, { robots: [[A, 200, 900, 0, 3000, 0, 0]] })], START);
+    const grown = play([frame(1, { robots: [[1, 900, 200, 0]] })], START);
+    const other = play([frame(1, { robots: [[1, 200, 900, 0]] })], START);
     expect(before.trail.length).toBe(1);
     expect(of(grown).trail.x(1)).toBe(900);
     expect(of(other).trail.x(1)).toBe(200);
@@ -278,7 +290,7 @@ describe("hostile peers", () => {
   test("robots beyond what is kept do not make it ask for ever", () => {
     const many = Array.from({ length: MOST_ROBOTS }, (_, i) => robot(`R${i}`));
     const full = play([told(0, many), frame(1)]);
-    expect(play([frame(2, { robots: [["beyond", 1, 1, 0, 0, 0, 0]] })], full).missed).toBe(full.missed);
+    expect(play([frame(2, { robots: [[7777, 1, 1, 0]] })], full).missed).toBe(full.missed);
   });
 });
 

@@ -7,11 +7,13 @@ import {
   deriveEpoch,
   type Epoch,
   fullTopic,
+  type JsonObject,
   Key,
   OpenError,
   open,
   openJwe,
   Pin,
+  PartsInbox,
   parseQrUrl,
   qrFragment,
   ReplayCache,
@@ -152,6 +154,25 @@ describe("replay", () => {
     const cache = new ReplayCache(c.capacity, 30);
     const outcomes = c.steps.map((s) => outcome(() => cache.enter(s.epoch, s.iv, s.timestamp, s.now)).name);
     expect(outcomes).toEqual(c.steps.map((s) => s.expect));
+  });
+});
+
+describe("parts", () => {
+  interface Step {
+    words: JsonObject;
+    expect: string;
+    whole?: unknown[];
+  }
+  test.each(load<Case & { steps: Step[] }>("parts"))("$name", (c) => {
+    const inbox = new PartsInbox();
+    for (const step of c.steps) {
+      let whole: unknown[] | undefined;
+      const { name } = outcome(() => {
+        whole = inbox.take(0, step.words);
+      });
+      expect(name === "ok" ? (whole ? "whole" : "part") : name).toBe(step.expect);
+      if (step.whole) expect(whole).toEqual(step.whole);
+    }
   });
 });
 

@@ -1,4 +1,7 @@
-"""Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md)."""
+"""Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md).
+
+A tick is one frame while it fits a small message, else several; each stands for itself.
+"""
 
 from __future__ import annotations
 
@@ -6,89 +9,117 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from phalanx.link.parts import split_list
 from phalanx.robot import Robot
 
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
 FULL_EVERY_S = 1.0
+BATTERY_STEP_MV = 20  # a fifth of what a page shows
+FRAME_BYTES = 80  # of a frame without its rows
+
+Row = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """A frame, and what happened in it for those who read the older words."""
+class Tick:
+    """The frames of a tick, and what happened in it for those who read the older words."""
 
-    payload: dict[str, Any]
+    frames: tuple[dict[str, Any], ...]
     joined: tuple[Robot, ...]
     left: tuple[str, ...]
     changed: bool
 
 
 class Frames:
-    """Compares the swarm with what visitors were told last."""
+    """Compares the swarm with what visitors were told last, and numbers its robots.
 
-    def __init__(self) -> None:
+    Args:
+        limit_bytes: longest frame, as JSON.
+    """
+
+    def __init__(self, limit_bytes: int) -> None:
+        self._limit_bytes = limit_bytes - FRAME_BYTES
         self._seq = 0
-        self._told: dict[str, Robot] = {}
-        self._rows: dict[str, list[Any]] = {}
-        self._had_history: set[str] = set()
+        self._numbers: dict[str, int] = {}
+        self._next_number = 0
+        self._told: dict[str, dict[str, Any]] = {}
+        self._rows: dict[str, Row] = {}
         self._full_at_s: float | None = None
 
-    def next(self, robots: Sequence[Robot], now_s: float, uptime_s: float) -> Frame | None:
-        """The next frame, or None if there is nothing to say and the last one is less than a second old.
+    def number(self, address: str) -> int:
+        """What frames call this robot: shorter than its address, and told with it in every list of robots."""
+        number = self._numbers.get(address)
+        if number is None:
+            number = self._numbers[address] = self._next_number
+            self._next_number += 1
+        return number
+
+    def next(self, robots: Sequence[Robot], now_s: float, uptime_s: float) -> Tick | None:
+        """The frames of this tick, or None if there is nothing to say and the last one is less than a second old.
 
         Args:
             robots: the swarm now.
             now_s: seconds since 1970.
-            uptime_s: monotonic seconds; a full frame comes once in `FULL_EVERY_S` of them.
+            uptime_s: monotonic seconds; every robot's place comes once in `FULL_EVERY_S` of them.
         """
-        first = self._full_at_s is None
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
-        rows = {robot.address: _row(robot, now_s) for robot in robots}
+        rows = {robot.address: self._row(robot) for robot in robots}
         moved = [row for address, row in rows.items() if full or row != self._rows.get(address)]
-        changed = [change for robot in robots if (change := self._change(robot))]
-        joined = () if first else tuple(robot for robot in robots if robot.address not in self._told)
-        left = tuple(address for address in self._told if address not in rows)
-        if not (moved or changed or joined or left or full):
-            return None
-        data: dict[str, Any] = {"seq": self._seq, "robots": moved}
-        if changed:
-            data["changed"] = changed
-        if joined:
-            data["joined"] = [tell_robot(robot, now_s, 0) for robot in joined]
-        if left:
-            data["left"] = list(left)
-        self._seq += 1
-        self._rows = rows
-        # The history is the swarm's own list and goes on growing: what was told of it is only whether it was there.
-        self._told = {robot.address: robot for robot in robots}
-        self._had_history = {robot.address for robot in robots if robot.history}
+        told = {robot.address: _slow_words(robot, now_s, self._told.get(robot.address)) for robot in robots}
+        joined, left, changed = [], [], []
+        if self._full_at_s is not None:
+            joined = [robot for robot in robots if robot.address not in self._told]
+            left = [address for address in self._told if address not in told]
+            changed = [c for address, words in told.items() if (c := self._change(address, words))]
+        self._rows, self._told = rows, told
+        for address in left:
+            del self._numbers[address]
         if full:
             self._full_at_s = uptime_s
-        return Frame({"cmd": int(Notice.FRAME), "data": data}, joined, left, bool(changed))
-
-    def _change(self, robot: Robot) -> dict[str, Any] | None:
-        before = self._told.get(robot.address)
-        if before is None:
+        elif not (moved or joined or left or changed):
             return None
-        change: dict[str, Any] = {}
-        if robot.led != before.led:
-            change["rgb_led"] = tell_led(robot.led)
-        if robot.route != before.route:
-            change["waypoints"] = tell_route(robot.route)
-        if robot.threshold_mm != before.threshold_mm:
-            change["waypoints_threshold"] = round(robot.threshold_mm)
-        if not robot.history and robot.address in self._had_history:
+        news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
+        frames = [
+            self._frame({key: piece})
+            for key, items in (("left", left), ("joined", news), ("changed", changed))
+            if items
+            for piece in split_list(items, self._limit_bytes)
+        ]
+        if moved or not frames:
+            frames += [self._frame({"robots": piece}) for piece in split_list(moved, self._limit_bytes)]
+        return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed))
+
+    def _frame(self, words: dict[str, Any]) -> dict[str, Any]:
+        data = {"seq": self._seq, "robots": [], **words}
+        self._seq += 1
+        return {"cmd": int(Notice.FRAME), "data": data}
+
+    def _row(self, robot: Robot) -> Row:
+        at = robot.at
+        return self.number(robot.address), round(at.x_mm), round(at.y_mm), robot.direction_deg
+
+    def _change(self, address: str, words: dict[str, Any]) -> dict[str, Any] | None:
+        before = self._told.get(address)
+        if before is None or before == words:
+            return None
+        change = {key: value for key, value in words.items() if value != before[key] and key != "trail"}
+        if before["trail"] and not words["trail"]:
             change["history_cleared"] = True
-        return {"address": robot.address, **change} if change else None
+        return {"address": address, **change} if change else None
 
 
-def _row(robot: Robot, now_s: float) -> list[Any]:
-    return [
-        robot.address,
-        round(robot.at.x_mm, 1),
-        round(robot.at.y_mm, 1),
-        robot.direction_deg,
-        round(robot.battery_v * 1000),
-        int(status(robot, now_s)),
-        int(bool(robot.route)),
-    ]
+def _slow_words(robot: Robot, now_s: float, before: dict[str, Any] | None) -> dict[str, Any]:
+    """What changes seldom, as visitors are told it."""
+    battery_mv = round(robot.battery_v * 1000)
+    if before is not None and abs(battery_mv - before["battery_mv"]) < BATTERY_STEP_MV:
+        battery_mv = before["battery_mv"]
+    return {
+        "rgb_led": tell_led(robot.led),
+        "waypoints": tell_route(robot.route),
+        "waypoints_threshold": round(robot.threshold_mm),
+        "battery_mv": battery_mv,
+        "status": int(status(robot, now_s)),
+        "mode": int(bool(robot.route)),
+        "trail": bool(robot.history),
+    }

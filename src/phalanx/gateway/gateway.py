@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from phalanx.errors import PeerError, Unknown
+from phalanx.errors import PeerError, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
 
 from . import vocabulary
-from .frames import Frame, Frames
+from .frames import Frames, Tick
 from .joystick import Joysticks
 from .visitors import Visitors
 from .vocabulary import Notice
@@ -27,6 +27,8 @@ TICK_S = 0.1
 UPDATES_PER_TICK = 2
 APART_S = 0.01
 RELOAD_EVERY_S = 120.0
+OLDER_ANSWER_BYTES = 48 * 1024  # what mosquitto 2.0 sends a browser in about a second
+TRAIL_POINTS, TRAIL_POINTS_IN_ALL = 30, 3000
 
 
 class Gateway:
@@ -44,7 +46,7 @@ class Gateway:
         self.visitors = Visitors()
         self._clock = clock
         self._joysticks = Joysticks()
-        self._frames = Frames()
+        self._frames = Frames(server.config.part_plaintext_bytes)
         self._next_update = 0
         self._reloaded_at_s = 0.0
         for name, handler in (
@@ -86,38 +88,46 @@ class Gateway:
         self.swarm.clear_history(address)
 
     def _tell_robots(self, request: Request) -> list[dict[str, Any]]:
-        self._asked(request)
-        limit = self.server.config.max_to_client_bytes - 1024
-        return vocabulary.tell_robots(self.swarm.robots(), self._clock(), limit)
+        robots, now_s = self.swarm.robots(), self._clock()
+        if not self._asked(request):
+            limit = self.server.config.max_to_client_bytes - 1024
+            return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, limit)
+        # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
+        trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
+        return [
+            vocabulary.tell_robot(robot, now_s, trail) | {"n": self._frames.number(robot.address)} for robot in robots
+        ]
 
     def _tell_area(self, request: Request) -> dict[str, int]:
         self._asked(request)
         width, height = self.swarm.area_mm
         return {"width": width, "height": height}
 
-    def _asked(self, request: Request) -> None:
-        self.visitors.asked(request.client_id, request.words.get("frames") is True, time.monotonic())
+    def _asked(self, request: Request) -> bool:
+        reads_frames = request.words.get("frames") is True
+        self.visitors.asked(request.client_id, reads_frames, time.monotonic())
+        return reads_frames
 
     async def _tell(self) -> None:
         due_s = time.monotonic()
         while True:
             robots = self.swarm.robots()
-            frame = self._frames.next(robots, self._clock(), time.monotonic())
-            if frame:
-                await self.server.notify(frame.payload)
+            tick = self._frames.next(robots, self._clock(), time.monotonic())
+            for frame in tick.frames if tick else ():
+                await self._notify(frame)
             if self.visitors.older_pages(time.monotonic()):
-                await self._tell_older_pages(robots, frame)
+                await self._tell_older_pages(robots, tick)
             # A tick that came late is not made up for: visitors want the newest state, not every state.
             due_s = max(due_s + TICK_S, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
 
-    async def _tell_older_pages(self, robots: Sequence[Robot], frame: Frame | None) -> None:
+    async def _tell_older_pages(self, robots: Sequence[Robot], tick: Tick | None) -> None:
         now_s, uptime_s = self._clock(), time.monotonic()
-        for robot in frame.joined if frame else ():
+        for robot in tick.joined if tick else ():
             await self._tell_one(Notice.NEW_ROBOT, vocabulary.tell_robot(robot, now_s, 0))
         stale_s = uptime_s - self._reloaded_at_s
         # A reload makes every older page ask for everything; once a second is the most they should.
-        if stale_s >= RELOAD_EVERY_S or (frame and (frame.changed or frame.left) and stale_s >= 1):
+        if stale_s >= RELOAD_EVERY_S or (tick and (tick.changed or tick.left) and stale_s >= 1):
             self._reloaded_at_s = uptime_s
             await self._tell_one(Notice.RELOAD)
         for _ in range(min(UPDATES_PER_TICK, len(robots))):
@@ -126,7 +136,14 @@ class Gateway:
 
     async def _tell_one(self, notice: Notice, data: dict[str, Any] | None = None) -> None:
         await asyncio.sleep(APART_S)
-        await self.server.notify({"cmd": int(notice)} | ({"data": data} if data is not None else {}))
+        await self._notify({"cmd": int(notice)} | ({"data": data} if data is not None else {}))
+
+    async def _notify(self, payload: dict[str, Any]) -> None:
+        try:
+            await self.server.notify(payload)
+        except UsageError as error:
+            # A swarm that tells something unspeakable must not silence all the others.
+            log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more
 
     async def _stop_abandoned(self) -> None:
         while True:

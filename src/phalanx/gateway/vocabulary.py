@@ -132,16 +132,29 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
     }
 
 
-def tell_robots(robots: Sequence[Robot], now_s: float, limit_bytes: int) -> list[dict[str, Any]]:
-    """The answer to request 0, its trails halved until it fits."""
+def tell_robots(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_bytes: int) -> list[dict[str, Any]]:
+    """The answer to request 0 in one piece, for pages of PyDotBot.
+
+    Trails are cut to their newest points until it is no longer than `wish_bytes`, if that helps; above `limit_bytes`
+    routes are left out, and in the end robots.
+    """
     history: int | None = None
     while True:
         told = [tell_robot(robot, now_s, history) for robot in robots]
-        size = len(json.dumps(told, separators=(",", ":")))
-        if size <= limit_bytes or history == 0:
-            return told
+        size = _size(told)
+        if size <= wish_bytes or history == 0:
+            break
         longest = max((len(robot["position_history"]) for robot in told), default=0)
-        history = math.floor(longest * min(0.5, limit_bytes / size))
+        history = math.floor(longest * min(0.5, wish_bytes / size))
+    if size > limit_bytes:
+        told = [robot | {"waypoints": []} for robot in told]
+    while _size(told) > limit_bytes:
+        told = told[: len(told) // 2]
+    return told
+
+
+def _size(told: list[dict[str, Any]]) -> int:
+    return len(json.dumps(told, separators=(",", ":")))
 
 
 def tell_led(led: Led) -> dict[str, int]:

@@ -13,7 +13,7 @@ from typing import Any, Self
 from phalanx.config import LinkConfig
 from phalanx.errors import OpenError, Stale, Unavailable
 from phalanx.link.client_side import ClientSide
-from phalanx.link.messages import Moved, Notification, Rejected, Reply
+from phalanx.link.messages import Moved, Notification, Rejected, Reply, ReplyPart
 from phalanx.link.qrurl import QrUrl, parse_qr_url
 from phalanx.link.topics import CommandTopic
 
@@ -60,6 +60,7 @@ class Client:
         self._link: Connection | None = None
         self._running: asyncio.Task[None] | None = None
         self._waiting: dict[int, list[asyncio.Future[Any]]] = {}
+        self._part_at_s: dict[int, float] = {}
         self._heard: asyncio.Queue[Any] = asyncio.Queue(NOTIFICATION_LIMIT)
         self.moves = 0
 
@@ -130,7 +131,9 @@ class Client:
         deadline = time.monotonic() + timeout_s
         try:
             while (left_s := deadline - time.monotonic()) > 0:
-                await self._link.send((self._side.request(number, self._clock(), **words),))
+                # While parts of the answer are coming, asking again would only make the queue longer.
+                if time.monotonic() - self._part_at_s.get(number, -ASK_AGAIN_S) >= ASK_AGAIN_S:
+                    await self._link.send((self._side.request(number, self._clock(), **words),))
                 done, _ = await asyncio.wait((answer,), timeout=min(ASK_AGAIN_S, left_s))
                 if done:
                     return answer.result()
@@ -166,7 +169,9 @@ class Client:
             await self._link.send(said.asks)
             return
         self.skew_s = None
-        if isinstance(said, Reply):
+        if isinstance(said, ReplyPart):
+            self._part_at_s[said.number] = time.monotonic()
+        elif isinstance(said, Reply):
             for answer in self._waiting.get(said.number, ()):
                 if not answer.done():
                     answer.set_result(said.data)

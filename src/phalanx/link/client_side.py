@@ -12,7 +12,8 @@ from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
 from .envelope import encode_envelope, open_envelope, seal
 from .keys import Epoch, derive_epoch
-from .messages import Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
+from .messages import Moved, Notification, Publish, Rejected, Reply, ReplyPart, Subscribe, Unsubscribe
+from .parts import MAX_PART_BYTES, PartsInbox
 from .pin import Pin
 from .replay import ReplayCache
 from .topics import CommandTopic, ReplyTopic, SubTopic, full_topic, split_topic
@@ -39,6 +40,7 @@ class ClientSide:
         self.rejected: Counter[str] = Counter()
         self._random_bytes = random_bytes
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
+        self._inbox = PartsInbox()
         self._epoch = derive_epoch(pin)
 
     @property
@@ -56,7 +58,7 @@ class ClientSide:
         root, topic = self.config.root, self._epoch.topic
         return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
 
-    def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved | Rejected:
+    def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved | Rejected:
         """What a message from the broker says. Never raises: what is refused is counted."""
         try:
             return self._receive(topic, token, now_s)
@@ -76,9 +78,9 @@ class ClientSide:
 
         Raises: UsageError: more than a server reads.
         """
-        return self._publish("request", {"request": number, "reply": self.client_id, **words}, now_s)
+        return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
 
-    def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | Moved:
+    def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved:
         sub = split_topic(self.config.root, self._epoch.topic, topic)
         if sub not in ("notify", self._reply):
             raise WrongTopic("not a topic that this client reads")
@@ -94,7 +96,7 @@ class ClientSide:
             return self._move(opened)
         if sub == "notify":
             return Notification(opened.payload, opened.timestamp_s)
-        return _parse_reply(opened.payload)
+        return self._parse_reply(opened.payload, len(token))
 
     def _move(self, pin: Pin) -> Moved:
         # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
@@ -115,11 +117,15 @@ class ClientSide:
         token = seal(plaintext, self._epoch, self._random_bytes(IV_BYTES))
         return Publish(full_topic(self.config.root, self._epoch.topic, sub), token)
 
-
-def _parse_reply(payload: Any) -> Reply:
-    if not isinstance(payload, dict):
-        raise BadPayload("a reply is an object")
-    number = payload.get("request")
-    if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
-        raise BadPayload("a reply has a request number and data")
-    return Reply(number, payload["data"])
+    def _parse_reply(self, payload: Any, sealed_bytes: int) -> Reply | ReplyPart:
+        if not isinstance(payload, dict):
+            raise BadPayload("a reply is an object")
+        number = payload.get("request")
+        if isinstance(number, bool) or not isinstance(number, int) or "data" not in payload:
+            raise BadPayload("a reply has a request number and data")
+        if "parts" not in payload:
+            return Reply(number, payload["data"])
+        if sealed_bytes > MAX_PART_BYTES:
+            raise BadPayload("a part that should have been split")
+        whole = self._inbox.take(number, payload)
+        return ReplyPart(number) if whole is None else Reply(number, whole)

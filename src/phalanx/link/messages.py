@@ -87,6 +87,13 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
+class ReplyPart:
+    """A part of an answer; the `Reply` comes with the last one."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Moved:
     """A pin message was followed: the client now lives in `epoch`."""
 

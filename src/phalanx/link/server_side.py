@@ -17,6 +17,7 @@ from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 from .envelope import Envelope, encode_envelope, encode_pin_message, open_envelope, seal
 from .keys import Epoch, derive_epoch
 from .messages import Ask, Command, Knock, Publish, Rejected, Request, Subscribe, Unsubscribe
+from .parts import split_list
 from .pin import Pin, new_pin
 from .replay import ReplayCache
 from .rotation import Act, Event, State, step
@@ -44,6 +45,7 @@ class ServerSide:
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self._epoch = derive_epoch(pin or new_pin(config.pin_digits, random_bytes))
         self._old: Epoch | None = None
+        self._answers = 0
         self._rotated_at_s = uptime_s
         self._knocked_at_s = -config.knock_gap_s
 
@@ -90,9 +92,29 @@ class ServerSide:
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
         """The answer to `request`, on every live epoch: the visitor may be moving between two.
 
+        A list goes in parts to a client that reads parts.
+
         Raises: UsageError: the data is not JSON, or more than a client reads.
         """
-        return self._publish(ReplyTopic(request.client_id), {"request": request.number, "data": data}, now_s)
+        to, number = ReplyTopic(request.client_id), request.number
+        pieces = [data]
+        if request.words.get("parts") is True and isinstance(data, list):
+            try:
+                pieces = split_list(data, self.config.part_plaintext_bytes)
+            except (TypeError, ValueError, RecursionError) as error:
+                raise UsageError(f"answer is not JSON: {error}") from error
+        if len(pieces) == 1:
+            return self._publish(to, {"request": number, "data": data}, now_s)
+        self._answers += 1
+        return tuple(
+            publish
+            for i, piece in enumerate(pieces)
+            for publish in self._publish(
+                to,
+                {"request": number, "data": piece, "answer": self._answers, "part": i, "parts": len(pieces)},
+                now_s,
+            )
+        )
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
         """Rotate, or end an overlap, if it is due."""
@@ -104,6 +126,10 @@ class ServerSide:
         if since_s >= config.rotate_s:
             asks += self._step(Event.ROTATE_DUE, uptime_s)
         return asks
+
+    def restart_clock(self, uptime_s: float) -> None:
+        """The current epoch begins now; for a server that was not reachable before."""
+        self._rotated_at_s = uptime_s
 
     def next_due_s(self) -> float:
         """Uptime at which `advance` has something to do."""

@@ -27,7 +27,7 @@ CHARGE_S = 60.0
 HISTORY = 1000
 HISTORY_STEP_MM = 20.0
 DEFAULT_THRESHOLD_MM = 60.0
-MAX_ROBOTS = 10_000
+MAX_ROBOTS = 2000  # as many as the visitors' page keeps
 
 # Short, easy to tell apart when called out across a room.
 NAMES = (
@@ -52,7 +52,7 @@ class Dotbots:
     Robots whose battery is empty leave to charge, and come back.
 
     Args:
-        count: robots at the start, 1..10 000.
+        count: robots at the start, 1..2000.
         seed: places, headings and batteries are drawn from it.
         clock: seconds since 1970, for when a robot was last heard.
     Raises: UsageError: the count is out of range.

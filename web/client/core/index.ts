@@ -19,6 +19,7 @@ export type { Json, JsonObject } from "./json";
 export { IV_BYTES, openJwe, sealJwe } from "./jwe";
 export { deriveEpoch, type Epoch, Key } from "./keys";
 export { Link, type LinkEvent, type Moved, type Notified, type Outgoing, type Rejected, type Replied } from "./link";
+export { PartsInbox } from "./parts";
 export { Pin } from "./pin";
 export { DEFAULT_ROOT, type Invitation, invitation, PUBLISHED_KEYS, parseQrUrl, qrFragment } from "./qrurl";
 export { ReplayCache } from "./replay";

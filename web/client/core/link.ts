@@ -7,6 +7,7 @@ import { CLIENT_MAX_BYTES, open, SERVER_MAX_BYTES, seal, TOLERANCE_S } from "./e
 import { BadPayload, OpenError, PeerError, UsageError, WrongTopic } from "./errors";
 import { isObject, type Json, type JsonObject } from "./json";
 import { deriveEpoch, type Epoch } from "./keys";
+import { PART_MAX_BYTES, PartsInbox } from "./parts";
 import type { Pin } from "./pin";
 import { ReplayCache } from "./replay";
 import { fullTopic, isClientId, type SubTopic, splitTopic } from "./topics";
@@ -29,6 +30,12 @@ export interface Replied {
   readonly data: Json;
 }
 
+/** A part of an answer; `Replied` comes with the last one. */
+export interface RepliedPart {
+  readonly kind: "part";
+  readonly request: number;
+}
+
 /** The pin has rotated, and the link speaks under the new one. */
 export interface Moved {
   readonly kind: "moved";
@@ -44,7 +51,7 @@ export interface Rejected {
   readonly skew_s?: number;
 }
 
-export type LinkEvent = Notified | Replied | Moved | Rejected;
+export type LinkEvent = Notified | Replied | RepliedPart | Moved | Rejected;
 
 /** What to hand to the broker. */
 export interface Outgoing {
@@ -58,6 +65,7 @@ export class Link {
   /** How many messages were refused, by reason. */
   readonly rejected = new Map<string, number>();
   readonly #cache = new ReplayCache(REPLAY_CAPACITY, TOLERANCE_S);
+  readonly #inbox = new PartsInbox();
   #epoch: Epoch;
 
   /** @throws UsageError: the client id cannot be part of a topic. */
@@ -92,7 +100,7 @@ export class Link {
 
   /** A request, answered under this link's client id. @param iv 12 fresh random bytes. */
   request(request: number, more: JsonObject, now_s: number, iv: Uint8Array): Outgoing {
-    return this.#seal({ kind: "request" }, { ...more, request, reply: this.clientId }, now_s, iv);
+    return this.#seal({ kind: "request" }, { parts: true, ...more, request, reply: this.clientId }, now_s, iv);
   }
 
   /** What a message from the broker means. Never throws. */
@@ -121,7 +129,13 @@ export class Link {
     if (!isObject(payload)) throw new BadPayload("an answer that is not an object");
     const { request, data } = payload;
     if (!Number.isSafeInteger(request) || data === undefined) throw new BadPayload("an answer without request or data");
-    return { kind: "replied", timestamp_s, request: request as number, data };
+    const number = request as number;
+    if (payload["parts"] === undefined) return { kind: "replied", timestamp_s, request: number, data };
+    if (bytes.length > PART_MAX_BYTES) throw new BadPayload("a part that should have been split");
+    const whole = this.#inbox.take(number, payload);
+    return whole === undefined
+      ? { kind: "part", request: number }
+      : { kind: "replied", timestamp_s, request: number, data: whole };
   }
 
   #move(pin: Pin): Moved {

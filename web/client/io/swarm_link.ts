@@ -98,6 +98,11 @@ export class SwarmLink {
         this.#watch.missed(now_ms, Math.random());
         this.#onMoved(this.connection.pin);
         return;
+      case "part":
+        this.#watch.heard(now_ms);
+        // Asking again before the last part is here would only make the queue longer.
+        if (event.request === REQUEST_ROBOTS) this.#watch.answering(now_ms);
+        return;
       default:
         this.#watch.heard(now_ms);
         if (event.kind === "replied" && event.request === REQUEST_ROBOTS) this.#watch.answered();

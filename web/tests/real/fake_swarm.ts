@@ -179,6 +179,7 @@ export class FakeSwarm {
 /** Wanders about until it is driven. */
 class Bot {
   readonly address: string;
+  readonly #number: number;
   readonly #name: string;
   readonly #width: number;
   readonly #height: number;
@@ -196,6 +197,7 @@ class Bot {
 
   constructor(i: number, width: number, height: number, unit: boolean) {
     this.address = (0xdecafbad00000000n + BigInt(i * 2654435761)).toString(16).toUpperCase().padStart(16, "0");
+    this.#number = i;
     this.#name = `${NAMES[i % NAMES.length]}${i < NAMES.length ? "" : ` ${Math.floor(i / NAMES.length) + 1}`}`;
     [this.#width, this.#height, this.#unit] = [width, height, unit];
     // A golden spiral: spread out, and the same every time.
@@ -241,6 +243,7 @@ class Bot {
   words(): JsonObject {
     return {
       address: this.address,
+      ...(!this.#unit && { n: this.#number }),
       ...(!this.#unit && { name: this.#name }),
       application: 0,
       swarm: "0000",
@@ -263,7 +266,7 @@ class Bot {
     return { address, direction, lh2_position, battery };
   }
 
-  row(): (string | number)[] {
-    return [this.address, Math.round(this.#x), Math.round(this.#y), Math.round(this.#direction), 2900, 0, 0];
+  row(): number[] {
+    return [this.#number, Math.round(this.#x), Math.round(this.#y), Math.round(this.#direction)];
   }
 }
