@@ -1,5 +1,6 @@
 # Every target sets up what it needs first; a second run is quick. `make demo` and `make test` are the two to know.
 .DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
 SHELL := /bin/sh
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
@@ -7,6 +8,14 @@ PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 DEMO ?=
+
+# What the system must have, asked for once and all at once; the tests need more than the demo.
+NEEDED := .venv/needs
+NEEDS := venv=python3-venv node=nodejs npm=npm broker=mosquitto
+ifneq ($(filter test% lint bench docs setup-dev,$(MAKECMDGOALS)),)
+NEEDED := .venv/needs-dev
+NEEDS := venv=python3-venv node=nodejs npm=npm mosquitto=mosquitto chromium=chromium
+endif
 
 .PHONY: help setup setup-dev demo test lint test-python test-web bench docs clean
 
@@ -17,14 +26,19 @@ help:
 
 # --- setting up -------------------------------------------------------------------------------------------------------
 
-setup: .venv/runtime $(PAGES)/built
-setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs .venv/chromium
+setup: $(NEEDED) .venv/runtime $(PAGES)/built
+setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs
 
-.venv/bin/python:
-	@scripts/need.sh venv=python3-venv mosquitto=mosquitto
+$(NEEDED):
+	@scripts/need.sh $(NEEDS)
+	@mkdir -p .venv
+	@touch $@
+
+# pip comes last when a venv is made: one that was interrupted is made again.
+.venv/bin/pip: | $(NEEDED)
 	python3 -m venv .venv
 
-.venv/runtime: requirements.lock pyproject.toml | .venv/bin/python
+.venv/runtime: requirements.lock pyproject.toml | .venv/bin/pip
 	@echo "installing Python packages"
 	@$(PIP) install --require-hashes -r requirements.lock
 	@$(PIP) install --no-deps --no-build-isolation -e .
@@ -35,12 +49,7 @@ setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs .venv/chromium
 	@$(PIP) install --require-hashes -r requirements-dev.lock
 	@touch $@
 
-.venv/chromium: | .venv/bin/python
-	@scripts/need.sh chromium=chromium
-	@touch $@
-
-web/node_modules/.installed: web/package-lock.json
-	@scripts/need.sh node=nodejs npm=npm
+web/node_modules/.installed: web/package-lock.json | $(NEEDED)
 	@echo "installing npm packages for the pages"
 	@cd web && npm ci --no-audit --no-fund --loglevel=error
 	@touch $@
@@ -50,7 +59,7 @@ $(PAGES)/built: web/node_modules/.installed $(WEB_SOURCES)
 	@cd web && npm run --silent build
 	@touch $@
 
-$(PEER)/dist/peer.cjs: $(PEER)/package-lock.json $(wildcard $(PEER)/*.js $(PEER)/*.jsx)
+$(PEER)/dist/peer.cjs: $(PEER)/package-lock.json $(wildcard $(PEER)/*.js $(PEER)/*.jsx) | $(NEEDED)
 	@echo "installing the published npm client, for the tests"
 	@cd $(PEER) && npm ci --no-audit --no-fund --loglevel=error && npm run --silent build
 

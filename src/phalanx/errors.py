@@ -14,8 +14,8 @@ class PhalanxError(Exception):
     """Anything that Phalanx raises on purpose."""
 
 
-class UsageError(PhalanxError):
-    """The caller can mend this: a bad value, a missing file, a port in use.
+class _Told(PhalanxError):
+    """For a person to read.
 
     Args:
         message: what is wrong and where, lower case, no full stop.
@@ -27,17 +27,12 @@ class UsageError(PhalanxError):
         self.hint = hint
 
 
-class Unavailable(PhalanxError):
-    """The world said no: a broker that cannot be reached, a port in use, a swarm that does not answer.
+class UsageError(_Told):
+    """The caller can mend this: a bad value, a missing file, a port in use."""
 
-    Args:
-        message: what was refused, lower case, no full stop.
-        hint: what to do about it, or "".
-    """
 
-    def __init__(self, message: str, hint: str = "") -> None:
-        super().__init__(message)
-        self.hint = hint
+class Unavailable(_Told):
+    """The world said no: a broker that cannot be reached, a port in use, a swarm that does not answer."""
 
 
 class PeerError(PhalanxError):
@@ -98,6 +93,12 @@ class CacheFull(PeerError):
     reason = "cache_full"
 
 
+class Overrun(PeerError):
+    """Arrived faster than they were read; dropped unread."""
+
+    reason = "overrun"
+
+
 class WrongTopic(PeerError):
     """Not a topic that this receiver reads, or not one of a live epoch."""
 
@@ -108,6 +109,12 @@ class BadPayload(PeerError):
     """The words inside the envelope make no sense to the handler."""
 
     reason = "bad_payload"
+
+
+class Late(PeerError):
+    """A joystick's command that lay here unread for longer than a joystick's word is good for."""
+
+    reason = "late"
 
 
 class Unknown(PeerError):

@@ -17,6 +17,11 @@ export const TONES: Readonly<Record<Tone, string>> = {
 };
 
 const REASONS: Readonly<Record<string, Reason>> = {
+  overrun: {
+    title: "A flood",
+    text: "More came at once than can be read, so the rest was thrown away unread. Orders of visitors may be among it.",
+    tone: "suspicious",
+  },
   too_large: {
     title: "Too large",
     text: "Longer than any message of our page. It was not even decrypted.",
@@ -61,6 +66,11 @@ const REASONS: Readonly<Record<string, Reason>> = {
     title: "Impossible order",
     text: "A number is missing or out of range, such as a speed of 900. Not carried out.",
     tone: "harmless",
+  },
+  late: {
+    title: "Came too late",
+    text: "A joystick's order that had to wait for more than 300 ms: whoever gave it may have let go. Not carried out.",
+    tone: "suspicious",
   },
   unknown: {
     title: "No such robot or order",

@@ -58,10 +58,8 @@ def doctor(broker: str | None, broker_login: Path | None, as_json: bool) -> int:
 
 
 def _python() -> Finding:
-    version = ".".join(map(str, sys.version_info[:3]))
-    return Finding(
-        "python", sys.version_info >= (3, 11), version, "" if sys.version_info >= (3, 11) else "3.11 or newer"
-    )
+    ok = sys.version_info >= (3, 11)
+    return Finding("python", ok, ".".join(map(str, sys.version_info[:3])), "" if ok else "3.11 or newer")
 
 
 def _broker() -> Finding:
@@ -74,14 +72,14 @@ def _broker() -> Finding:
 def _pages() -> Finding:
     built = pages_are_built()
     return Finding(
-        "pages", built, "built" if built else "not built", "" if built else "make setup (needs node 20 and npm)"
+        "pages", built, "built" if built else "not built", "" if built else "make setup (needs node 20.19 and npm)"
     )
 
 
 def _figures() -> Finding:
     there = importlib.util.find_spec("matplotlib") is not None
     found = "matplotlib" if there else "no matplotlib: phalanx reproduce draws nothing"
-    return Finding("figures", True, found, "" if there else "pip install 'phalanx-swarm[reproduce]'")
+    return Finding("figures", True, found, "" if there else "pip install matplotlib")
 
 
 def _ports() -> list[Finding]:

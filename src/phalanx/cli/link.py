@@ -11,11 +11,13 @@ import click
 
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError
+from phalanx.gateway.events import tell_event
+from phalanx.gateway.up import for_at_most
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker
 from phalanx.io.broker_url import BrokerUrl
-from phalanx.link import Command, Epoch, Pin, QrUrl, Request, parse_qr_url
-from phalanx.link.messages import Rejected
+from phalanx.io.server import Happening
+from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 from phalanx.link.topics import ADDRESS
 
 from .options import link_options, login_option, read_login
@@ -209,14 +211,12 @@ def serve(
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
                 await server.wait_connected()
-                _tell(server.epoch, url(), events, "ready")
+                _tell(server.epoch, url(), events, ready=True)
                 await server.run()
 
     async def bounded() -> None:
-        try:
-            await asyncio.wait_for(echo(), duration)
-        except TimeoutError:
-            return
+        async with for_at_most(duration):
+            await echo()
 
     run(bounded())
 
@@ -231,18 +231,12 @@ def _echo(server: Server) -> None:
         return request.words
 
 
-def _tell(said: object, url: str, events: bool, what: str = "rotation") -> None:
-    told: dict[str, Any]
-    if isinstance(said, Epoch):
-        told = {"event": what, "pin": said.pin.digits, "topic": said.topic, "qr_url": url}
-    elif isinstance(said, Command):
-        told = {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
-    elif isinstance(said, Request):
-        told = {"event": "request", "request": said.number, "client": said.client_id}
-    elif isinstance(said, Rejected):
-        told = {"event": "rejected", "reason": said.reason}
-    else:
+def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> None:
+    told = tell_event(said, url)
+    if told is None:
         return
+    if ready:
+        told["event"] = "ready"
     if events:
         print_json(told)
     else:

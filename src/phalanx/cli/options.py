@@ -64,7 +64,8 @@ def read_login(path: Path | None) -> Login | None:
     """
     if path is not None:
         try:
-            lines = path.read_text().splitlines()
+            with path.open() as file:  # not more of it than a login has: it may be a device
+                lines = file.read(4096).splitlines()
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not text"
             raise UsageError(f"cannot read {path}: {reason}", "a file with one line user:password") from error

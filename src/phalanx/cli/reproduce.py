@@ -32,7 +32,7 @@ METRICS = {
     "slow_pct": ("above 200 ms, %", ".3f"),
     "longest_slow_run": ("longest run above 200 ms", "d"),
 }
-MATPLOTLIB_HINT = "pip install 'phalanx-swarm[reproduce]'"
+MATPLOTLIB_HINT = "pip install matplotlib"
 
 
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")

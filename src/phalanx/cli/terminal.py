@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import queue
 import shutil
 import signal
 import sys
+import threading
 from typing import Any
 
 import click
@@ -59,6 +62,40 @@ def plain(text: object, longest: int = 60) -> str:
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 
+class EventLines:
+    """JSON lines on stdout from a thread: a reader that stalls loses lines, and holds up no robot's stop.
+
+    Args:
+        limit: lines that may wait.
+    """
+
+    def __init__(self, limit: int = 10_000) -> None:
+        self.lost = 0
+        self._waiting: queue.Queue[dict[str, Any] | None] = queue.Queue(limit)
+        self._thread = threading.Thread(target=self._print, daemon=True)
+        self._thread.start()
+
+    def __call__(self, event: dict[str, Any]) -> None:
+        """Print `event` soon."""
+        try:
+            self._waiting.put_nowait(event)
+        except queue.Full:
+            self.lost += 1
+
+    def close(self, timeout_s: float = 0.5) -> None:
+        """Print what waits, if somebody reads."""
+        with contextlib.suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        self._thread.join(timeout_s)
+
+    def _print(self) -> None:
+        while (event := self._waiting.get()) is not None:
+            if self.lost:
+                lost, self.lost = self.lost, 0
+                print_json({"event": "lost", "count": lost})
+            print_json(event)
+
+
 def print_json(value: Any) -> None:
     """One line of JSON on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
     try:
@@ -67,4 +104,4 @@ def print_json(value: Any) -> None:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        signal.raise_signal(signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGTERM)

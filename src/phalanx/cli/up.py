@@ -17,7 +17,7 @@ from phalanx.gateway.up import up as run_gateway
 
 from .options import link_options, login_option, read_login
 from .run import run
-from .terminal import end_status_line, print_json, qr_text, status_line
+from .terminal import EventLines, end_status_line, qr_text, status_line
 
 
 @click.command(epilog="Example: phalanx up --host 0.0.0.0 --robots 20")
@@ -77,7 +77,11 @@ def up(
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
     if events:
-        run(run_gateway(options, print_json))
+        lines = EventLines()
+        try:
+            run(run_gateway(options, lines))
+        finally:
+            lines.close()
     else:
         _run_for_people(options)
 
@@ -88,16 +92,18 @@ def _run_for_people(options: UpOptions) -> None:
     def say(event: dict[str, Any]) -> None:
         match event["event"]:
             case "ready":
-                _show_code(event["qr_url"])
-                click.echo(f"visitors  {event['page_url']}  (scan the code: it holds the key)")
                 click.echo(f"operator  {event['operator_url']}")
-                click.echo("Ctrl-C ends it.")
+                alone = options.host in ("127.0.0.1", "localhost")
+                click.echo(
+                    "visitors  " + ("this machine only; phones need --host 0.0.0.0" if alone else event["page_url"])
+                )
+                _show_code(event["qr_url"])
             case "waiting":
                 click.echo(f"waiting for the broker at {event['broker']} ({event['trouble'] or 'no answer'})", err=True)
             case "rotation":
                 end_status_line()
-                _show_code(event["qr_url"])
                 click.echo("a new code; the old one works for a while yet")
+                _show_code(event["qr_url"])
 
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
@@ -107,7 +113,8 @@ def _run_for_people(options: UpOptions) -> None:
 
 
 def _show_code(url: str) -> None:
-    click.echo(f"\n{qr_text(url, colour=sys.stdout.isatty())}\n{url}\n")
+    # The code last: with the status line below it, it fits a terminal of 24 lines.
+    click.echo(f"{url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
 
 
 async def _keep_status(running: Running) -> None:

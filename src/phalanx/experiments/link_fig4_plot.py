@@ -52,9 +52,7 @@ def _figure(table: Table) -> Figure:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError as error:
-        raise Unavailable(
-            "matplotlib is not installed: nothing drawn", "pip install 'phalanx-swarm[reproduce]'"
-        ) from error
+        raise Unavailable("matplotlib is not installed: nothing drawn", "pip install matplotlib") from error
     figure = Figure(figsize=(11, 5.4))
     FigureCanvasAgg(figure)
     over_time, distribution = figure.subplots(1, 2, width_ratios=(6, 5))

@@ -8,14 +8,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from phalanx.errors import PeerError, Unknown, UsageError
+from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
 
 from . import vocabulary
 from .frames import Frames, Tick
-from .joystick import Joysticks
+from .joystick import EXPIRES_S, Joysticks
 from .visitors import Visitors
 from .vocabulary import Notice
 
@@ -27,6 +27,7 @@ TICK_S = 0.1
 UPDATES_PER_TICK = 2
 APART_S = 0.01
 RELOAD_EVERY_S = 120.0
+LIST_FOR_S = 0.1
 OLDER_ANSWER_BYTES = 48 * 1024  # what mosquitto 2.0 sends a browser in about a second
 TRAIL_POINTS, TRAIL_POINTS_IN_ALL = 30, 3000
 
@@ -47,6 +48,7 @@ class Gateway:
         self._clock = clock
         self._joysticks = Joysticks()
         self._frames = Frames(server.config.part_plaintext_bytes)
+        self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
         for name, handler in (
@@ -67,14 +69,19 @@ class Gateway:
         def handle(command: Command) -> None:
             if command.topic.application != vocabulary.APPLICATION:
                 raise Unknown(f"no application {command.topic.application}")
+            # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
+            # waited here while its visitor let go.
+            if command.name == "move_raw" and command.waited_s > EXPIRES_S:
+                raise Late(f"waited {command.waited_s:.1f} s")
             handler(command.address.upper(), command.payload)
 
         return handle
 
     def _move_raw(self, address: str, payload: Any) -> None:
         move = vocabulary.parse_move_raw(payload)
-        self.swarm.drive(address, move.left_pct, move.right_pct)
+        # Armed first: a driver that fails half-way may have set the wheels turning.
         self._joysticks.drive(address, bool(move.left_pct or move.right_pct), time.monotonic())
+        self.swarm.drive(address, move.left_pct, move.right_pct)
 
     def _rgb_led(self, address: str, payload: Any) -> None:
         self.swarm.set_led(address, vocabulary.parse_rgb_led(payload))
@@ -88,8 +95,17 @@ class Gateway:
         self.swarm.clear_history(address)
 
     def _tell_robots(self, request: Request) -> list[dict[str, Any]]:
+        reads_frames = self._asked(request)
+        # Whoever asks thousands of times shall not make us build thousands of lists: the stop of a joystick waits too.
+        made_at_s, told = self._lists.get(reads_frames, (-LIST_FOR_S, []))
+        if time.monotonic() - made_at_s >= LIST_FOR_S:
+            told = self._list(reads_frames)
+            self._lists[reads_frames] = (time.monotonic(), told)
+        return told
+
+    def _list(self, reads_frames: bool) -> list[dict[str, Any]]:
         robots, now_s = self.swarm.robots(), self._clock()
-        if not self._asked(request):
+        if not reads_frames:
             limit = self.server.config.max_to_client_bytes - 1024
             return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, limit)
         # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
@@ -111,15 +127,22 @@ class Gateway:
     async def _tell(self) -> None:
         due_s = time.monotonic()
         while True:
-            robots = self.swarm.robots()
-            tick = self._frames.next(robots, self._clock(), time.monotonic())
-            for frame in tick.frames if tick else ():
-                await self._notify(frame)
-            if self.visitors.older_pages(time.monotonic()):
-                await self._tell_older_pages(robots, tick)
+            try:
+                await self._tell_tick()
+            except Exception as error:
+                log.exception("cannot tell what the swarm does (%s); trying again", type(error).__name__)
+                await asyncio.sleep(1)
             # A tick that came late is not made up for: visitors want the newest state, not every state.
             due_s = max(due_s + TICK_S, time.monotonic())
             await asyncio.sleep(due_s - time.monotonic())
+
+    async def _tell_tick(self) -> None:
+        robots = self.swarm.robots()
+        tick = self._frames.next(robots, self._clock(), time.monotonic())
+        for frame in tick.frames if tick else ():
+            await self._notify(frame)
+        if self.visitors.older_pages(time.monotonic()):
+            await self._tell_older_pages(robots, tick)
 
     async def _tell_older_pages(self, robots: Sequence[Robot], tick: Tick | None) -> None:
         now_s, uptime_s = self._clock(), time.monotonic()
@@ -148,10 +171,16 @@ class Gateway:
     async def _stop_abandoned(self) -> None:
         while True:
             for address in self._joysticks.expired(time.monotonic()):
-                try:
-                    self.swarm.drive(address, 0, 0)
-                except PeerError:
-                    log.debug("%s left while being driven", address)
+                self._stop(address)
             due_s = self._joysticks.next_due_s()
             wait_s = TICK_S if due_s is None else due_s - time.monotonic()
             await asyncio.sleep(min(TICK_S, max(0.005, wait_s)))
+
+    def _stop(self, address: str) -> None:
+        try:
+            self.swarm.drive(address, 0, 0)
+        except Unknown:
+            log.debug("%s left while being driven", address)
+        except Exception as error:  # noqa: BLE001  # whatever a robot's driver does, the others are stopped too
+            log.error("%s: cannot be stopped (%s); trying again", address, type(error).__name__)  # noqa: TRY400
+            self._joysticks.drive(address, True, time.monotonic())

@@ -55,7 +55,10 @@ class _Site:
                 response = refusal or await handler(request)
             except web.HTTPException as error:  # aiohttp's way of saying 404
                 response = web.Response(status=error.status, text=f"{error.reason}\n")
-            response.headers.update(headers)
+            except OSError:  # a name longer than any file's
+                response = web.Response(status=404, text="Not Found\n")
+            for name, value in headers.items():
+                response.headers.setdefault(name, value)
             return response
 
         self.app = web.Application(middlewares=[guard], client_max_size=4096)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import resource
 import secrets
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import urlsplit
@@ -22,16 +23,19 @@ from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
 from phalanx.io.ports import LOOPBACK, free_port, lan_address
 from phalanx.io.server import Happening
-from phalanx.link import Command, Epoch
+from phalanx.link import Request
 from phalanx.link.messages import Rejected
+from phalanx.robot import Swarm
 from phalanx.sim import Dotbots
 
 from . import vocabulary
+from .events import tell_event
 from .gateway import Gateway
 from .serve_pages import OperatorPages, VisitorPages
 
 DEFAULT_PORT = 8080
 WORLD_HZ = 50
+MANY_FILES = 16_384
 REPORT_S = 1.0
 WAIT_QUIETLY_S = 1.5
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what the user asked for
@@ -73,9 +77,11 @@ class UpOptions:
 class Running:
     """A gateway that is up, as an operator sees it."""
 
-    def __init__(self, options: UpOptions, broker: RunningBroker, page_url: str, server: Server, say: Say) -> None:
+    def __init__(
+        self, options: UpOptions, broker: RunningBroker, page_url: str, server: Server, swarm: Swarm, say: Say
+    ) -> None:
         self.page_url = page_url
-        self.gateway = Gateway(Dotbots(options.robots, options.seed, time.time), server)
+        self.gateway = Gateway(swarm, server)
         self._options = options
         self._broker = broker
         self._server = server
@@ -173,7 +179,8 @@ class Running:
 
     async def _turn(self) -> None:
         swarm = self.gateway.swarm
-        assert isinstance(swarm, Dotbots)
+        if not isinstance(swarm, Dotbots):  # real robots move by themselves
+            return
         before_s = time.monotonic()
         while True:
             await asyncio.sleep(1 / WORLD_HZ)
@@ -195,23 +202,43 @@ class Running:
                 self._say({"event": "broker", "connected": connected, "trouble": self._server.trouble})
 
     def _on_event(self, said: Happening) -> None:
-        if isinstance(said, Command):
-            self._say({"event": "command", "address": said.address, "name": said.name, "payload": said.payload})
-        elif isinstance(said, Epoch):
-            self._say({"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": self.qr_url})
-        elif isinstance(said, Rejected) and said.reason not in self._told:
+        event = tell_event(said, self.qr_url)
+        if event is None or isinstance(said, Request):  # pages ask all the time
+            return
+        if isinstance(said, Rejected):
             # The first of its kind at once; the others are added up, for they may come in thousands.
+            if said.reason in self._told:
+                return
             self._told[said.reason] = self._server.rejected[said.reason]
-            self._say({"event": "rejected", "reason": said.reason, "count": self._told[said.reason]})
+            event["count"] = self._told[said.reason]
+        self._say(event)
 
 
-async def up(options: UpOptions, say: Say, started: Callable[[Running], None] = lambda _: None) -> None:
+@contextlib.asynccontextmanager
+async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
+    """The body ends quietly after `duration_s`, or never for None; a TimeoutError of its own is no such end."""
+    limit = asyncio.timeout(duration_s)
+    try:
+        async with limit:
+            yield
+    except TimeoutError:
+        if not limit.expired():
+            raise
+
+
+async def up(
+    options: UpOptions,
+    say: Say,
+    started: Callable[[Running], None] = lambda _: None,
+    swarm: Swarm | None = None,
+) -> None:
     """Run a gateway until cancelled, or for as long as the options say.
 
     Args:
         options: what to run.
         say: called with every event; the first of a running gateway is "ready", before it perhaps "waiting".
         started: called with the running gateway, just after "ready".
+        swarm: your own robots; simulated ones unless given.
     Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
     """
     loopback_only = options.host in (LOOPBACK, "localhost")
@@ -222,6 +249,7 @@ async def up(options: UpOptions, say: Say, started: Callable[[Running], None] = 
     for page in (options.frontend, options.page_url):
         if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
             raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
+    _allow_many_connections()
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(VisitorPages(options.host, port))
         broker = await stack.enter_async_context(
@@ -231,15 +259,15 @@ async def up(options: UpOptions, say: Say, started: Callable[[Running], None] = 
         server = Server(
             broker.url, config=options.link, broker_for_visitors=on_host(broker.websocket, advertised), mqtt=broker.mqtt
         )
-        running = Running(options, broker, page_url, server, say)
+        swarm = swarm or Dotbots(options.robots, options.seed, time.time)
+        running = Running(options, broker, page_url, server, swarm, say)
         operator = await stack.enter_async_context(OperatorPages(token, running.state))
         await stack.enter_async_context(server)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(options.duration_s):
-                await _until_connected(server, say)
-                say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
-                started(running)
-                await running.run()
+        async with for_at_most(options.duration_s):
+            await _until_connected(server, say)
+            say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
+            started(running)
+            await running.run()
 
 
 async def _until_connected(server: Server, say: Say) -> None:
@@ -248,3 +276,11 @@ async def _until_connected(server: Server, say: Say) -> None:
     except TimeoutError:
         say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
         await server.wait_connected()
+
+
+def _allow_many_connections() -> None:
+    # The usual soft limit of 1024 files is a classroom of phones, or one idler with a script.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MANY_FILES if hard == resource.RLIM_INFINITY else min(MANY_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

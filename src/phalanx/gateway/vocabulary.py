@@ -7,10 +7,10 @@ Only this file knows the names of fields (docs/spec/vocabulary.md). Peers' value
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import islice
 from typing import Any
 
 from phalanx.errors import BadPayload
@@ -24,6 +24,7 @@ MAX_WAYPOINTS = 64
 THRESHOLD_MM = (1, 1000)
 QUIET_AFTER_S = 5.0
 LOST_AFTER_S = 60.0
+POINT_BYTES = 34  # of a point in a trail, as JSON
 
 
 class Notice(IntEnum):
@@ -110,9 +111,8 @@ def status(robot: Robot, now_s: float) -> Status:
 
 def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[str, Any]:
     """A robot as request 0 tells it; `history` limits the trail to its newest points."""
-    trail = list(robot.history)
-    if history is not None:
-        trail = trail[-history:] if history else []
+    length = len(robot.history)
+    trail = list(islice(robot.history, max(0, length - history) if history is not None else 0, None))
     return {
         "address": robot.address,
         "name": robot.name,
@@ -135,17 +135,17 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
 def tell_robots(robots: Sequence[Robot], now_s: float, wish_bytes: int, limit_bytes: int) -> list[dict[str, Any]]:
     """The answer to request 0 in one piece, for pages of PyDotBot.
 
-    Trails are cut to their newest points until it is no longer than `wish_bytes`, if that helps; above `limit_bytes`
-    routes are left out, and in the end robots.
+    Trails are cut to their newest points so that it is no longer than `wish_bytes`, if that is enough; above
+    `limit_bytes` routes are left out, and in the end robots.
     """
-    history: int | None = None
-    while True:
-        told = [tell_robot(robot, now_s, history) for robot in robots]
+    told = [tell_robot(robot, now_s, 0) for robot in robots]
+    size = _size(told)
+    points = max((len(robot.history) for robot in robots), default=0)
+    if points and robots:
+        # Cut first, build then: a thousand points for each of a hundred robots would stop the gateway for a while.
+        points = min(points, max(0, wish_bytes - size) // (len(robots) * POINT_BYTES))
+        told = [tell_robot(robot, now_s, points) for robot in robots]
         size = _size(told)
-        if size <= wish_bytes or history == 0:
-            break
-        longest = max((len(robot["position_history"]) for robot in told), default=0)
-        history = math.floor(longest * min(0.5, wish_bytes / size))
     if size > limit_bytes:
         told = [robot | {"waypoints": []} for robot in told]
     while _size(told) > limit_bytes:

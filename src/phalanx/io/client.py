@@ -22,7 +22,7 @@ from .connection import Connection
 
 log = logging.getLogger(__name__)
 
-NOTIFICATION_LIMIT = 1000
+NOTIFICATION_LIMIT = 256
 # A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
 ASK_AGAIN_S = 1.5
 
@@ -169,13 +169,19 @@ class Client:
             await self._link.send(said.asks)
             return
         self.skew_s = None
-        if isinstance(said, ReplyPart):
-            self._part_at_s[said.number] = time.monotonic()
-        elif isinstance(said, Reply):
-            for answer in self._waiting.get(said.number, ()):
-                if not answer.done():
-                    answer.set_result(said.data)
-        elif isinstance(said, Notification):
+        if isinstance(said, Notification):
             if self._heard.full():
                 self._heard.get_nowait()
             self._heard.put_nowait(said.payload)
+        else:
+            self._on_answer(said)
+
+    def _on_answer(self, said: Reply | ReplyPart) -> None:
+        if said.number not in self._waiting:
+            return
+        if isinstance(said, ReplyPart):
+            self._part_at_s[said.number] = time.monotonic()
+            return
+        for answer in self._waiting[said.number]:
+            if not answer.done():
+                answer.set_result(said.data)

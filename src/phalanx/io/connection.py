@@ -11,7 +11,11 @@ import logging
 import os
 import random
 import ssl
+import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
+from typing import cast
 
 import aiomqtt
 from aiomqtt.client import ProtocolVersion
@@ -24,16 +28,68 @@ from phalanx.link.messages import Ask, Publish, Subscribe
 from .broker_url import BrokerUrl
 
 log = logging.getLogger(__name__)
+_SILENT = logging.getLogger(f"{__name__}.paho")
+_SILENT.setLevel(logging.CRITICAL + 1)  # it quotes what peers send
 
 KEEPALIVE_S = 60
 # From a broker's return to the first retry: the last wait before it, 1.5 s with jitter, well below the 5 s we promise.
 FIRST_RETRY_S, LAST_RETRY_S = 0.2, 1.0
 CONNECT_TIMEOUT_S = 5.0
-INCOMING_LIMIT = 5_000
+# What may wait to be read: room for a burst of small messages, and no more memory than a small machine has.
+INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale news and late commands
+INCOMING_BYTES = 64 * 1024 * 1024
 MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
+
+
+class Incoming(asyncio.Queue[aiomqtt.Message]):
+    """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
+
+    Args:
+        on_overrun: called for every message that is dropped.
+        on_read: called for every message that is read, with the seconds it has waited here.
+        maxsize: most messages.
+        max_bytes: most bytes.
+    """
+
+    def __init__(
+        self,
+        on_overrun: Callable[[], None],
+        on_read: Callable[[float], None] = lambda _: None,
+        maxsize: int = INCOMING_MESSAGES,
+        max_bytes: int = INCOMING_BYTES,
+    ) -> None:
+        super().__init__(maxsize)
+        self._on_read = on_read
+        self._since_s: deque[float] = deque()
+        self._on_overrun = on_overrun
+        self._room_bytes = max_bytes
+
+    def put_nowait(self, message: aiomqtt.Message) -> None:
+        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message."""
+        # The user properties of MQTT 5 are the sender's too, as long as a packet may be, and read by nobody.
+        message.properties = None
+        if self.full() or _size_bytes(message) > self._room_bytes:
+            self._on_overrun()
+        else:
+            super().put_nowait(message)
+
+    def _put(self, message: aiomqtt.Message) -> None:
+        self._room_bytes -= _size_bytes(message)
+        self._since_s.append(time.monotonic())
+        super()._put(message)
+
+    def _get(self) -> aiomqtt.Message:
+        message = super()._get()
+        self._room_bytes += _size_bytes(message)
+        self._on_read(time.monotonic() - self._since_s.popleft())
+        return message
+
+
+def _size_bytes(message: aiomqtt.Message) -> int:
+    return len(message.topic.value) + (len(message.payload) if isinstance(message.payload, bytes) else 0)
 
 
 class Connection:
@@ -46,6 +102,7 @@ class Connection:
         on_message: awaited with each message's topic and payload, in order.
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
+        on_overrun: called for every message that came faster than they were read, and was dropped.
     """
 
     def __init__(
@@ -56,17 +113,21 @@ class Connection:
         on_message: Callable[[str, bytes], Awaitable[None]],
         on_connect: Callable[[bool], Awaitable[None]],
         mqtt: int = 5,
+        on_overrun: Callable[[], None] = lambda: None,
     ) -> None:
         self.broker = broker
         self.mqtt = mqtt
         self.connected = asyncio.Event()
         self.reconnects = 0
         self.trouble = ""
+        self.waited_s = 0.0  # how long the message being handled lay here unread
         self._name = name
         self._subscriptions = subscriptions
         self._on_message = on_message
         self._on_connect = on_connect
+        self._on_overrun = on_overrun
         self._client: aiomqtt.Client | None = None
+        self._lifetime = asyncio.timeout(None)
         self._ever = False
 
     async def run(self) -> None:
@@ -79,6 +140,7 @@ class Connection:
             try:
                 await self._live()
             except (TimeoutError, aiomqtt.MqttError, OSError) as error:
+                _heed_cancelling()
                 wait_s = FIRST_RETRY_S if self.connected.is_set() else min(wait_s * 2, LAST_RETRY_S)
                 self._down(error)
             finally:
@@ -89,8 +151,15 @@ class Connection:
     async def send(self, asks: Iterable[Ask]) -> bool:
         """Carry out what a side of the link asks; false if the broker is away, and then it is not done later.
 
-        Nothing is queued for a broker that is away: a joystick's command must not come true a minute late.
+        Nothing is queued for a broker that is away: a joystick's command must not come true a minute late. Only what
+        should be subscribed to is made good: by connecting anew, if a subscription fails.
         """
+        before = _cancellations()
+        sent = await self._send(asks)
+        _heed_cancelling(before)
+        return sent
+
+    async def _send(self, asks: Iterable[Ask]) -> bool:
         client = self._client
         if client is None:
             return False
@@ -104,6 +173,10 @@ class Connection:
                     await client.unsubscribe(ask.topic)
         except (aiomqtt.MqttError, OSError, ValueError) as error:
             log.debug("%s: not sent: %s", self._name, error)
+            if isinstance(ask, Subscribe) and self._client is client:
+                log.warning("%s: could not subscribe (%s); connecting anew", self._name, error)
+                self._client = None
+                self._lifetime.reschedule(asyncio.get_running_loop().time())
             return False
         return True
 
@@ -120,14 +193,22 @@ class Connection:
             tls_context=ssl.create_default_context() if self.broker.tls else None,
             keepalive=KEEPALIVE_S,
             timeout=CONNECT_TIMEOUT_S,
-            max_queued_incoming_messages=INCOMING_LIMIT,
+            max_queued_incoming_messages=INCOMING_MESSAGES,
+            queue_type=cast(
+                "type[asyncio.Queue[aiomqtt.Message]]", partial(Incoming, self._on_overrun, self._note_wait)
+            ),
             properties=_connect_properties() if self.mqtt == 5 else None,
+            logger=_SILENT,
         )
+        # A broker can send a topic that aiomqtt raises on. Unsuppressed, paho would read the same packet again for
+        # ever, and log it each time, escape sequences included.
+        client._client.suppress_exceptions = True  # noqa: SLF001
         # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
         await self._reach()
-        async with client:
-            for topic in self._subscriptions():
-                await client.subscribe(topic, qos=0)
+        async with client, asyncio.timeout(None) as self._lifetime:
+            await self._subscribe(client)
+            _heed_cancelling()
+            # No await from the last look at the subscriptions to here: what changes later finds a client to tell.
             self._client = client
             self.trouble = ""
             if self._ever:
@@ -135,15 +216,32 @@ class Connection:
             log.info("connected to %s, MQTT %s", self.broker, "5" if self.mqtt == 5 else "3.1.1")
             self.connected.set()
             again, self._ever = self._ever, True
-            await self._on_connect(again)
-            async for message in client.messages:
-                payload = message.payload
-                await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
+            try:
+                await self._on_connect(again)
+                async for message in client.messages:
+                    payload = message.payload
+                    await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
+            finally:
+                self._client = None
+
+    def _note_wait(self, waited_s: float) -> None:
+        self.waited_s = waited_s
+
+    async def _subscribe(self, client: aiomqtt.Client) -> None:
+        """The broker knows what should be subscribed to now, which may have changed while it was told."""
+        known: tuple[str, ...] = ()
+        while (wanted := tuple(self._subscriptions())) != known:
+            for topic in wanted:
+                if topic not in known:
+                    await client.subscribe(topic, qos=0)
+            for topic in known:
+                if topic not in wanted:
+                    await client.unsubscribe(topic)
+            known = wanted
 
     async def _reach(self) -> None:
-        _, writer = await asyncio.wait_for(
-            asyncio.open_connection(self.broker.host, self.broker.port), CONNECT_TIMEOUT_S
-        )
+        async with asyncio.timeout(CONNECT_TIMEOUT_S):
+            _, writer = await asyncio.open_connection(self.broker.host, self.broker.port)
         writer.close()
 
     def _down(self, error: BaseException) -> None:
@@ -168,6 +266,18 @@ class Connection:
         if not self._ever and not self.trouble:
             log.warning("no broker at %s yet (%s); waiting for it", self.broker, words)
         self.trouble = words
+
+
+def _heed_cancelling(before: int = 0) -> None:
+    # aiomqtt may answer a cancellation with an MqttError (no answer to its DISCONNECT), or with success (wait_for
+    # before Python 3.12): we would live on, and whoever waits for our end, for ever.
+    if _cancellations() > before:
+        raise asyncio.CancelledError
+
+
+def _cancellations() -> int:
+    task = asyncio.current_task()
+    return task.cancelling() if task else 0
 
 
 def _connect_properties() -> Properties:

@@ -17,13 +17,16 @@ from pathlib import Path
 
 from phalanx.errors import Unavailable
 
-from .connection import MAX_PACKET_BYTES
 from .ports import LOOPBACK
 
 log = logging.getLogger(__name__)
 
+# Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
+EMBEDDED_PACKET_BYTES = 512 * 1024
+MEMORY_BYTES = 256 * 1024 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
+END_TIMEOUT_S = 1.0
 PR_SET_PDEATHSIG = 1
 
 
@@ -42,7 +45,9 @@ def configuration(tcp_port: int, ws_host: str, ws_port: int) -> str:
             "persistence false",
             "retain_available false",
             "sys_interval 0",
-            f"max_packet_size {MAX_PACKET_BYTES}",
+            f"max_packet_size {EMBEDDED_PACKET_BYTES}",
+            # Clients that subscribe and never read would otherwise be given all the memory there is.
+            f"memory_limit {MEMORY_BYTES}",
             "max_queued_messages 1000",
             "max_inflight_messages 100",
             "set_tcp_nodelay true",
@@ -90,18 +95,42 @@ async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[
     with tempfile.TemporaryDirectory(prefix="phalanx-") as folder:
         path = Path(folder) / "mosquitto.conf"
         path.write_text(configuration(tcp_port, ws_host, ws_port))
+        path.chmod(0o644)
         os.chmod(folder, 0o755)  # noqa: PTH101, S103  # nothing secret in it, and the broker may run as another user
-        process = await _start(program, path, tcp_port)
-        keeper = asyncio.create_task(_keep(program, path, tcp_port, process))
+        listens: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        keeper = asyncio.create_task(_keep(program, path, tcp_port, listens))
         try:
+            await asyncio.wait((keeper, listens), return_when=asyncio.FIRST_COMPLETED)
+            if keeper.done():
+                keeper.result()
             yield
         finally:
             keeper.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await keeper
+            await asyncio.gather(keeper, return_exceptions=True)
 
 
-async def _start(program: str, path: Path, tcp_port: int) -> asyncio.subprocess.Process:
+async def _keep(program: str, path: Path, tcp_port: int, listens: asyncio.Future[None]) -> None:
+    while True:
+        try:
+            async with _child(program, path) as process:
+                await _until_it_listens(process, tcp_port)
+                if not listens.done():
+                    listens.set_result(None)
+                assert process.stderr is not None
+                while line := await process.stderr.readline():
+                    log.warning("mosquitto: %s", line.decode(errors="replace").rstrip())
+                log.warning("mosquitto ended (%s); starting it again", await process.wait())
+        except (Unavailable, OSError, ValueError) as error:  # OSError: out of files or processes, for the moment
+            if not listens.done():
+                raise
+            log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
+            await asyncio.sleep(1)
+        await asyncio.sleep(RESTART_S)
+
+
+@contextlib.asynccontextmanager
+async def _child(program: str, path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
+    """A mosquitto that is gone when the context is left, in whatever way, and its pipe closed."""
     process = await asyncio.create_subprocess_exec(
         program,
         "-c",
@@ -113,45 +142,32 @@ async def _start(program: str, path: Path, tcp_port: int) -> asyncio.subprocess.
         preexec_fn=_die_with_parent,
         user=_whose(),
     )
+    try:
+        yield process
+    finally:
+        try:
+            with contextlib.suppress(ProcessLookupError, TimeoutError):
+                process.terminate()
+                await asyncio.wait_for(process.wait(), END_TIMEOUT_S)
+        finally:  # also if we are cancelled once more meanwhile
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            # Waiting alone would leave the pipe to the garbage collector, which finds the event loop closed.
+            await process.communicate()
+
+
+async def _until_it_listens(process: asyncio.subprocess.Process, tcp_port: int) -> None:
     deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
-    while asyncio.get_running_loop().time() < deadline:
-        if process.returncode is not None:
-            break
+    while process.returncode is None and asyncio.get_running_loop().time() < deadline:
         try:
             _, writer = await asyncio.open_connection(LOOPBACK, tcp_port)
         except OSError:
             await asyncio.sleep(0.02)
             continue
         writer.close()
-        return process
+        return
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     assert process.stderr is not None
     said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
     raise Unavailable(f"mosquitto does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")
-
-
-async def _keep(program: str, path: Path, tcp_port: int, process: asyncio.subprocess.Process) -> None:
-    try:
-        while True:
-            assert process.stderr is not None
-            while line := await process.stderr.readline():
-                log.warning("mosquitto: %s", line.decode(errors="replace").rstrip())
-            code = await process.wait()
-            log.warning("mosquitto ended (%s); starting it again", code)
-            await asyncio.sleep(RESTART_S)
-            try:
-                process = await _start(program, path, tcp_port)
-            except Unavailable as error:
-                log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
-                await asyncio.sleep(1)
-    finally:
-        if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(process.wait(), 1.0)
-            if process.returncode is None:
-                with contextlib.suppress(ProcessLookupError):
-                    process.kill()
-                await process.wait()

@@ -10,13 +10,15 @@ import inspect
 import logging
 import os
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from phalanx.config import LinkConfig
-from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
+from phalanx.errors import HandlerFailed, Overrun, PeerError, Unknown, UsageError
 from phalanx.link.keys import Epoch
 from phalanx.link.messages import Ask, Command, Knock, Rejected, Request
 from phalanx.link.pin import Pin
@@ -74,9 +76,12 @@ class Server:
         self._link: Connection | None = None
         self._mqtt = mqtt
         self._tasks: list[asyncio.Task[None]] = []
+        self._reached = asyncio.Event()
 
     def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
         """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
+        if not isinstance(name, str):
+            raise UsageError("on_command takes the command's name", '@server.on_command("move_raw")')
 
         def register(handler: CommandHandler) -> CommandHandler:
             self._commands[name] = handler
@@ -89,6 +94,8 @@ class Server:
 
         It takes a `Request` and returns the answer's data.
         """
+        if not (isinstance(number, int) or number == ANY):
+            raise UsageError("on_request takes the request's number", "@server.on_request(0)")
 
         def register(handler: RequestHandler) -> RequestHandler:
             self._requests[number] = handler
@@ -108,7 +115,9 @@ class Server:
 
     @property
     def rotates_in_s(self) -> float:
-        """Seconds until the next pin."""
+        """Seconds until the next pin; before the first connect the whole time, for nobody can have scanned this one."""
+        if not self._reached.is_set():
+            return self.config.rotate_s
         return max(0.0, self._side.rotated_at_s + self.config.rotate_s - time.monotonic())
 
     @property
@@ -138,7 +147,13 @@ class Server:
 
     async def __aenter__(self) -> Self:
         self._link = Connection(
-            self.broker, "server", self._side.subscriptions, self._on_message, self._on_connect, self._mqtt
+            self.broker,
+            "server",
+            self._side.subscriptions,
+            self._on_message,
+            self._on_connect,
+            self._mqtt,
+            self._on_overrun,
         )
         self._tasks = [asyncio.create_task(self._link.run()), asyncio.create_task(self._rotate())]
         return self
@@ -171,6 +186,8 @@ class Server:
 
     async def run(self) -> None:
         """Serve until cancelled, or until the broker refuses the login."""
+        if not self._tasks:
+            raise UsageError("the server is not entered", "async with server: …")
         await asyncio.gather(*self._tasks)
 
     async def notify(self, payload: Any) -> bool:
@@ -188,8 +205,15 @@ class Server:
     async def _on_connect(self, again: bool) -> None:
         if again:
             await self._do(self._side.reconnected(time.monotonic()))
+        else:
+            self._side.restart_clock(time.monotonic())
+            self._reached.set()
+
+    def _on_overrun(self) -> None:
+        self._report(self._side.reject(Overrun("arrived faster than they were read; dropped unread")))
 
     async def _rotate(self) -> None:
+        await self._reached.wait()
         while True:
             await asyncio.sleep(max(0.01, self._side.next_due_s() - time.monotonic()))
             before = self._side.epoch
@@ -215,16 +239,16 @@ class Server:
     def _report(self, said: Happening) -> None:
         try:
             self.on_event(said)
-        except Exception:
-            # What a peer says must not end the receive loop by way of whoever watches it.
-            log.exception("on_event failed")
+        except Exception as error:  # noqa: BLE001  # whatever it is:
+            # what a peer says must not end the receive loop by way of whoever watches it.
+            log.error("on_event failed: %s", _fault(error))  # noqa: TRY400  # no trace: see _fault
 
     async def _handle(self, said: Command | Request | Knock | Rejected) -> Command | Request | Knock | Rejected:
         if isinstance(said, Command):
             handler = self._commands.get(said.name) or self._commands.get(ANY)
             if handler is None:
                 raise Unknown(f"no command {said.name!r}")
-            await _call(handler, said)
+            await _call(handler, replace(said, waited_s=self._link.waited_s if self._link else 0.0))
             self.counters["commands"] += 1
         elif isinstance(said, Request):
             answer = self._requests.get(said.number) or self._requests.get(ANY)
@@ -253,6 +277,14 @@ async def _call(handler: Callable[[Any], Any], said: Command | Request) -> Any:
     except PeerError:
         raise
     except Exception as error:
-        # Logged with its trace, for it is a fault of this program; the payload stays out of the log.
-        log.exception("handler %s failed", getattr(handler, "__qualname__", "?"))
+        name = getattr(handler, "__qualname__", "?")
+        log.error("handler %s failed: %s", name, _fault(error))  # noqa: TRY400  # no trace: see _fault
         raise HandlerFailed(type(error).__name__) from error
+
+
+def _fault(error: Exception) -> str:
+    """Type and place of a fault of this program. Not its message, which may quote a visitor: a KeyError is the key."""
+    ours, *theirs = ((frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__))
+    # The handler's own innermost line says more than that of the library it called.
+    path, line = next((at for at in reversed(theirs) if at[0] == theirs[0][0]), ours)
+    return f"{type(error).__name__} at {path}:{line}"

@@ -84,9 +84,17 @@ def _refuse_constant(name: str) -> NoReturn:
     raise MalformedEnvelope(f"{name} is not JSON")
 
 
+def _finite(text: str) -> float:
+    # Python reads 1e999 as infinity, which nobody can then write as JSON again.
+    value = float(text)
+    if not math.isfinite(value):
+        raise MalformedEnvelope(f"{text[:20]} is not finite")
+    return value
+
+
 # json.dumps and json.loads with options make a new coder at every call, which cost more than the cipher.
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
-_DECODER = json.JSONDecoder(parse_constant=_refuse_constant)
+_DECODER = json.JSONDecoder(parse_constant=_refuse_constant, parse_float=_finite)
 
 
 def _parse_object(plaintext: bytes) -> dict[str, Any]:

@@ -42,6 +42,7 @@ class Command:
 
     topic: CommandTopic
     payload: Any = field(repr=False)
+    waited_s: float = field(default=0.0, compare=False)  # unread, on this side
 
     @property
     def address(self) -> str:

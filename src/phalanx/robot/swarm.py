@@ -60,7 +60,8 @@ class Robot:
 class Swarm(Protocol):
     """Robots that can be watched and told what to do.
 
-    Every method that takes an address raises `phalanx.errors.Unknown` if no such robot is there.
+    Every method that takes an address raises `phalanx.errors.Unknown` if no such robot is there. They are called from
+    the gateway's event loop: they must not wait. What else they raise is logged; a failed stop is tried again.
     """
 
     @property
