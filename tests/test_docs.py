@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import importlib.util
+import json
 import math
 import re
 import shlex
@@ -94,7 +95,7 @@ def test_every_command_line_would_be_understood(page):
         elif program == "make":
             assert set(words) <= make_targets(), line
         else:
-            assert program in (".", "mosquitto", "python"), f"who checks {line!r}?"
+            assert program in (".", "/usr/sbin/mosquitto", "python"), f"who checks {line!r}?"
 
 
 @each_page()
@@ -156,6 +157,32 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
             with contextlib.suppress(ProcessLookupError):
                 example.kill()
             await example.communicate()  # to the end of the pipe, so that it closes before the event loop
+
+
+async def test_own_robots_stand_behind_the_whole_gateway():
+    example = await asyncio.create_subprocess_exec(
+        sys.executable, ROOT / "examples" / "own_swarm.py", stdout=asyncio.subprocess.PIPE
+    )
+    try:
+        ready = json.loads(await asyncio.wait_for(example.stdout.readline(), 20))
+        async with Client(ready["qr_url"]) as visitor:
+            carts = await visitor.request(0, frames=True)
+            assert [cart["address"] for cart in carts] == ["CART-A", "CART-B"]
+            await visitor.command("CART-A", "move_raw", {"left_y": 100, "right_y": 100})
+            moved = await visitor.request(0, frames=True)
+            for _ in range(20):
+                if moved[0]["lh2_position"]["x"] > carts[0]["lh2_position"]["x"]:
+                    break
+                await asyncio.sleep(0.1)
+                moved = await visitor.request(0, frames=True)
+            assert moved[0]["lh2_position"]["x"] > carts[0]["lh2_position"]["x"]
+        example.send_signal(signal.SIGINT)
+        await asyncio.wait_for(example.communicate(), 10)
+        assert example.returncode == 0
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            example.kill()
+        await example.communicate()
 
 
 # --- the specification ------------------------------------------------------------------------------------------------

@@ -97,7 +97,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
             <div className="stick">
               <Joystick send={sendWheels} disabled={selected === undefined} robotName={entry?.name} />
               <p id="joystick-help" className="stick-help">
-                Hold to drive. Keys: arrows or W A S D.
+                Hold to drive. Or choose it and use the arrow keys or W A S D.
               </p>
             </div>
             <Led key={selected} link={link} selected={selected} command={command} />

@@ -2,5 +2,6 @@
 
 from .gateway import Gateway
 from .serve_pages import OperatorPages, VisitorPages, pages_are_built
+from .up import UpOptions, up
 
-__all__ = ["Gateway", "OperatorPages", "VisitorPages", "pages_are_built"]
+__all__ = ["Gateway", "OperatorPages", "UpOptions", "VisitorPages", "pages_are_built", "up"]
