@@ -6,11 +6,9 @@ encodes or decodes base64url, and it accepts a segment only in the one form it w
 
 from __future__ import annotations
 
-import base64
 import binascii
 
 from cryptography.exceptions import InvalidTag
-from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from phalanx.errors import MalformedJwe, NotAuthentic, TooLarge
 
@@ -21,17 +19,24 @@ TAG_BYTES = 16
 HEADER = b'{"alg":"dir","enc":"A256GCM"}'
 
 
+# Characters that base64url does not have become one that no base64 has.
+_TO_BASE64 = bytes.maketrans(b"-_+/=", b"+/!!!")
+_TO_BASE64URL = bytes.maketrans(b"+/", b"-_")
+_PADDING = (b"", b"===", b"==", b"=")
+
+
 def _encode(raw: bytes) -> bytes:
-    return base64.urlsafe_b64encode(raw).rstrip(b"=")
+    return binascii.b2a_base64(raw, newline=False).rstrip(b"=").translate(_TO_BASE64URL)
 
 
 def _decode(segment: bytes) -> bytes:
     try:
-        raw = base64.urlsafe_b64decode(segment + b"=" * (-len(segment) % 4))
+        raw = binascii.a2b_base64(segment.translate(_TO_BASE64) + _PADDING[len(segment) % 4], strict_mode=True)
     except binascii.Error as error:
         raise MalformedJwe("a segment is not base64url") from error
-    # Python skips foreign characters and ignores spare bits; one message has one text, in every language that reads it.
-    if _encode(raw) != segment:
+    # Spare bits in the last character: one message has one text, in every language that reads it.
+    rest = len(raw) % 3
+    if rest and _encode(raw[-rest:]) != segment[-rest - 1 :]:
         raise MalformedJwe("a segment is not canonical base64url")
     return raw
 
@@ -44,7 +49,7 @@ def seal_jwe(plaintext: bytes, key: Key, iv: bytes) -> bytes:
 
     Source: RFC 7516 §5.1, §7.1.
     """
-    sealed = AESGCM(key.raw).encrypt(iv, plaintext, HEADER_SEGMENT)
+    sealed = key.cipher.encrypt(iv, plaintext, HEADER_SEGMENT)
     return b".".join((HEADER_SEGMENT, b"", _encode(iv), _encode(sealed[:-TAG_BYTES]), _encode(sealed[-TAG_BYTES:])))
 
 
@@ -75,7 +80,7 @@ def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
     """
     iv, sealed = _segments(token, max_bytes)
     try:
-        return iv, AESGCM(key.raw).decrypt(iv, sealed, HEADER_SEGMENT)
+        return iv, key.cipher.decrypt(iv, sealed, HEADER_SEGMENT)
     except InvalidTag as error:
         raise NotAuthentic("the tag does not verify") from error
 
