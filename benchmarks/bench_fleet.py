@@ -30,6 +30,8 @@ from phalanx.gateway.gateway import TICK_S
 HERE = Path(__file__).parent
 MOST_CORES = 0.5
 LEAST_FPS = 30.0
+LEAST_TICKS_HZ = 9.5
+MOST_OTHERS = 0.3
 LEAST_CHANGES_HZ = 5.0
 MOST_GROWTH = 0.05
 # Shorter soaks say nothing about memory.
@@ -37,7 +39,7 @@ JUDGE_MEMORY_S = 300.0
 MINUTE_S = 60.0
 # A visitor keeps up if nothing is missed, and nothing older than this when it is opened.
 FRESH_S = 2.0
-ROUTES_PER_S = 200
+ROUTES_PER_S = 100
 # As phones see it: an address that browsers do not take for secure, and so without their own cryptography.
 HOST = "swarm.test"
 FLAGS = ["--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
@@ -89,7 +91,7 @@ class Fleet:
     warm_up_s: float
 
 
-FULL = Fleet(robots=1000, visitors=199, processes=2, join_per_s=8, warm_up_s=10)
+FULL = Fleet(robots=1000, visitors=199, processes=2, join_per_s=8, warm_up_s=20)
 QUICK = Fleet(robots=20, visitors=4, processes=1, join_per_s=50, warm_up_s=0.5)
 # Trails grow for about as long, robot by robot, until each is as long as it may be.
 TRAILS_FULL_S = 150.0
@@ -234,6 +236,8 @@ async def bench_fleet(fleet: Fleet, soak_s: float, say: Callable[[str], None]) -
         seen = await page.evaluate("window.__seen")
         for task in background:
             task.cancel()
+    if (others := usage.cores["all else here"]) > MOST_OTHERS:
+        say(f"something else on this machine used {others:.2f} cores: what was measured is not its best")
     return _rows(fleet, soak_s, usage, reports, seen)
 
 
@@ -283,11 +287,21 @@ def _visitor_rows(fleet: Fleet, soak_s: float, reports: list[dict[str, Any]]) ->
         ages.update({int(age): count for age, count in report["ages_ms"].items()})
         rejected.update(report["rejected"])
     each = [each for report in reports for each in report["each"]]
-    kept_up = sum(got > 0 and missed == 0 and worst_age_s <= FRESH_S for got, missed, worst_age_s in each)
+    kept_up = sum(got > 0 and missed == 0 and worst_age_s <= FRESH_S for got, missed, worst_age_s, _ in each)
     offered = total["frames"] + total["missed"]
-    published = statistics.median(got + missed for got, missed, _ in each)
+    published = statistics.median(got + missed for got, missed, _, _ in each)
     counted = sorted(ages.elements()) if ages else [0]
     return [
+        Row(
+            section=3,
+            what="updates of the whole swarm, as visitors saw them",
+            measured=statistics.median(ticks for _, _, _, ticks in each) / soak_s,
+            unit="/s",
+            limit=LEAST_TICKS_HZ,
+            at_least=True,
+            note=f"planned {1 / TICK_S:g}; {published / soak_s:.1f} messages/s "
+            f"of {total['bytes'] / max(1, total['messages']):.0f} bytes to each",
+        ),
         Row(
             section=3,
             what="visitors that opened every frame within 2 s",
@@ -297,14 +311,6 @@ def _visitor_rows(fleet: Fleet, soak_s: float, reports: list[dict[str, Any]]) ->
             at_least=True,
             note=f"{total['frames'] / soak_s:.0f} messages/s opened, "
             f"{100 * total['missed'] / max(1, offered):.2f} % missed in {total['gaps']} gaps, {total['lost']} cut off",
-        ),
-        Row(
-            section=0,
-            what="frames published",
-            measured=published / soak_s,
-            unit="/s",
-            note=f"{published / soak_s * TICK_S:.1f} a tick, "
-            f"{total['bytes'] / max(1, total['messages']):.0f} bytes a message",
         ),
         Row(
             section=0,

@@ -141,7 +141,7 @@ class TestUp:
                     raise TimeoutError("a socket's")
 
     def test_rotations_and_rejections_are_told(self):
-        with a_gateway("--rotate-s", "3", "--overlap-s", "1") as (up, ready):
+        with a_gateway("--rotate-s", "10", "--overlap-s", "1") as (up, ready):
             wrong = run("link", "connect", ready["qr_url"], "--drive", "FFFF", "--for", "0.1")
             assert (wrong.returncode, "Traceback" in wrong.stderr) == (1, False)
             assert "no robot FFFF" in wrong.stderr
