@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from phalanx.link.parts import split_list
-from phalanx.robot import Robot
+from phalanx.robot import Led, Point, Robot
 
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
@@ -43,7 +43,7 @@ class Frames:
         self._seq = 0
         self._numbers: dict[str, int] = {}
         self._next_number = 0
-        self._told: dict[str, dict[str, Any]] = {}
+        self._told: dict[str, _Slow] = {}
         self._rows: dict[str, Row] = {}
         self._full_at_s: float | None = None
 
@@ -66,12 +66,12 @@ class Frames:
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
         rows = {robot.address: self._row(robot) for robot in robots}
         moved = [row for address, row in rows.items() if full or row != self._rows.get(address)]
-        told = {robot.address: _slow_words(robot, now_s, self._told.get(robot.address)) for robot in robots}
+        told = {robot.address: _slow(robot, now_s, self._told.get(robot.address)) for robot in robots}
         joined, left, changed = [], [], []
         if self._full_at_s is not None:
             joined = [robot for robot in robots if robot.address not in self._told]
             left = [address for address in self._told if address not in told]
-            changed = [c for address, words in told.items() if (c := self._change(address, words))]
+            changed = [c for address, slow in told.items() if (c := _change(address, self._told.get(address), slow))]
         self._rows, self._told = rows, told
         for address in left:
             del self._numbers[address]
@@ -99,27 +99,54 @@ class Frames:
         at = robot.at
         return self.number(robot.address), round(at.x_mm), round(at.y_mm), robot.direction_deg
 
-    def _change(self, address: str, words: dict[str, Any]) -> dict[str, Any] | None:
-        before = self._told.get(address)
-        if before is None or before == words:
-            return None
-        change = {key: value for key, value in words.items() if value != before[key] and key != "trail"}
-        if before["trail"] and not words["trail"]:
-            change["history_cleared"] = True
-        return {"address": address, **change} if change else None
+
+@dataclass(frozen=True, slots=True)
+class _Slow:
+    """What changes seldom, of one robot, as it is compared: a route is the same tuple until it is another."""
+
+    led: Led
+    route: tuple[Point, ...]
+    threshold_mm: float
+    battery_mv: int
+    status: int
+    has_trail: bool
 
 
-def _slow_words(robot: Robot, now_s: float, before: dict[str, Any] | None) -> dict[str, Any]:
-    """What changes seldom, as visitors are told it."""
+def _slow(robot: Robot, now_s: float, before: _Slow | None) -> _Slow:
     battery_mv = round(robot.battery_v * 1000)
-    if before is not None and abs(battery_mv - before["battery_mv"]) < BATTERY_STEP_MV:
-        battery_mv = before["battery_mv"]
-    return {
-        "rgb_led": tell_led(robot.led),
-        "waypoints": tell_route(robot.route),
-        "waypoints_threshold": round(robot.threshold_mm),
-        "battery_mv": battery_mv,
-        "status": int(status(robot, now_s)),
-        "mode": int(bool(robot.route)),
-        "trail": bool(robot.history),
-    }
+    if before is not None and abs(battery_mv - before.battery_mv) < BATTERY_STEP_MV:
+        battery_mv = before.battery_mv
+    silent = int(status(robot, now_s))
+    trail = bool(robot.history)
+    if (
+        before is not None
+        and before.route is robot.route
+        and before.led is robot.led
+        and before.threshold_mm == robot.threshold_mm
+        and before.battery_mv == battery_mv
+        and before.status == silent
+        and before.has_trail == trail
+    ):
+        return before
+    return _Slow(robot.led, robot.route, robot.threshold_mm, battery_mv, silent, trail)
+
+
+def _change(address: str, before: _Slow | None, now: _Slow) -> dict[str, Any] | None:
+    if before is None or before is now:
+        return None
+    change: dict[str, Any] = {}
+    if now.led != before.led:
+        change["rgb_led"] = tell_led(now.led)
+    if now.route != before.route:
+        change["waypoints"] = tell_route(now.route)
+        if bool(now.route) != bool(before.route):
+            change["mode"] = int(bool(now.route))
+    if round(now.threshold_mm) != round(before.threshold_mm):
+        change["waypoints_threshold"] = round(now.threshold_mm)
+    if now.battery_mv != before.battery_mv:
+        change["battery_mv"] = now.battery_mv
+    if now.status != before.status:
+        change["status"] = now.status
+    if before.has_trail and not now.has_trail:
+        change["history_cleared"] = True
+    return {"address": address, **change} if change else None

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
@@ -30,6 +31,7 @@ RELOAD_EVERY_S = 120.0
 LIST_FOR_S = 0.1
 OLDER_ANSWER_BYTES = 48 * 1024  # what mosquitto 2.0 sends a browser in about a second
 TRAIL_POINTS, TRAIL_POINTS_IN_ALL = 30, 3000
+ROUTE_POINTS_IN_ALL = 3000
 
 
 class Gateway:
@@ -110,8 +112,12 @@ class Gateway:
             return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, limit)
         # What has been driven before somebody came is worth a line on the map, not a megabyte in a large swarm.
         trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
+        # Nor are the routes of many: with 64 points each they were nine tenths of the answer, a part for every robot.
+        with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
         return [
-            vocabulary.tell_robot(robot, now_s, trail) | {"n": self._frames.number(robot.address)} for robot in robots
+            vocabulary.tell_robot(robot if with_routes else replace(robot, route=()), now_s, trail)
+            | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
+            for robot in robots
         ]
 
     def _tell_area(self, request: Request) -> dict[str, int]:

@@ -25,6 +25,7 @@ IDLE_MVPS = 0.15  # full to empty in an hour and a half standing
 DRIVE_MVPS = 0.45  # on top of it at full speed: 22 minutes
 CHARGE_S = 60.0
 HISTORY = 1000
+HISTORY_IN_ALL = 100_000
 HISTORY_STEP_MM = 20.0
 DEFAULT_THRESHOLD_MM = 60.0
 MAX_ROBOTS = 2000  # as many as the visitors' page keeps
@@ -77,6 +78,8 @@ class Dotbots:
         self._x, self._y, self._angle = empty, empty, empty
         self._left, self._right, self._battery = empty, empty, empty
         self._threshold, self._goal_x, self._goal_y = empty, empty, empty
+        self._trail_x, self._trail_y = empty, empty
+        self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
         self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
         for _ in range(count):
             self.join()
@@ -137,7 +140,9 @@ class Dotbots:
 
     def clear_history(self, address: str) -> None:
         """Forget where the robot has been."""
-        self._history[self._find(address)].clear()
+        i = self._find(address)
+        self._history[i].clear()
+        self._trail_x[i] = self._trail_y[i] = math.nan
 
     def join(self) -> str:
         """One more robot drives in; its address."""
@@ -157,7 +162,19 @@ class Dotbots:
     def leave(self, address: str) -> None:
         """A robot is taken away."""
         gone = self._find(address)
-        for name in ("_x", "_y", "_angle", "_left", "_right", "_battery", "_threshold", "_goal_x", "_goal_y"):
+        for name in (
+            "_x",
+            "_y",
+            "_angle",
+            "_left",
+            "_right",
+            "_battery",
+            "_threshold",
+            "_goal_x",
+            "_goal_y",
+            "_trail_x",
+            "_trail_y",
+        ):
             setattr(self, name, np.delete(getattr(self, name), gone))
         self._following = np.delete(self._following, gone)
         for rows in (self._addresses, self._names, self._leds, self._routes, self._goals, self._history):
@@ -184,6 +201,8 @@ class Dotbots:
             "_threshold": DEFAULT_THRESHOLD_MM,
             "_goal_x": 0.0,
             "_goal_y": 0.0,
+            "_trail_x": math.nan,
+            "_trail_y": math.nan,
         }
         for key, value in values.items():
             setattr(self, key, np.append(getattr(self, key), value))
@@ -194,7 +213,7 @@ class Dotbots:
         self._leds.append(led)
         self._routes.append(())
         self._goals.append(0)
-        self._history.append(deque(maxlen=HISTORY))
+        self._history.append(deque(maxlen=self._longest_trail))
 
     def _find(self, address: str) -> int:
         row = self._row.get(address)
@@ -237,11 +256,13 @@ class Dotbots:
         self._angle = np.mod(self._angle + (left - right) / AXLE_MM * dt_s, 2 * math.pi)
 
     def _record(self) -> None:
-        for i in np.flatnonzero((self._left != 0) | (self._right != 0)).tolist():
-            here = Point(round(float(self._x[i]), 1), round(float(self._y[i]), 1))
-            trail = self._history[i]
-            if not trail or math.dist((trail[-1].x_mm, trail[-1].y_mm), (here.x_mm, here.y_mm)) >= HISTORY_STEP_MM:
-                trail.append(here)
+        dx, dy = self._x - self._trail_x, self._y - self._trail_y
+        driving = (self._left != 0) | (self._right != 0)
+        # Before the first point these are NaN, and nothing is near.
+        who = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
+        self._trail_x[who], self._trail_y[who] = self._x[who], self._y[who]
+        for i, x, y in zip(who.tolist(), self._x[who].tolist(), self._y[who].tolist(), strict=True):
+            self._history[i].append(Point(round(x, 1), round(y, 1)))
 
     def _drain(self, dt_s: float) -> None:
         effort = (np.abs(self._left) + np.abs(self._right)) / 200

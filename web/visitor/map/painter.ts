@@ -8,6 +8,7 @@ import { readTheme, type Theme } from "./theme";
 
 /** More pixels than this per CSS pixel cost a phone more than anybody sees. */
 const MOST_DENSE = 2;
+const MANY = 200;
 
 export class Painter {
   readonly #ground: HTMLCanvasElement;
@@ -91,6 +92,11 @@ export class Painter {
     this.#frame = undefined;
     const [ground, robots] = [this.#ground.getContext("2d"), this.#robots.getContext("2d")];
     if (!this.#scene || !this.#projection || !ground || !robots) return;
+    // A large swarm at half the screen's rate: drawing it costs more than anybody sees.
+    if (this.#motion.places.size > MANY && now_ms - this.#drawnAt_ms < 25) {
+      this.#frame = requestAnimationFrame((next_ms) => this.#draw(next_ms));
+      return;
+    }
     this.#theme ??= readTheme(this.#ground);
     // After a pause the first step is one frame long, not the pause.
     const moving = this.#motion.advance(Math.min(now_ms - this.#drawnAt_ms, 50));

@@ -51,8 +51,8 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
   ctx.fill();
   drawGrid(ctx, p, theme);
   const robots = shownRobots(scene.swarm);
-  const short = robots.length <= MOST_NAMES ? TRAIL_OF_FEW : TRAIL_OF_MANY;
-  for (const robot of robots) {
+  const short = robots.length <= MOST_NAMES ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
+  for (const robot of short > 0 ? robots : []) {
     if (robot.address !== scene.selected) drawTrail(ctx, p, robot, short, ledColour(robot.led, theme), 0.35);
   }
   const selected = scene.selected === undefined ? undefined : scene.swarm.robots.get(scene.selected);
@@ -176,9 +176,12 @@ export function drawRobots(
 ): void {
   const robots = shownRobots(scene.swarm);
   const radius = robotRadius(p, robots.length);
-  for (const robot of robots) {
-    const place = places.get(robot.address);
-    if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
+  if (robots.length > MOST_NAMES) drawMany(ctx, theme, scene, robots, places, radius);
+  else {
+    for (const robot of robots) {
+      const place = places.get(robot.address);
+      if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
+    }
   }
   if (robots.length <= MOST_NAMES) {
     for (const robot of robots) {
@@ -196,6 +199,64 @@ export function drawRobots(
   ctx.stroke();
   drawRobot(ctx, theme, selected, place, radius + 1);
   drawName(ctx, p, theme, shortName(selected), place, radius + 6, true);
+}
+
+/** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */
+function drawMany(
+  ctx: CanvasRenderingContext2D,
+  theme: Theme,
+  scene: Scene,
+  robots: readonly Robot[],
+  places: ReadonlyMap<string, Point>,
+  radius: number,
+): void {
+  ctx.fillStyle = theme.ink;
+  ctx.beginPath();
+  for (const robot of robots) {
+    const place = places.get(robot.address);
+    if (!place || robot.direction === undefined || robot.address === scene.selected) continue;
+    const { x, y } = place;
+    const angle = (robot.direction * TURN) / 360;
+    const [noseX, noseY] = [-Math.sin(angle), Math.cos(angle)];
+    ctx.moveTo(x + noseX * radius * 1.75, y + noseY * radius * 1.75);
+    ctx.lineTo(x + noseY * radius * 0.72, y - noseX * radius * 0.72);
+    ctx.lineTo(x - noseY * radius * 0.72, y + noseX * radius * 0.72);
+  }
+  ctx.fill();
+  const half = radius + 1;
+  for (const robot of robots) {
+    const place = places.get(robot.address);
+    if (!place || robot.address === scene.selected) continue;
+    ctx.globalAlpha = robot.status === INACTIVE ? 0.35 : 1;
+    ctx.drawImage(stamp(ledColour(robot.led, theme), theme.ink, radius), place.x - half, place.y - half, 2 * half, 2 * half);
+  }
+  ctx.globalAlpha = 1;
+}
+
+const stamps = new Map<string, HTMLCanvasElement>();
+const MOST_STAMPS = 64;
+
+function stamp(colour: string, ink: string, radius: number): HTMLCanvasElement {
+  const key = `${colour} ${ink} ${radius}`;
+  const known = stamps.get(key);
+  if (known) return known;
+  if (stamps.size >= MOST_STAMPS) stamps.clear();
+  const made = document.createElement("canvas");
+  const density = Math.min(window.devicePixelRatio || 1, 2);
+  made.width = made.height = Math.ceil(2 * (radius + 1) * density);
+  const ctx = made.getContext("2d");
+  if (ctx) {
+    ctx.scale(density, density);
+    ctx.fillStyle = colour;
+    ctx.strokeStyle = ink;
+    ctx.lineWidth = 1.5;
+    ctx.beginPath();
+    ctx.arc(radius + 1, radius + 1, radius, 0, TURN);
+    ctx.fill();
+    ctx.stroke();
+  }
+  stamps.set(key, made);
+  return made;
 }
 
 function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { x, y }: Point, radius: number): void {
