@@ -294,7 +294,7 @@ class TestGateway:
             for job in jobs:
                 job.cancel()
 
-    async def test_a_command_that_waited_here_for_too_long_moves_nothing_but_a_stop_counts_whenever(self, broker):
+    async def test_a_command_that_waited_here_for_too_long_moves_nothing(self, broker):
         swarm = Dotbots(1, 1, time.time)
         address = swarm.robots()[0].address
         async with Server(broker.url, broker_for_visitors=broker.websocket) as server:

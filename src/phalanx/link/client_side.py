@@ -10,7 +10,7 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
-from .envelope import encode_envelope, open_envelope, seal
+from .envelope import encode_to_send, open_envelope, seal
 from .keys import Epoch, derive_epoch
 from .messages import Moved, Notification, Publish, Rejected, Reply, ReplyPart, Subscribe, Unsubscribe
 from .parts import MAX_PART_BYTES, PartsInbox
@@ -108,12 +108,7 @@ class ClientSide:
         return Moved(self._epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
 
     def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> Publish:
-        try:
-            plaintext = encode_envelope(payload, now_s)
-        except (TypeError, ValueError, RecursionError) as error:
-            raise UsageError(f"payload is not JSON: {error}") from error
-        if len(plaintext) > self.config.max_to_server_bytes:
-            raise UsageError(f"message of {len(plaintext)} bytes, servers read {self.config.max_to_server_bytes}")
+        plaintext = encode_to_send(payload, now_s, self.config.max_to_server_bytes, "servers")
         token = seal(plaintext, self._epoch, self._random_bytes(IV_BYTES))
         return Publish(full_topic(self.config.root, self._epoch.topic, sub), token)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from phalanx.crypto import open_jwe, seal_jwe
-from phalanx.errors import MalformedEnvelope, OpenError, PeerError
+from phalanx.errors import MalformedEnvelope, OpenError, PeerError, UsageError
 
 from .keys import Epoch
 from .pin import BadPin, Pin
@@ -39,6 +39,20 @@ def encode_envelope(payload: Any, now_s: float) -> bytes:
     Raises: ValueError, TypeError: the payload is not JSON (NaN included).
     """
     return encode_json({"timestamp": now_s, "payload": payload})
+
+
+def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> bytes:
+    """The plaintext of an envelope that `readers` will not refuse for its size.
+
+    Raises: UsageError: the payload is not JSON, or longer than `max_bytes`.
+    """
+    try:
+        plaintext = encode_envelope(payload, now_s)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise UsageError(f"payload is not JSON: {error}") from error
+    if len(plaintext) > max_bytes:
+        raise UsageError(f"message of {len(plaintext)} bytes, {readers} read {max_bytes}", "send less at once")
+    return plaintext
 
 
 def encode_pin_message(pin: Pin) -> bytes:

@@ -14,7 +14,7 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
-from .envelope import Envelope, encode_envelope, encode_pin_message, open_envelope, seal
+from .envelope import Envelope, encode_pin_message, encode_to_send, open_envelope, seal
 from .keys import Epoch, derive_epoch
 from .messages import Ask, Command, Knock, Publish, Rejected, Request, Subscribe, Unsubscribe
 from .parts import split_list
@@ -196,15 +196,7 @@ class ServerSide:
         return command_filter(root, epoch.topic), full_topic(root, epoch.topic, "request")
 
     def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> tuple[Publish, ...]:
-        try:
-            plaintext = encode_envelope(payload, now_s)
-        except (TypeError, ValueError, RecursionError) as error:
-            raise UsageError(f"payload is not JSON: {error}") from error
-        if len(plaintext) > self.config.max_to_client_bytes:
-            raise UsageError(
-                f"message of {len(plaintext)} bytes, clients read {self.config.max_to_client_bytes}",
-                "send less at once; drop histories first",
-            )
+        plaintext = encode_to_send(payload, now_s, self.config.max_to_client_bytes, "clients")
         return tuple(
             Publish(
                 full_topic(self.config.root, epoch.topic, sub), seal(plaintext, epoch, self._random_bytes(IV_BYTES))
