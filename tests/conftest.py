@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.ports import free_port
 
@@ -28,6 +29,29 @@ async def a_broker(kind: str = "mosquitto"):
     """An embedded broker on free ports."""
     async with open_broker(kind, tcp_port=free_port(), ws_port=free_port()) as broker:
         yield broker
+
+
+def a_server(broker, **more) -> Server:
+    """A server that keeps what it hears, and answers request 0."""
+    server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=broker.mqtt, **more)
+    server.heard = []
+
+    @server.on_command(ANY)
+    def hear(command):
+        server.heard.append((command.address, command.name, command.payload))
+
+    @server.on_request(0)
+    async def answer(request):
+        return {"asked": request.words.get("what"), "robots": [1, 2]}
+
+    return server
+
+
+async def tell_until_cancelled(server):
+    """Notify everybody, ten times a second."""
+    while True:
+        await server.notify({"cmd": 1})
+        await asyncio.sleep(0.1)
 
 
 @pytest.fixture(params=["mosquitto", "amqtt"])
@@ -72,6 +96,16 @@ def bare_mosquitto(tcp_port: int, ws_port: int, folder: Path, *more: str):
         yield start, kill
     finally:
         kill()
+
+
+def with_an_old_pin(server, age_s: float):
+    """`server`, whose first pin is `age_s` old when the broker is reached: one rotation is near, the next one far.
+
+    With a short rotation instead, a busy machine would be given two where the test means one.
+    """
+    begin = server._side.restart_clock
+    server._side.restart_clock = lambda uptime_s: begin(uptime_s - age_s)
+    return server
 
 
 async def eventually(condition, timeout_s: float = 10.0, every_s: float = 0.02):

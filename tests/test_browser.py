@@ -153,9 +153,10 @@ class TestVisitor:
             finger("touchStart", (x, y))
             finger("touchMove", (x, y - box["height"] * 0.45))
             wait_until(lambda: len(moves(up, "2")) >= 8)
-            began = len(moves(up, "2"))
-            page.wait_for_timeout(1000)
-            assert 7 <= len(moves(up, "2")) - began <= 13, "every 100 ms"
+            began, began_s = len(moves(up, "2")), time.monotonic()
+            page.wait_for_timeout(2000)
+            rate_hz = (len(moves(up, "2")) - began) / (time.monotonic() - began_s)
+            assert 5 <= rate_hz <= 11.5, "every 100 ms, or a little less often on a busy machine"
             assert all(move["left_y"] > 50 and move["right_y"] > 50 for move in moves(up, "2")[2:])
             finger("touchEnd")
             wait_until(lambda: moves(up, "2")[-1] == {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0})
@@ -246,7 +247,7 @@ class TestVisitor:
             assert not up.events("rejected")
 
     def test_it_follows_rotations_and_recovers_after_sleeping_through_one(self, browser):
-        with a_gateway("--rotate-s", "6", "--overlap-s", "2") as (up, ready), a_page(browser) as page:
+        with a_gateway("--rotate-s", "10", "--overlap-s", "2") as (up, ready), a_page(browser) as page:
             page.goto(insecure(ready["qr_url"]))
             badge(page, "live")
             up.wait_for("rotation")
@@ -257,8 +258,8 @@ class TestVisitor:
             up.wait_for("rotation", len(up.events("rotation")) + 1)
             page.wait_for_timeout(2500)
             page.go_back()
-            badge(page, "live", 12)
-            page.get_by_test_id("badge").get_by_text("12 robots").wait_for(timeout=5000)
+            badge(page, "live")
+            page.get_by_test_id("badge").get_by_text("12 robots").wait_for()
             choose(page, "Ada")
             page.get_by_test_id("joystick").focus()
             page.keyboard.down("KeyW")
@@ -404,6 +405,18 @@ class TestVisitor:
             )
             assert not small
 
+    def test_it_fits_the_narrowest_phone(self, browser):
+        with a_gateway() as (_, ready), a_page(browser, **PHONE | {"viewport": {"width": 320, "height": 568}}) as page:
+            for url in (ready["page_url"], ready["qr_url"]):
+                page.goto(insecure(url))
+                badge(page, "nocode" if url == ready["page_url"] else "live")
+                beside = page.evaluate(
+                    "[...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > 320.5)"
+                    ".map(e => e.outerHTML.slice(0, 80))"
+                )
+                assert not beside
+                assert page.evaluate("document.documentElement.scrollWidth") == 320
+
 
 class TestOperator:
     def test_its_code_scans_its_numbers_move_and_the_token_is_gone_from_the_address(self, browser, tmp_path):
@@ -439,15 +452,18 @@ class TestOperator:
 
     def test_after_a_rotation_the_code_on_the_screen_is_the_new_one(self, browser, tmp_path):
         with (
-            a_gateway("--rotate-s", "4", "--overlap-s", "1") as (up, ready),
+            a_gateway("--rotate-s", "10", "--overlap-s", "1") as (up, ready),
             a_page(browser, viewport={"width": 1920, "height": 1080}) as page,
         ):
             page.goto(ready["operator_url"])
             page.get_by_test_id("qr").wait_for()
             url = up.wait_for("rotation")["qr_url"]
-            page.wait_for_timeout(1800)
-            page.screenshot(path=tmp_path / "operator.png")
-            assert qr_in(tmp_path / "operator.png") == url
+
+            def shown() -> str:
+                page.screenshot(path=tmp_path / "operator.png")
+                return qr_in(tmp_path / "operator.png")
+
+            wait_until(lambda: shown() == url, 7)
 
 
 def qr_in(picture: Path) -> str:

@@ -17,12 +17,13 @@ from pathlib import Path
 import click
 import paho.mqtt.publish as publish
 import pytest
-import segno
 from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, a_gateway, bare_mosquitto, child, secrets_of
+from phalanx.cli.link import _find
 from phalanx.cli.main import phalanx
 from phalanx.cli.terminal import qr_text
+from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.up import for_at_most
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
@@ -99,6 +100,9 @@ class TestUp:
                 "payload": {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60},
             }
             assert up.events("command")[-1]["payload"]["left_y"] == 0, "it ends with a stop"
+            name = robots[2]["name"].lower()
+            by_name = run("link", "connect", ready["qr_url"], "--drive", name, "--for", "0.1", "--json")
+            assert json.loads(by_name.stdout)["address"] == address
             by_pin = run(
                 "link", "connect", "--pin", ready["pin"], "--broker", f"localhost:{ready['broker_port']}", "--json"
             )
@@ -141,19 +145,27 @@ class TestUp:
                     raise TimeoutError("a socket's")
 
     def test_rotations_and_rejections_are_told(self):
-        with a_gateway("--rotate-s", "10", "--overlap-s", "1") as (up, ready):
+        with a_gateway("--rotate-s", "16", "--overlap-s", "1") as (up, ready):
             wrong = run("link", "connect", ready["qr_url"], "--drive", "FFFF", "--for", "0.1")
             assert (wrong.returncode, "Traceback" in wrong.stderr) == (1, False)
             assert "no robot FFFF" in wrong.stderr
-            rotated = up.wait_for("rotation")
+            rotated = up.wait_for("rotation", timeout_s=30)
             assert rotated["pin"] != ready["pin"]
             assert rotated["pin"] in rotated["qr_url"]
-            assert run("link", "connect", rotated["qr_url"], "--json").returncode == 0
-            # One rotation late: led on by the old epoch (ADR 0004).
+            # One rotation late: led on by the old epoch (ADR 0004). First, for it is the one that must not be two late.
             assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
+            assert run("link", "connect", rotated["qr_url"], "--json").returncode == 0
             host, port = ready["broker_host"], ready["broker_port"]
             publish.single(f"/qrkey/{up.events('rotation')[-1]['topic']}/request", b"x", hostname=host, port=port)
             assert up.wait_for("rejected") == {"event": "rejected", "reason": "malformed_jwe", "count": 1}
+
+    def test_two_robots_of_one_name_are_told_apart_by_address_only(self):
+        swarm = [{"address": "A1", "name": "Ada"}, {"address": "A2", "name": "ADA"}, {"address": "ADA", "name": "Bo"}]
+        assert _find(swarm, "ada")["address"] == "ADA", "an address comes first"
+        with pytest.raises(UsageError, match="2 robots are called Ada"):
+            _find(swarm[:2], "Ada")
+        with pytest.raises(Unavailable, match="no robot None"):
+            _find([{"address": "A1", "name": None}], "None")
 
     def test_with_amqtt(self):
         with a_gateway("--broker", "amqtt") as (up, ready):
@@ -176,6 +188,23 @@ class TestUp:
             assert (ready["broker_port"], ready["broker_ws_port"]) == (tcp, ws)
             assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
             assert up.stop() == 0
+
+    def test_a_guess_of_the_brokers_websockets_that_is_wrong_is_told_once(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+            start()
+            for words in (["up", "--port", "0"], ["link", "serve"]):
+                with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}") as guessing:
+                    guessing.wait_for("ready")
+                    assert guessing.stop() == 0
+                    (line,) = guessing.err
+                    assert f"nothing listens at ws://127.0.0.1:{tcp + 1}/mqtt" in line
+                    assert "hint: --broker-ws" in line
+                there = f"ws://127.0.0.1:{ws}/mqtt"
+                with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there) as told:
+                    told.wait_for("ready")
+                    assert told.stop() == 0
+                    assert not told.err
 
     def test_foreign_pages_get_the_published_form(self):
         with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):
@@ -215,10 +244,11 @@ class TestUp:
 
     def test_nothing_secret_is_logged_at_debug(self):
         with child(
-            "--log-level", "debug", "up", "--events", "--port", "0", "--rotate-s", "2", "--overlap-s", "1"
+            "--log-level", "debug", "up", "--events", "--port", "0", "--rotate-s", "8", "--overlap-s", "1"
         ) as up:
             ready = up.wait_for("ready")
-            run("link", "connect", ready["qr_url"], "--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
+            drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
+            assert run("link", "connect", ready["qr_url"], *drive).returncode == 0
             up.wait_for("rotation")
             up.stop()
             log = "\n".join(up.err)
@@ -226,13 +256,17 @@ class TestUp:
             for secret in [*secrets_of(ready), *(event["pin"] for event in up.events("rotation"))]:
                 assert secret not in log
 
-    def test_for_people_it_shows_a_code_and_the_addresses(self):
-        with child("up", "--port", "0", "--duration", "2") as up:
+    @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+    def test_for_people_it_shows_a_code_and_the_addresses(self, host):
+        with child("up", "--port", "0", "--host", host, "--duration", "4") as up:
             assert up.wait() == 0
+            height = sum(max(1, -(-len(line) // 80)) for line in up.out) + 1  # and the status line
+            assert height <= 24, up.out
             text = "\n".join(up.out)
             assert "█" in text
             assert "\x1b" not in text, "no colours in a file"
-            assert re.search(r"http://127.0.0.1:\d+/#v=1&pin=", text)
+            assert re.search(r"visitors.*  http://[0-9.]+:\d+/#v=1&pin=", text)
+            assert ("--host 0.0.0.0" in text) == (host == "127.0.0.1")
             assert re.search(r"operator  http://127.0.0.1:\d+/#token=", text)
 
 
@@ -275,11 +309,9 @@ class TestMistakes:
                 1,
                 "no broker at",
             ),
-            (
-                ["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--drive", "A B"],
-                2,
-                "not a robot's address",
-            ),
+            (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--left", "0"], 2, "without a robot"),
+            (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--for", "1"], 2, "without a robot"),
+            (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--drive", "A", "--watch"], 2, "--watch"),
             (["link", "serve", "--broker", "mqtt://h/path"], 2, "has no path"),
             (["doctor", "--broker", "mqtt://127.0.0.1:1"], 1, ""),
             (["doctor", "--broker", "gopher://x"], 2, "gopher://"),
@@ -446,7 +478,7 @@ def test_the_terminals_code_is_the_code(colour):
     import numpy as np
     import zxingcpp
 
-    url = "http://192.168.1.7:8080/#v=1&pin=" + "7" * 39 + "&broker=ws%3A%2F%2F192.168.1.7%3A9001%2Fmqtt"
+    url = "http://192.168.100.100:8080/#v=1&pin=" + "7" * 39 + "&broker=ws%3A%2F%2F192.168.100.100%3A9001%2Fmqtt"
     light = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
     rows = []
     for line in qr_text(url, border=4, colour=colour).splitlines():
@@ -458,4 +490,4 @@ def test_the_terminals_code_is_the_code(colour):
     picture = np.kron(np.array(rows, dtype=np.uint8) * 255, np.ones((8, 8), dtype=np.uint8))
     (found,) = zxingcpp.read_barcodes(picture)
     assert found.text == url
-    assert segno.make_qr(url, error="l").symbol_size(border=2)[0] <= 60, "it fits an ordinary terminal"
+    assert len(qr_text(url, border=1, colour=False).splitlines()) == 20, "it fits an ordinary terminal"

@@ -1,4 +1,4 @@
-"""Frames, joysticks, visitors, PyDotBot's words, and the pages over HTTP."""
+"""Frames, joysticks, visitors, PyDotBot's words, and the gateway over a real broker."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import os
 import time
 from dataclasses import replace
 
-import aiohttp
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
 from phalanx.config import LinkConfig
-from phalanx.errors import Unavailable
-from phalanx.gateway import Gateway, OperatorPages, VisitorPages, vocabulary
+from phalanx.gateway import Gateway, vocabulary
 from phalanx.gateway.frames import Frames
+from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
 from phalanx.gateway.visitors import FORGET_AFTER_S, LIMIT, Visitors
 from phalanx.io import Client, Server
@@ -253,6 +252,15 @@ async def turn(swarm):
         await asyncio.sleep(0.02)
 
 
+async def stands_still(swarm, timeout_s: float = 3.0):
+    """Every robot is where it was a quarter of a second ago, within a time that ends long before the wall would stop it."""
+    deadline, before = time.monotonic() + timeout_s, None
+    while (now := [robot.at for robot in swarm.robots()]) != before:
+        assert time.monotonic() < deadline, "somebody still drives"
+        before = now
+        await asyncio.sleep(0.25)
+
+
 class TestGateway:
     async def test_driving_by_the_link_moves_the_robot_and_stops_it_when_nobody_says_more(self, broker):
         swarm = Dotbots(3, 1, time.time)
@@ -267,10 +275,7 @@ class TestGateway:
                 # Lower case, as some pages of PyDotBot write addresses.
                 await client.command(first["address"].lower(), "move_raw", {"left_y": 60, "right_y": 60})
                 await eventually(lambda: swarm.robots()[0].at != Point(*list(first["lh2_position"].values())[:2]))
-                await asyncio.sleep(EXPIRES_S + 0.2)
-                at = swarm.robots()[0].at
-                await asyncio.sleep(0.2)
-                assert swarm.robots()[0].at == at
+                await stands_still(swarm)
                 route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}]}
                 await client.command(first["address"], "move_raw", {"left_y": 60, "right_y": 60})
                 await client.command(first["address"], "waypoints", route)
@@ -295,26 +300,30 @@ class TestGateway:
                 job.cancel()
 
     async def test_a_command_that_waited_here_for_too_long_moves_nothing(self, broker):
-        swarm = Dotbots(1, 1, time.time)
+        swarm, driven = Dotbots(1, 1, time.time), []
+        swarm.drive = lambda _, left_pct, right_pct: driven.append((left_pct, right_pct))
         address = swarm.robots()[0].address
         async with Server(broker.url, broker_for_visitors=broker.websocket) as server:
             Gateway(swarm, server)
-            slow = asyncio.Event()
+            slow, go_on = asyncio.Event(), asyncio.Event()
 
             @server.on_request(7)
             async def hold_up(request):
                 slow.set()
-                await asyncio.sleep(0.6)
+                await go_on.wait()
 
             await server.wait_connected(10)
             async with Client(server.qr()) as client:
                 asking = asyncio.create_task(client.request(7))
                 await slow.wait()
                 await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
+                await client.command(address, "move_raw", {"left_y": 0, "right_y": 0})
+                await asyncio.sleep(2.0)
+                go_on.set()
                 await asking
-                await eventually(lambda: server.rejected["late"] == 1)
-                await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
-                await eventually(lambda: server.counters["commands"] == 1)
+                await eventually(lambda: driven == [(0, 0)])
+                await client.command(address, "move_raw", {"left_y": 90, "right_y": 80})
+                await eventually(lambda: driven == [(0, 0), (90, 80)])
         assert server.rejected == {"late": 1}
 
     async def test_a_driver_that_fails_does_not_end_the_stopping_of_the_others(self, broker, caplog):
@@ -336,11 +345,8 @@ class TestGateway:
             async with Client(server.qr()) as client:
                 for address in addresses:
                     await client.command(address, "move_raw", {"left_y": 60, "right_y": 60})
-                await eventually(lambda: swarm.fails == 0, 5)
-                await asyncio.sleep(2 * EXPIRES_S + 0.2)
-                places = [robot.at for robot in swarm.robots()]
-                await asyncio.sleep(0.3)
-                assert [robot.at for robot in swarm.robots()] == places
+                await eventually(lambda: swarm.fails == 0)
+                await stands_still(swarm)
             assert not any(job.done() for job in jobs)
             assert "trying again" in caplog.text
             for job in jobs:
@@ -358,15 +364,16 @@ class TestGateway:
                     await client.__aenter__()
                     await client.request(0, frames=True)
                 swarm.drive(swarm.robots()[0].address, 30, -30)
+                began = time.monotonic()
                 jobs = [asyncio.create_task(gateway.run()), asyncio.create_task(turn(swarm))]
                 await asyncio.sleep(2)
-                rates.append(server.counters["notifications"])
+                rates.append(server.counters["notifications"] / (time.monotonic() - began))
                 for client in clients:
                     assert await asyncio.wait_for(anext(client.notifications()), 3)
                     await client.__aexit__(None, None, None)
                 for job in jobs:
                     job.cancel()
-        assert all(10 <= rate <= 22 for rate in rates), rates
+        assert all(5 <= rate <= 11 for rate in rates), rates
 
     async def test_an_older_page_gets_the_older_words_and_ours_do_not_cost_them(self, broker):
         swarm = Dotbots(3, 1, time.time)
@@ -388,75 +395,16 @@ class TestGateway:
                 await client.request(0)
                 await eventually(lambda: {1, 2, 16} <= {note["cmd"] for note in heard}, 5)
                 heard.clear()
+                began = time.monotonic()
                 await asyncio.sleep(1)
-                assert sum(note["cmd"] == 2 for note in heard) <= 22
+                ticks = (time.monotonic() - began) / TICK_S + 1
+                assert sum(note["cmd"] == 2 for note in heard) <= ticks * UPDATES_PER_TICK
                 swarm.join()
                 await eventually(lambda: any(note["cmd"] == 4 for note in heard))
                 new = next(note for note in heard if note["cmd"] == 4)
                 assert new["data"]["address"] == swarm.robots()[-1].address
                 swarm.set_led(swarm.robots()[0].address, Led(7, 7, 7))
                 heard.clear()
-                await eventually(lambda: any(note["cmd"] == 1 for note in heard), 5)
+                await eventually(lambda: any(note["cmd"] == 1 for note in heard))
                 listener.cancel()
             job.cancel()
-
-
-@pytest.fixture
-async def operator():
-    async with OperatorPages("t0ken" * 6, lambda: {"pin": "314159"}) as pages:
-        yield pages
-
-
-class TestPages:
-    async def test_the_visitors_page_is_served_under_a_strict_policy(self):
-        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
-            async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
-                assert answer.status == 200
-                policy = answer.headers["Content-Security-Policy"]
-                assert "script-src 'self'" in policy
-                assert "unsafe" not in policy
-                assert answer.headers["Referrer-Policy"] == "no-referrer"
-                assert "<script" in await answer.text()
-            for path in ("/api/state", "/../pyproject.toml", "/assets/../../../up.py", "/assets/", "/%2e%2e/up.py"):
-                async with http.get(f"http://127.0.0.1:{pages.port}{path}") as answer:
-                    assert answer.status in (403, 404), path
-
-    @pytest.mark.parametrize(
-        "headers",
-        [
-            {},
-            {"Authorization": ""},
-            {"Authorization": "Bearer"},
-            {"Authorization": "Bearer wrong"},
-            {"Authorization": "t0ken" * 6},
-            {"Authorization": "Bearer " + "t0ken" * 5},
-            {"Authorization": "bearer " + "t0ken" * 6},
-            {"Authorization": "Bearer tökén"},
-        ],
-    )
-    async def test_nothing_secret_is_reachable_without_the_token(self, operator, headers):
-        async with aiohttp.ClientSession() as http:
-            for path in ("/api/state", "/", f"/api/state?token={'t0ken' * 6}"):
-                async with http.get(f"http://127.0.0.1:{operator.port}{path}", headers=headers) as answer:
-                    assert answer.status == (200 if path == "/" else 401)
-                    assert "314159" not in await answer.text()
-                    assert "Access-Control-Allow-Origin" not in answer.headers
-
-    async def test_with_the_token_it_answers(self, operator):
-        headers = {"Authorization": "Bearer " + "t0ken" * 6}
-        async with aiohttp.ClientSession() as http:
-            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
-                assert await answer.json() == {"pin": "314159"}
-                assert answer.headers["Cache-Control"] == "no-store"
-
-    async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
-        headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}
-        async with aiohttp.ClientSession() as http:
-            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
-                assert answer.status == 403
-                assert "314159" not in await answer.text()
-
-    async def test_a_port_in_use_is_one_clear_error(self, operator):
-        with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}"):
-            async with VisitorPages("127.0.0.1", operator.port):
-                pass

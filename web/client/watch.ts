@@ -15,6 +15,8 @@ const RESYNC_MS = 60_000;
 const RESYNC_JITTER_MS = 10_000;
 /** After a gap everybody asks: not all at once. */
 const GAP_JITTER_MS = 500;
+/** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
+const RECONNECT_JITTER_MS = 2000;
 /** A peer that makes every frame look like a gap must not make us ask at every frame. */
 const ASK_GAP_MS = 1000;
 /** A broker that replays an old message must not make a clock look wrong; nor one message that was held up. */
@@ -36,7 +38,7 @@ export class Watch {
   #heardAt_ms: number | undefined;
   #askedAt_ms = Number.NEGATIVE_INFINITY;
   #askAt_ms = Number.POSITIVE_INFINITY;
-  #answered = false;
+  #answered = true;
   #staleInARow = 0;
   #staleAt_ms = Number.NEGATIVE_INFINITY;
   #skew_s = 0;
@@ -45,13 +47,17 @@ export class Watch {
     this.#brokerSince_ms = now_ms;
   }
 
-  broker(state: BrokerState, now_ms: number): void {
+  /** `chance` is in [0, 1). */
+  broker(state: BrokerState, now_ms: number, chance: number): void {
+    const again = this.#broker === "offline";
     this.#broker = state;
     this.#brokerSince_ms = now_ms;
     this.#heardAt_ms = undefined;
     this.#staleInARow = 0;
-    this.#askAt_ms = state === "online" ? now_ms : Number.POSITIVE_INFINITY;
+    // A question of before died with its connection: what is planned here takes its place.
+    this.#answered = true;
     this.#askedAt_ms = Number.NEGATIVE_INFINITY;
+    this.#askAt_ms = state === "online" ? now_ms + (again ? chance * RECONNECT_JITTER_MS : 0) : Number.POSITIVE_INFINITY;
   }
 
   /** An authentic, fresh message came. */
@@ -65,7 +71,7 @@ export class Watch {
     this.#askedAt_ms = now_ms;
   }
 
-  /** Request 0 was answered. */
+  /** Request 0 was answered: no question is open. */
   answered(): void {
     this.#answered = true;
   }

@@ -302,11 +302,11 @@ describe("trail", () => {
         const all: number[] = [];
         for (let i = 0; i < length; i += 1) {
           if (i % 100 === branch) trail.append({ x: -1, y: -1 });
-          trail = trail.append({ x: i, y: -i });
+          trail = trail.append({ x: i, y: 2 * i });
           all.push(i);
         }
         expect(Array.from({ length: trail.length }, (_, i) => trail.x(i))).toEqual(all.slice(-TRAIL_POINTS));
-        if (length > 0) expect(trail.y(trail.length - 1)).toBe(-(length - 1) + 0);
+        if (length > 0) expect(trail.y(trail.length - 1)).toBe(2 * (length - 1));
       }),
       { numRuns: 30 },
     );

@@ -15,7 +15,7 @@ function askedAt(watch: Watch, from_ms: number, until_ms: number, each: (now_ms:
 
 function online(): Watch {
   const watch = new Watch(0);
-  watch.broker("online", 0);
+  watch.broker("online", 0, 0.9);
   return watch;
 }
 
@@ -31,8 +31,19 @@ describe("asking", () => {
     expect(new Watch(0).due(60_000, 0)).toBe(false);
     const watch = online();
     expect(watch.due(0, 0)).toBe(true);
-    watch.broker("offline", 10);
+    watch.broker("offline", 10, 0.9);
     expect(askedAt(watch, 100, 20_000)).toEqual([]);
+  });
+
+  test("once a lost broker is back, within two seconds that chance spreads, and only once", () => {
+    for (const answered of [true, false]) {
+      const watch = online();
+      watch.due(0, 0);
+      if (answered) wellAt(watch, 100);
+      watch.broker("offline", 2000, 0.9);
+      watch.broker("online", 10_000, 0.5);
+      expect(askedAt(watch, 10_000, 14_000, (now_ms) => now_ms > 11_000 && wellAt(watch, now_ms))).toEqual([11_000]);
+    }
   });
 
   test("after 5 s of silence every 3 s, which is what finds a swarm that rotated while the phone slept", () => {
@@ -71,11 +82,11 @@ describe("health", () => {
     const watch = new Watch(0);
     expect(watch.health(100)).toEqual({ state: "connecting", broker: "away" });
     expect(state(watch.health(5000))).toBe("offline");
-    watch.broker("online", 6000);
+    watch.broker("online", 6000, 0);
     expect(watch.health(6000)).toEqual({ state: "connecting", broker: "reached" });
     watch.heard(6100);
     expect(state(watch.health(6100))).toBe("live");
-    watch.broker("offline", 7000);
+    watch.broker("offline", 7000, 0);
     expect(state(watch.health(7000))).toBe("offline");
   });
 

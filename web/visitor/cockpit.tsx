@@ -97,7 +97,11 @@ export function Cockpit({ to, link, onLeave }: Props) {
             <div className="stick">
               <Joystick send={sendWheels} disabled={selected === undefined} robotName={entry?.name} />
               <p id="joystick-help" className="stick-help">
-                Hold to drive. Or choose it and use the arrow keys or W A S D.
+                Hold to drive, let go to stop.
+                <span className="keys-help">
+                  {" "}
+                  By keyboard: <kbd>Tab</kbd> to it, then hold the arrow keys or <kbd>W A S D</kbd>.
+                </span>
               </p>
             </div>
             <Led key={selected} link={link} selected={selected} command={command} />

@@ -1,6 +1,8 @@
 import { createRoot } from "react-dom/client";
 import { App } from "./app";
-import "./styles.css";
+import "./page.css";
+import "./cockpit.css";
+import "./no_code.css";
 
 const root = document.getElementById("root");
 if (root) createRoot(root).render(<App />);

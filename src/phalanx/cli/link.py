@@ -14,13 +14,12 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.events import tell_event
 from phalanx.gateway.up import for_at_most
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
-from phalanx.io.broker import open_broker
+from phalanx.io.broker import open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
-from phalanx.link.topics import ADDRESS
 
-from .options import link_options, login_option, read_login
+from .options import broker_options, link_options, login_option, read_login
 from .run import run
 from .terminal import plain, print_json
 
@@ -35,20 +34,17 @@ def link() -> None:
 
 
 @link.command(
-    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' "
-    "--drive DECAFBAD00000001 --left 60 --right 60 --for 2"
+    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' --drive Ada --left 60 --right 60 --for 2"
 )
 @click.argument("qr_url", required=False)
 @click.option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
 @click.option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
 @click.option("--root", default="/qrkey", show_default=True, help="First part of every MQTT topic.")
 @login_option
-@click.option("--drive", metavar="ADDRESS", help="Drive this robot.")
-@click.option("--left", type=click.IntRange(-100, 100), default=0, show_default=True, help="Left wheel, percent.")
-@click.option("--right", type=click.IntRange(-100, 100), default=0, show_default=True, help="Right wheel, percent.")
-@click.option(
-    "--for", "for_s", type=click.FloatRange(0, 3600), default=1.0, show_default=True, help="Seconds to drive."
-)
+@click.option("--drive", metavar="ROBOT", help="Drive this robot: its address or its name.")
+@click.option("--left", type=click.IntRange(-100, 100), help="Left wheel, percent.  [default: 0]")
+@click.option("--right", type=click.IntRange(-100, 100), help="Right wheel, percent.  [default: 0]")
+@click.option("--for", "for_s", type=click.FloatRange(0, 3600), help="Seconds to drive.  [default: 1.0]")
 @click.option("--watch", is_flag=True, help="Print notifications as they come, until Ctrl-C.")
 @click.option("--timeout", type=click.FloatRange(0.1, 3600), default=10.0, show_default=True, help="Seconds to wait.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -59,9 +55,9 @@ def connect(
     root: str,
     broker_login: Path | None,
     drive: str | None,
-    left: int,
-    right: int,
-    for_s: float,
+    left: int | None,
+    right: int | None,
+    for_s: float | None,
     watch: bool,
     timeout: float,
     as_json: bool,
@@ -74,8 +70,10 @@ def connect(
         qr_url = sys.stdin.readline().strip()
     login = read_login(broker_login)
     qr, address = _whither(qr_url, pin, broker, root, login)
-    if drive is not None and not ADDRESS.fullmatch(drive):
-        raise UsageError(f"{drive!r} is not a robot's address", "phalanx link connect QR_URL lists them")
+    if drive is None and (left, right, for_s) != (None, None, None):
+        raise UsageError("--left, --right and --for without a robot to drive", "say which: --drive ROBOT")
+    if drive is not None and watch:
+        raise UsageError("--drive and --watch", "give one of the two; two terminals can do both")
     client = Client(qr, broker=address, login=login, timeout_s=timeout)
 
     async def visit() -> None:
@@ -83,7 +81,7 @@ def connect(
             if watch:
                 await _watch(client)
             elif drive is not None:
-                await _drive(client, drive, left, right, for_s, timeout, as_json)
+                await _drive(client, drive, (left or 0, right or 0), 1.0 if for_s is None else for_s, timeout, as_json)
             else:
                 _show_robots(await _robots(client, timeout), as_json)
 
@@ -140,10 +138,11 @@ def _state(value: object) -> str:
 
 
 async def _drive(
-    client: Client, address: str, left: int, right: int, for_s: float, timeout_s: float, as_json: bool
+    client: Client, robot: str, wheels_pct: tuple[int, int], for_s: float, timeout_s: float, as_json: bool
 ) -> None:
-    before = _find(await _robots(client, timeout_s), address)
-    wheels = {"left_x": 0, "left_y": left, "right_x": 0, "right_y": right}
+    before = _find(await _robots(client, timeout_s), robot)
+    address = before["address"]
+    wheels = {"left_x": 0, "left_y": wheels_pct[0], "right_x": 0, "right_y": wheels_pct[1]}
     still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
     sent = 0
     try:
@@ -161,11 +160,15 @@ async def _drive(
         _show_robots([before, after], as_json=False)
 
 
-def _find(robots: list[dict[str, Any]], address: str) -> dict[str, Any]:
-    for robot in robots:
-        if robot["address"].upper() == address.upper():
-            return robot
-    raise Unavailable(f"no robot {address} in this swarm", "phalanx link connect QR_URL lists them")
+def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:
+    """The robot of this address, or else the only one of this name; upper and lower case are the same."""
+    for key in ("address", "name"):
+        found = [robot for robot in robots if str(robot.get(key) or "").upper() == called.upper()]
+        if len(found) > 1:
+            raise UsageError(f"{len(found)} robots are called {called}", "give the address of one")
+        if found:
+            return found[0]
+    raise Unavailable(f"no robot {called} in this swarm", "phalanx link connect QR_URL lists them")
 
 
 async def _watch(client: Client) -> None:
@@ -175,11 +178,7 @@ async def _watch(client: Client) -> None:
 
 @link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
 @link_options
-@click.option(
-    "--broker", default="auto", show_default=True, help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."
-)
-@click.option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
-@login_option
+@broker_options
 @click.option("--frontend", default="", help="Page of the published kind to make the link for.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
 @click.option("--events", is_flag=True, help="Print one JSON object a line.")
@@ -211,6 +210,7 @@ def serve(
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
                 await server.wait_connected()
+                await warn_if_guessed_wrong(running)
                 _tell(server.epoch, url(), events, ready=True)
                 await server.run()
 

@@ -48,6 +48,22 @@ def link_options(command: Command) -> Command:
     return command
 
 
+def broker_options(command: Command) -> Command:
+    """--broker, --broker-ws, --broker-login: for commands that send visitors to the broker."""
+    for option in (
+        login_option,
+        click.option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it."),
+        click.option(
+            "--broker",
+            default="auto",
+            show_default=True,
+            help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 def login_option(command: Command) -> Command:
     """--broker-login."""
     return click.option(

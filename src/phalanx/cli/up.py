@@ -15,7 +15,7 @@ from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
 
-from .options import link_options, login_option, read_login
+from .options import broker_options, link_options, read_login
 from .run import run
 from .terminal import EventLines, end_status_line, qr_text, status_line
 
@@ -24,11 +24,7 @@ from .terminal import EventLines, end_status_line, qr_text, status_line
 @link_options
 @click.option("--robots", type=int, default=12, show_default=True, help="Simulated robots.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
-@click.option(
-    "--broker", default="auto", show_default=True, help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."
-)
-@click.option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
-@login_option
+@broker_options
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
 )
@@ -94,16 +90,13 @@ def _run_for_people(options: UpOptions) -> None:
             case "ready":
                 click.echo(f"operator  {event['operator_url']}")
                 alone = options.host in ("127.0.0.1", "localhost")
-                click.echo(
-                    "visitors  " + ("this machine only; phones need --host 0.0.0.0" if alone else event["page_url"])
-                )
-                _show_code(event["qr_url"])
+                _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
             case "waiting":
                 click.echo(f"waiting for the broker at {event['broker']} ({event['trouble'] or 'no answer'})", err=True)
             case "rotation":
                 end_status_line()
                 click.echo("a new code; the old one works for a while yet")
-                _show_code(event["qr_url"])
+                _show_code("visitors", event["qr_url"])
 
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
@@ -112,9 +105,9 @@ def _run_for_people(options: UpOptions) -> None:
     end_status_line()
 
 
-def _show_code(url: str) -> None:
-    # The code last: with the status line below it, it fits a terminal of 24 lines.
-    click.echo(f"{url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
+def _show_code(what: str, url: str) -> None:
+    # One line above it, two of link, twenty of code and the status line below: a terminal of 24 by 80.
+    click.echo(f"{what}  {url}\n{qr_text(url, colour=sys.stdout.isatty(), border=1)}")
 
 
 async def _keep_status(running: Running) -> None:

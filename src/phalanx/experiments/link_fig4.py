@@ -140,7 +140,7 @@ class _Probe:
 
         Raises: Unavailable: no broker at the start, or the disk is full.
         """
-        staying = asyncio.create_task(self._link.run())
+        staying = self._link.start()
         pacing = asyncio.create_task(self._pace())
         try:
             # A connection that fails for good must end the measurement, not look like 100 % loss.
@@ -160,7 +160,10 @@ class _Probe:
             await asyncio.wait(tasks, timeout=CLOSE_TIMEOUT_S)
 
     async def _pace(self) -> None:
-        await self._wait_connected()
+        try:
+            await self._link.wait_connected(self._config.connect_timeout_s)
+        except TimeoutError as error:
+            raise Unavailable(str(error), "check host, port and firewall") from error
         config, next_seq = self._config, self._rows.next_seq
         due_s = time.monotonic()
         for seq in range(min(next_seq.values()), config.packets):
@@ -176,16 +179,6 @@ class _Probe:
         while self._under_way:
             await asyncio.sleep(min(0.05, config.lost_after_s / 10))
             self._give_up()
-
-    async def _wait_connected(self) -> None:
-        try:
-            await asyncio.wait_for(self._link.connected.wait(), self._config.connect_timeout_s)
-        except TimeoutError as error:
-            raise Unavailable(
-                f"no broker at {self._link.broker} within {self._config.connect_timeout_s:g} s "
-                f"({self._link.trouble or 'no answer'})",
-                "check host, port and firewall",
-            ) from error
 
     def _send(self, kind: Kind, seq: int) -> None:
         now_s = time.time()

@@ -67,33 +67,34 @@ class Gateway:
         """Tell visitors what happens, and stop robots that nobody drives any longer, until cancelled."""
         await asyncio.gather(self._tell(), self._stop_abandoned())
 
-    def _checked(self, handler: Callable[[str, Any], None]) -> Callable[[Command], None]:
+    def _checked(self, handler: Callable[[str, Command], None]) -> Callable[[Command], None]:
         def handle(command: Command) -> None:
             if command.topic.application != vocabulary.APPLICATION:
                 raise Unknown(f"no application {command.topic.application}")
-            # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
-            # waited here while its visitor let go.
-            if command.name == "move_raw" and command.waited_s > EXPIRES_S:
-                raise Late(f"waited {command.waited_s:.1f} s")
-            handler(command.address.upper(), command.payload)
+            handler(command.address.upper(), command)
 
         return handle
 
-    def _move_raw(self, address: str, payload: Any) -> None:
-        move = vocabulary.parse_move_raw(payload)
+    def _move_raw(self, address: str, command: Command) -> None:
+        move = vocabulary.parse_move_raw(command.payload)
+        moving = bool(move.left_pct or move.right_pct)
+        # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
+        # waited here while its visitor let go. That a visitor let go is never too late to be heard.
+        if moving and command.waited_s > EXPIRES_S:
+            raise Late(f"waited {command.waited_s:.1f} s")
         # Armed first: a driver that fails half-way may have set the wheels turning.
-        self._joysticks.drive(address, bool(move.left_pct or move.right_pct), time.monotonic())
+        self._joysticks.drive(address, moving, time.monotonic())
         self.swarm.drive(address, move.left_pct, move.right_pct)
 
-    def _rgb_led(self, address: str, payload: Any) -> None:
-        self.swarm.set_led(address, vocabulary.parse_rgb_led(payload))
+    def _rgb_led(self, address: str, command: Command) -> None:
+        self.swarm.set_led(address, vocabulary.parse_rgb_led(command.payload))
 
-    def _waypoints(self, address: str, payload: Any) -> None:
-        route = vocabulary.parse_waypoints(payload, self.swarm.area_mm)
+    def _waypoints(self, address: str, command: Command) -> None:
+        route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm)
         self.swarm.follow(address, route.points, route.threshold_mm)
         self._joysticks.drive(address, False, time.monotonic())
 
-    def _clear_history(self, address: str, _: Any) -> None:
+    def _clear_history(self, address: str, _: Command) -> None:
         self.swarm.clear_history(address)
 
     def _tell_robots(self, request: Request) -> list[dict[str, Any]]:

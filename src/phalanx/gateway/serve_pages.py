@@ -5,8 +5,10 @@ Only `OperatorPages` may answer with a pin, and it listens on loopback only.
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import json
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +20,9 @@ from phalanx.errors import Unavailable
 from phalanx.io.ports import LOOPBACK
 
 PAGES = Path(__file__).parent / "pages"
+# A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
+HANG_UP_AFTER_S = 30.0
+CHECK_S = 1.0
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 COMMON_HEADERS = {
@@ -46,10 +51,13 @@ class _Site:
     def __init__(self, page: str, policy: str, host: str, port: int) -> None:
         self.host, self.port = host, port
         self._folder = PAGES / page
+        # By connection: when it asked last, and what works on the answer.
+        self._asked: dict[object, tuple[float, asyncio.Task[Any] | None]] = {}
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            self._asked[request.protocol] = time.monotonic(), asyncio.current_task()
             refusal = self.refuse(request)
             try:
                 response = refusal or await handler(request)
@@ -93,12 +101,34 @@ class _Site:
             ) from error
         sockets = self._runner.addresses
         self.port = int(sockets[0][1])
+        self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._hanging_up.cancel()
         await self._runner.cleanup()
+
+    async def _hang_up_on_idlers(self) -> None:
+        """No connection outlives its last request by much, or its beginning if it asks nothing.
+
+        aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
+        """
+        while True:
+            await asyncio.sleep(CHECK_S)
+            now_s = time.monotonic()
+            open_now = self._runner.server.connections if self._runner.server else []
+            self._asked = {who: self._asked.get(who, (now_s, None)) for who in open_now}
+            idle = [who for who in open_now if now_s - self._asked[who][0] >= HANG_UP_AFTER_S]
+            for who in idle:
+                if answering := self._asked[who][1]:
+                    answering.cancel()
+            # Nobody tells a sendfile that its socket is closed: it must have ended before.
+            await asyncio.sleep(0)
+            for who in idle:
+                if who.transport is not None:
+                    who.transport.abort()
 
 
 class VisitorPages(_Site):

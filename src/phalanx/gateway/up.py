@@ -19,9 +19,9 @@ import segno
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
 from phalanx.io import Login, Server, parse_broker_url
-from phalanx.io.broker import RunningBroker, open_broker
+from phalanx.io.broker import RunningBroker, open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import on_host
-from phalanx.io.ports import LOOPBACK, free_port, lan_address
+from phalanx.io.ports import EVERYWHERE, LOOPBACK, free_port, lan_address
 from phalanx.io.server import Happening
 from phalanx.link import Request
 from phalanx.link.messages import Rejected
@@ -38,7 +38,6 @@ WORLD_HZ = 50
 MANY_FILES = 16_384
 REPORT_S = 1.0
 WAIT_QUIETLY_S = 1.5
-EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what the user asked for
 
 Say = Callable[[dict[str, Any]], None]
 
@@ -265,6 +264,7 @@ async def up(
         await stack.enter_async_context(server)
         async with for_at_most(options.duration_s):
             await _until_connected(server, say)
+            await warn_if_guessed_wrong(broker)
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
             started(running)
             await running.run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator
@@ -12,11 +13,12 @@ from phalanx.errors import UsageError
 from .amqtt_broker import amqtt
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
 from .mosquitto import find_mosquitto, mosquitto
-from .ports import LOOPBACK, free_port
+from .ports import EVERYWHERE, LOOPBACK, free_port
 
 log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
+PROBE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +30,15 @@ class RunningBroker:
         url: for programs on this machine.
         websocket: for browsers, as seen from this machine.
         mqtt: protocol version to begin with.
+        guessed: whether `websocket` is only where such brokers usually have theirs.
+    Source: none.
     """
 
     name: str
     url: BrokerUrl
     websocket: str
     mqtt: int
+    guessed: bool = False
 
 
 @contextlib.asynccontextmanager
@@ -56,13 +61,15 @@ async def open_broker(
         tcp_port: 0 for 1883 or any free one.
         ws_port: 0 for 9001 or any free one.
     Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails.
+    Source: none.
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
         browsers = parse_broker_url(websocket) if websocket else None
         if browsers and not browsers.websockets:
             raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
-        yield RunningBroker("external", url, str(browsers) if browsers else websocket_of(url), 5)
+        guessed = not (browsers or url.websockets)
+        yield RunningBroker("external", url, str(browsers) if browsers else websocket_of(url), 5, guessed)
         return
     if websocket:
         raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
@@ -73,6 +80,23 @@ async def open_broker(
     ws_port = ws_port or free_port(9001, ws_host)
     run, mqtt = (mosquitto, 5) if name == "mosquitto" else (amqtt, 4)
     async with run(tcp_port, ws_host, ws_port):
-        reached_at = LOOPBACK if ws_host in ("0.0.0.0", "::") else ws_host  # noqa: S104  # compared, not bound
+        reached_at = LOOPBACK if ws_host in EVERYWHERE else ws_host
         ws = str(BrokerUrl("ws", reached_at, ws_port, "/mqtt"))
         yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), ws, mqtt)
+
+
+async def warn_if_guessed_wrong(broker: RunningBroker) -> None:
+    """Whoever reads the log knows if nothing listens where browsers are sent on a guess. Asks once.
+
+    Source: none.
+    """
+    if not broker.guessed:
+        return
+    at = parse_broker_url(broker.websocket)
+    try:
+        async with asyncio.timeout(PROBE_S):
+            _, writer = await asyncio.open_connection(at.host, at.port)
+    except (OSError, TimeoutError):
+        log.warning("nothing listens at %s, where phones will look for the broker; hint: --broker-ws", at)
+    else:
+        writer.close()

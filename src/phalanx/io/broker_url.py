@@ -13,7 +13,7 @@ PORTS = {"mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
 
 @dataclass(frozen=True, slots=True)
 class Login:
-    """A broker's user name and password."""
+    """A broker's user name and password. Source: none."""
 
     username: str
     password: str = field(repr=False)
@@ -29,6 +29,7 @@ class BrokerUrl:
         port: TCP port.
         path: of the websocket; "" for TCP.
         login: or None for an anonymous broker.
+    Source: none.
     """
 
     scheme: str
@@ -56,6 +57,7 @@ def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
     """The broker at `url`: mqtt://, mqtts://, ws:// or wss://.
 
     Raises: UsageError: not such a URL, or one with a login in it (command lines are readable by every user).
+    Source: none.
     """
     try:
         parts = urlsplit(url if "://" in url else f"mqtt://{url}")
@@ -83,6 +85,8 @@ def websocket_of(broker: BrokerUrl) -> str:
     """The websocket URL that browsers use for `broker`.
 
     A broker by mqtt:// usually has its websockets one port further (1883, 1884), as the published packages assume.
+
+    Source: the published packages' default ports.
     """
     if broker.websockets:
         return str(broker)
@@ -91,7 +95,7 @@ def websocket_of(broker: BrokerUrl) -> str:
 
 
 def on_host(websocket: str, host: str) -> str:
-    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
+    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`. Source: none."""
     parts = urlsplit(websocket)
     if parts.hostname not in ("127.0.0.1", "localhost", "::1"):
         return websocket

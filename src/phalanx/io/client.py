@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import random
 import time
 from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Any, Self
 
 from phalanx.config import LinkConfig
-from phalanx.errors import OpenError, Stale, Unavailable
+from phalanx.errors import OpenError, Overrun, Stale, Unavailable, UsageError
 from phalanx.link.client_side import ClientSide
 from phalanx.link.messages import Moved, Notification, Rejected, Reply, ReplyPart
 from phalanx.link.qrurl import QrUrl, parse_qr_url
@@ -32,19 +33,21 @@ class Client:
 
     Args:
         qr: the QR code's link, or what `parse_qr_url` made of it.
-        broker: where to connect, if not to the websocket in the link.
+        broker: where to connect, if not to the websocket in the link: a URL, or a parsed one.
         login: for a broker that asks for one.
         config: the link's parameters; the root is the link's.
         timeout_s: how long entering waits for the broker.
         clock: seconds since 1970; for tests.
-    Raises: BadQrUrl; Unavailable, on entering: no broker within the time, or it refused the login.
+    Raises: BadQrUrl, UsageError: a bad link or broker. Unavailable, on entering: no broker within the time, or it
+        refused the login.
+    Source: Qrkey §III.
     """
 
     def __init__(
         self,
         qr: str | QrUrl,
         *,
-        broker: BrokerUrl | None = None,
+        broker: str | BrokerUrl | None = None,
         login: Login | None = None,
         config: LinkConfig | None = None,
         timeout_s: float = 10.0,
@@ -52,7 +55,8 @@ class Client:
     ) -> None:
         self.qr = parse_qr_url(qr) if isinstance(qr, str) else qr
         self.skew_s: float | None = None
-        self._broker = broker or parse_broker_url(self.qr.broker, login)
+        broker = broker or self.qr.broker
+        self._broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
         self._timeout_s = timeout_s
         self._clock = clock
         client_id = f"phalanx_{os.urandom(8).hex()}"
@@ -81,51 +85,48 @@ class Client:
 
     async def __aenter__(self) -> Self:
         self._link = Connection(
-            self._broker, self.client_id, self._side.subscriptions, self._on_message, self._on_connect, self.qr.mqtt
+            self._broker,
+            self.client_id,
+            self._side.subscriptions,
+            self._on_message,
+            self._on_connect,
+            self.qr.mqtt,
+            self._on_overrun,
         )
-        self._running = asyncio.create_task(self._link.run())
-        connected = asyncio.create_task(self._link.connected.wait())
+        self._running = self._link.start()
         try:
-            done, _ = await asyncio.wait(
-                (connected, self._running), timeout=self._timeout_s, return_when=asyncio.FIRST_COMPLETED
-            )
-            if self._running in done:
-                self._running.result()
-            if not done:
-                raise Unavailable(
-                    f"no broker at {self._broker} within {self._timeout_s:g} s ({self._link.trouble or 'no answer'})",
-                    "is the swarm up, and does this machine reach it?",
-                )
-        except BaseException:
+            await self._link.wait_connected(self._timeout_s)
+        except BaseException as error:
             await self.__aexit__(None, None, None)
+            if isinstance(error, TimeoutError):
+                raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
             raise
-        finally:
-            connected.cancel()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        assert self._running is not None, "use `async with`"
+        assert self._running is not None
         self._running.cancel()
         await asyncio.gather(self._running, return_exceptions=True)
 
     async def command(self, address: str, name: str, payload: Any, application: str = "0") -> bool:
         """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
 
-        Raises: UsageError: not JSON, or more than a server reads; WrongTopic: not an address or name.
+        Raises: UsageError: not entered; not JSON, or more than a server reads. WrongTopic: not an address or name.
+        Source: Qrkey Table I.
         """
-        assert self._link is not None, "use `async with`"
-        return await self._link.send(
+        return await self._entered().send(
             (self._side.command(CommandTopic(address, application, name), payload, self._clock()),)
         )
 
     async def request(self, number: int, *, timeout_s: float = 10.0, **words: Any) -> Any:
         """The data that the server answers to request `number`; asked again now and then until it does.
 
-        Raises: Unavailable: no answer in time. Says so if this machine's clock is the reason.
+        Raises: UsageError: not entered. Unavailable: no answer in time; says so if this machine's clock is the reason.
+        Source: docs/adr/0004.
         """
-        assert self._link is not None, "use `async with`"
+        link = self._entered()
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(number, []).append(answer)
         deadline = time.monotonic() + timeout_s
@@ -133,8 +134,10 @@ class Client:
             while (left_s := deadline - time.monotonic()) > 0:
                 # While parts of the answer are coming, asking again would only make the queue longer.
                 if time.monotonic() - self._part_at_s.get(number, -ASK_AGAIN_S) >= ASK_AGAIN_S:
-                    await self._link.send((self._side.request(number, self._clock(), **words),))
-                done, _ = await asyncio.wait((answer,), timeout=min(ASK_AGAIN_S, left_s))
+                    await link.send((self._side.request(number, self._clock(), **words),))
+                # Many clients that lost one broker shall not all ask in the moment in which it is back.
+                wait_s = ASK_AGAIN_S * random.uniform(0.75, 1.25)  # noqa: S311  # spreads, hides nothing
+                done, _ = await asyncio.wait((answer,), timeout=min(wait_s, left_s))
                 if done:
                     return answer.result()
         finally:
@@ -149,9 +152,20 @@ class Client:
         raise Unavailable(f"no answer from the swarm within {timeout_s:g} s", "the code may have changed: scan again")
 
     async def notifications(self) -> AsyncIterator[Any]:
-        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads."""
+        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads.
+
+        Source: none.
+        """
         while True:
             yield await self._heard.get()
+
+    def _entered(self) -> Connection:
+        if self._link is None:
+            raise UsageError("the client is not entered", "async with client: …")
+        return self._link
+
+    def _on_overrun(self) -> None:
+        self._side.reject(Overrun("arrived faster than they were read; dropped unread"))
 
     async def _on_connect(self, again: bool) -> None:
         log.debug("%s: %s", self.client_id, "reconnected" if again else "connected")
@@ -165,8 +179,7 @@ class Client:
             return
         if isinstance(said, Moved):
             self.moves += 1
-            assert self._link is not None
-            await self._link.send(said.asks)
+            await self._entered().send(said.asks)
             return
         self.skew_s = None
         if isinstance(said, Notification):

@@ -42,6 +42,11 @@ MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
+DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
+
+
+class _DeniedError(aiomqtt.MqttError):
+    """The broker answered a subscription, and did not grant it."""
 
 
 class Incoming(asyncio.Queue[aiomqtt.Message]):
@@ -52,6 +57,7 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         on_read: called for every message that is read, with the seconds it has waited here.
         maxsize: most messages.
         max_bytes: most bytes.
+    Source: none.
     """
 
     def __init__(
@@ -68,7 +74,7 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         self._room_bytes = max_bytes
 
     def put_nowait(self, message: aiomqtt.Message) -> None:
-        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message."""
+        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message. Source: none."""
         # The user properties of MQTT 5 are the sender's too, as long as a packet may be, and read by nobody.
         message.properties = None
         if self.full() or _size_bytes(message) > self._room_bytes:
@@ -103,6 +109,7 @@ class Connection:
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
         on_overrun: called for every message that came faster than they were read, and was dropped.
+    Source: none.
     """
 
     def __init__(
@@ -126,15 +133,43 @@ class Connection:
         self._on_message = on_message
         self._on_connect = on_connect
         self._on_overrun = on_overrun
+        self._running: asyncio.Task[None] | None = None
         self._client: aiomqtt.Client | None = None
+        self._cut: BaseException | None = None
         self._lifetime = asyncio.timeout(None)
         self._ever = False
 
-    async def run(self) -> None:
-        """Stay connected until cancelled.
+    def start(self) -> asyncio.Task[None]:
+        """Stay connected until the task that this returns is cancelled.
 
-        Raises: Unavailable: before the first connect, the broker refused the login or its certificate is not trusted.
+        It ends with `Unavailable` if before the first connect the broker refuses the login, or cannot be trusted.
+
+        Source: none.
         """
+        self._running = asyncio.create_task(self._run())
+        return self._running
+
+    async def wait_connected(self, timeout_s: float | None = None) -> None:
+        """Wait for the broker, for ever unless told otherwise.
+
+        Raises: TimeoutError: says which broker, and what is wrong. Unavailable: it refused the login, or cannot be
+            trusted.
+        Source: none.
+        """
+        assert self._running is not None, "start() comes first"
+        connected = asyncio.create_task(self.connected.wait())
+        try:
+            done, _ = await asyncio.wait(
+                (connected, self._running), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            connected.cancel()
+        if self._running in done:
+            self._running.result()
+        if not done:
+            raise TimeoutError(f"no broker at {self.broker} within {timeout_s:g} s ({self.trouble or 'no answer'})")
+
+    async def _run(self) -> None:
         wait_s = FIRST_RETRY_S
         while True:
             try:
@@ -142,8 +177,9 @@ class Connection:
             except (TimeoutError, aiomqtt.MqttError, OSError) as error:
                 _heed_cancelling()
                 wait_s = FIRST_RETRY_S if self.connected.is_set() else min(wait_s * 2, LAST_RETRY_S)
-                self._down(error)
+                self._down(self._cut or error)
             finally:
+                self._cut = None
                 self.connected.clear()
                 self._client = None
             await asyncio.sleep(wait_s * random.uniform(0.5, 1.5))  # noqa: S311  # spreads retries, hides nothing
@@ -153,6 +189,8 @@ class Connection:
 
         Nothing is queued for a broker that is away: a joystick's command must not come true a minute late. Only what
         should be subscribed to is made good: by connecting anew, if a subscription fails.
+
+        Source: none.
         """
         before = _cancellations()
         sent = await self._send(asks)
@@ -168,13 +206,13 @@ class Connection:
                 if isinstance(ask, Publish):
                     await client.publish(ask.topic, ask.payload, qos=0, retain=False)
                 elif isinstance(ask, Subscribe):
-                    await client.subscribe(ask.topic, qos=0)
+                    await _subscribe(client, ask.topic)
                 else:
                     await client.unsubscribe(ask.topic)
         except (aiomqtt.MqttError, OSError, ValueError) as error:
             log.debug("%s: not sent: %s", self._name, error)
             if isinstance(ask, Subscribe) and self._client is client:
-                log.warning("%s: could not subscribe (%s); connecting anew", self._name, error)
+                self._cut = error
                 self._client = None
                 self._lifetime.reschedule(asyncio.get_running_loop().time())
             return False
@@ -206,7 +244,7 @@ class Connection:
         # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
         await self._reach()
         async with client, asyncio.timeout(None) as self._lifetime:
-            await self._subscribe(client)
+            await self._subscribe_to_all(client)
             _heed_cancelling()
             # No await from the last look at the subscriptions to here: what changes later finds a client to tell.
             self._client = client
@@ -227,13 +265,13 @@ class Connection:
     def _note_wait(self, waited_s: float) -> None:
         self.waited_s = waited_s
 
-    async def _subscribe(self, client: aiomqtt.Client) -> None:
+    async def _subscribe_to_all(self, client: aiomqtt.Client) -> None:
         """The broker knows what should be subscribed to now, which may have changed while it was told."""
         known: tuple[str, ...] = ()
         while (wanted := tuple(self._subscriptions())) != known:
             for topic in wanted:
                 if topic not in known:
-                    await client.subscribe(topic, qos=0)
+                    await _subscribe(client, topic)
             for topic in known:
                 if topic not in wanted:
                     await client.unsubscribe(topic)
@@ -245,27 +283,41 @@ class Connection:
         writer.close()
 
     def _down(self, error: BaseException) -> None:
+        words = str(error) or type(error).__name__
+        if isinstance(error, _DeniedError):
+            told = f"the broker at {self.broker} {words}; trying again"
+        elif self._ever:
+            told = f"lost the broker at {self.broker} ({words}); trying again"
+        else:
+            self._not_yet(error, words)
+            told = f"no broker at {self.broker} yet ({words}); waiting for it"
+        if words != self.trouble:  # once, not at every try
+            log.warning("%s", told)
+        self.trouble = words
+
+    def _not_yet(self, error: BaseException, words: str) -> None:
+        """What may be wrong with a broker that we never reached: end if waiting is no use, or try its other version."""
         code = getattr(error, "rc", None)
         number = getattr(code, "value", code)
-        words = str(error) or type(error).__name__
-        if self._ever:
-            log.warning("lost the broker at %s (%s); trying again", self.broker, words)
-        elif number in REFUSED_LOGIN:
+        if number in REFUSED_LOGIN:
             raise Unavailable(
                 f"the broker at {self.broker} refused the login",
                 "set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD",
             ) from error
-        elif "CERTIFICATE_VERIFY_FAILED" in words:
+        if "CERTIFICATE_VERIFY_FAILED" in words:
             raise Unavailable(
                 f"cannot trust the certificate of the broker at {self.broker}",
                 "check its host name and port, and that its authority is known to this machine",
             ) from error
-        elif number in REFUSED_VERSION or (number is None and not words.startswith("[")):
+        if number in REFUSED_VERSION or (number is None and not words.startswith("[")):
             # Somebody was there and hung up (no errno): how a broker that only knows 3.1.1 refuses 5.
             self.mqtt = 9 - self.mqtt
-        if not self._ever and not self.trouble:
-            log.warning("no broker at %s yet (%s); waiting for it", self.broker, words)
-        self.trouble = words
+
+
+async def _subscribe(client: aiomqtt.Client, topic: str) -> None:
+    granted = await client.subscribe(topic, qos=0)
+    if any(getattr(code, "value", code) >= DENIED for code in granted):
+        raise _DeniedError(f"denies us the subscription to {topic}: see its access control")
 
 
 def _heed_cancelling(before: int = 0) -> None:

@@ -9,12 +9,14 @@ import socket
 from phalanx.errors import Unavailable
 
 LOOPBACK = "127.0.0.1"
+EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
 
 
 def is_free(port: int, host: str = LOOPBACK) -> bool:
     """Whether `port` can be listened on at `host` just now.
 
     Raises: Unavailable: this machine has no such address.
+    Source: none.
     """
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -34,6 +36,7 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     """`preferred` if it is free, else any free port.
 
     Raises: Unavailable: this machine has no such address.
+    Source: none.
     """
     if is_free(preferred, host) and preferred:
         return preferred
@@ -48,7 +51,7 @@ def _family(host: str) -> socket.AddressFamily:
 
 
 def lan_address() -> str:
-    """This machine's address on its network, or loopback if it has none. No packet is sent."""
+    """This machine's address on its network, or loopback if it has none. No packet is sent. Source: none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
         probe.connect(("192.0.2.1", 9))  # TEST-NET-1: only asks which interface would be used
         address: str = probe.getsockname()[0]

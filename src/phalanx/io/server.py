@@ -51,6 +51,7 @@ class Server:
         mqtt: protocol version to try first, 5 or 4.
         clock: seconds since 1970; for tests.
     Raises: UsageError: a bad URL. On entering or waiting, Unavailable: the broker refused the login.
+    Source: Qrkey §III.
     """
 
     def __init__(
@@ -79,7 +80,10 @@ class Server:
         self._reached = asyncio.Event()
 
     def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
-        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
+        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`.
+
+        Source: none.
+        """
         if not isinstance(name, str):
             raise UsageError("on_command takes the command's name", '@server.on_command("move_raw")')
 
@@ -93,6 +97,8 @@ class Server:
         """Decorate the handler of request `number`, or of every other one with `ANY`.
 
         It takes a `Request` and returns the answer's data.
+
+        Source: none.
         """
         if not (isinstance(number, int) or number == ANY):
             raise UsageError("on_request takes the request's number", "@server.on_request(0)")
@@ -141,7 +147,7 @@ class Server:
         return self._link.reconnects if self._link else 0
 
     def qr(self) -> QrUrl:
-        """What a QR code says now; it changes at every rotation."""
+        """What a QR code says now; it changes at every rotation. Source: docs/spec/link.md."""
         mqtt = self._link.mqtt if self._link else self._mqtt
         return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
 
@@ -155,7 +161,7 @@ class Server:
             self._mqtt,
             self._on_overrun,
         )
-        self._tasks = [asyncio.create_task(self._link.run()), asyncio.create_task(self._rotate())]
+        self._tasks = [self._link.start(), asyncio.create_task(self._rotate())]
         return self
 
     async def __aexit__(
@@ -169,38 +175,37 @@ class Server:
     async def wait_connected(self, timeout_s: float | None = None) -> None:
         """Wait for the broker, for ever unless told otherwise.
 
-        Raises: TimeoutError; Unavailable: the broker refused the login, or cannot be trusted.
+        Raises: UsageError: not entered. TimeoutError. Unavailable: the broker refused the login, or cannot be trusted.
+        Source: none.
         """
-        assert self._link is not None, "use `async with`"
-        connected = asyncio.create_task(self._link.connected.wait())
-        try:
-            done, _ = await asyncio.wait(
-                (connected, *self._tasks), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
-            )
-        finally:
-            connected.cancel()
-        for task in done:
-            task.result()
-        if not done:
-            raise TimeoutError
+        await self._entered().wait_connected(timeout_s)
 
     async def run(self) -> None:
-        """Serve until cancelled, or until the broker refuses the login."""
-        if not self._tasks:
-            raise UsageError("the server is not entered", "async with server: …")
+        """Serve until cancelled.
+
+        Raises: UsageError: not entered. Unavailable: the broker refused the login, or cannot be trusted.
+        Source: none.
+        """
+        self._entered()
         await asyncio.gather(*self._tasks)
 
     async def notify(self, payload: Any) -> bool:
         """Tell every visitor; one encryption (two in an overlap) whatever their number. False if the broker is away.
 
-        Raises: UsageError: not JSON, or more than a client reads.
+        Raises: UsageError: not entered; not JSON, or more than a client reads.
+        Source: Qrkey §III.
         """
-        assert self._link is not None, "use `async with`"
-        if not self._link.connected.is_set():
+        link = self._entered()
+        if not link.connected.is_set():
             return False
-        sent = await self._link.send(self._side.notify(payload, self._clock()))
+        sent = await link.send(self._side.notify(payload, self._clock()))
         self.counters["notifications"] += sent
         return sent
+
+    def _entered(self) -> Connection:
+        if self._link is None:
+            raise UsageError("the server is not entered", "async with server: …")
+        return self._link
 
     async def _on_connect(self, again: bool) -> None:
         if again:

@@ -54,22 +54,30 @@ class ClientSide:
         return self._reply.client_id
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every topic to be subscribed to now."""
+        """Every topic to be subscribed to now. Source: docs/spec/link.md."""
         root, topic = self.config.root, self._epoch.topic
         return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
 
     def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted."""
+        """What a message from the broker says. Never raises: what is refused is counted. Source: docs/spec/link.md."""
         try:
             return self._receive(topic, token, now_s)
         except PeerError as error:
-            self.rejected[error.reason] += 1
-            return Rejected(error)
+            return self.reject(error)
+
+    def reject(self, error: PeerError) -> Rejected:
+        """Count a message that was refused, here or before it was read.
+
+        Source: none.
+        """
+        self.rejected[error.reason] += 1
+        return Rejected(error)
 
     def command(self, to: CommandTopic, payload: Any, now_s: float) -> Publish:
         """A command for one robot.
 
         Raises: UsageError: the payload is not JSON, or more than a server reads.
+        Source: Qrkey Table I.
         """
         return self._publish(to, payload, now_s)
 
@@ -77,6 +85,7 @@ class ClientSide:
         """A request; the answer comes as a `Reply` of the same number.
 
         Raises: UsageError: more than a server reads.
+        Source: Qrkey Table I; docs/spec/link.md.
         """
         return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
 

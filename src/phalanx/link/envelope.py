@@ -19,7 +19,7 @@ PIN_MESSAGE_CMD = 255
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """An authentic, fresh message that was not seen before."""
+    """An authentic, fresh message that was not seen before. Source: docs/spec/link.md."""
 
     timestamp_s: float
     payload: Any
@@ -29,6 +29,7 @@ def encode_json(value: Any) -> bytes:
     """`value` as compact JSON.
 
     Raises: ValueError, TypeError: it is not JSON (NaN included).
+    Source: none.
     """
     return _ENCODER.encode(value).encode()
 
@@ -37,6 +38,7 @@ def encode_envelope(payload: Any, now_s: float) -> bytes:
     """The plaintext of an envelope.
 
     Raises: ValueError, TypeError: the payload is not JSON (NaN included).
+    Source: docs/spec/link.md.
     """
     return encode_json({"timestamp": now_s, "payload": payload})
 
@@ -45,6 +47,7 @@ def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> 
     """The plaintext of an envelope that `readers` will not refuse for its size.
 
     Raises: UsageError: the payload is not JSON, or longer than `max_bytes`.
+    Source: docs/spec/link.md.
     """
     try:
         plaintext = encode_envelope(payload, now_s)
@@ -56,12 +59,15 @@ def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> 
 
 
 def encode_pin_message(pin: Pin) -> bytes:
-    """The plaintext of a pin message: not an envelope, and with the pin as a string (Qrkey §III-D; as published)."""
+    """The plaintext of a pin message: not an envelope, and with the pin as a string.
+
+    Source: Qrkey §III-D; as published.
+    """
     return encode_json({"cmd": PIN_MESSAGE_CMD, "pin_code": pin.digits})
 
 
 def seal(plaintext: bytes, epoch: Epoch, iv: bytes) -> bytes:
-    """`plaintext` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes."""
+    """`plaintext` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes. Source: docs/spec/link.md."""
     return seal_jwe(plaintext, epoch.key, iv)
 
 

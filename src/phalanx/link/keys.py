@@ -24,6 +24,7 @@ class Epoch:
         pin: the pin.
         topic: 24 characters; public, for every message travels under it.
         key: AES-256-GCM key.
+    Source: Qrkey §III-D.
     """
 
     pin: Pin

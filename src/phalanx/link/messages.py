@@ -13,7 +13,7 @@ from .topics import CommandTopic
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Ask: publish these bytes."""
+    """Ask: publish these bytes. Source: none."""
 
     topic: str
     payload: bytes = field(repr=False)
@@ -21,14 +21,14 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Subscribe:
-    """Ask: subscribe to this filter."""
+    """Ask: subscribe to this filter. Source: none."""
 
     topic: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unsubscribe:
-    """Ask: unsubscribe from this filter."""
+    """Ask: unsubscribe from this filter. Source: none."""
 
     topic: str
 
@@ -38,7 +38,10 @@ Ask = Publish | Subscribe | Unsubscribe
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A visitor's command for one robot. The payload is authentic JSON, and not checked further."""
+    """A visitor's command for one robot. The payload is authentic JSON, and not checked further.
+
+    Source: Qrkey Table I.
+    """
 
     topic: CommandTopic
     payload: Any = field(repr=False)
@@ -57,7 +60,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload, for extensions such as `frames`."""
+    """A visitor's request. `words` is the whole payload, for extensions such as `frames`.
+
+    Source: Qrkey Table I; docs/spec/link.md.
+    """
 
     number: int
     client_id: str
@@ -66,14 +72,14 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Knock:
-    """An authentic request under the last epoch: a phone that slept through a rotation."""
+    """An authentic request under the last epoch: a phone that slept through a rotation. Source: docs/adr/0004."""
 
     asks: tuple[Ask, ...] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """What the server tells everybody."""
+    """What the server tells everybody. Source: Qrkey Table I."""
 
     payload: Any = field(repr=False)
     timestamp_s: float
@@ -81,7 +87,7 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request of ours."""
+    """The answer to a request of ours. Source: Qrkey Table I."""
 
     number: int
     data: Any = field(repr=False)
@@ -89,14 +95,14 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class ReplyPart:
-    """A part of an answer; the `Reply` comes with the last one."""
+    """A part of an answer; the `Reply` comes with the last one. Source: docs/adr/0009."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """A pin message was followed: the client now lives in `epoch`."""
+    """A pin message was followed: the client now lives in `epoch`. Source: Qrkey §III-D."""
 
     epoch: Epoch
     asks: tuple[Ask, ...] = field(repr=False)
@@ -104,7 +110,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Bytes that were refused, and counted under `reason`."""
+    """Bytes that were refused, and counted under `reason`. Source: none."""
 
     error: PeerError
 

@@ -23,6 +23,7 @@ def split_list(data: Sequence[Any], limit_bytes: int) -> list[list[Any]]:
     """`data` in order, in pieces of at most `limit_bytes` of JSON each; a longer element makes a piece of its own.
 
     Raises: ValueError, TypeError: an element is not JSON.
+    Source: docs/adr/0009.
     """
     pieces: list[list[Any]] = [[]]
     used = 0
@@ -43,7 +44,10 @@ class _Open:
 
 
 class PartsInbox:
-    """Puts answers together again, a few at a time; the oldest unfinished one is forgotten first."""
+    """Puts answers together again, a few at a time; the oldest unfinished one is forgotten first.
+
+    Source: docs/adr/0009.
+    """
 
     def __init__(self) -> None:
         self._open: dict[tuple[int, int], _Open] = {}
@@ -55,6 +59,7 @@ class PartsInbox:
             number: of the request.
             words: the reply, with `data`, `answer`, `part` and `parts`.
         Raises: BadPayload.
+        Source: docs/adr/0009.
         """
         answer, part, parts = (words.get(key) for key in ("answer", "part", "parts"))
         if not all(type(value) is int for value in (answer, part, parts)) or not isinstance(words.get("data"), list):

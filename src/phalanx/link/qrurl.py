@@ -21,7 +21,7 @@ _BROKER = re.compile(
 
 
 class BadQrUrl(UsageError):
-    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin."""
+    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin. Source: none."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"not a swarm's link: {what}", "copy the whole link, in quotes, from under the QR code")
@@ -37,6 +37,7 @@ class QrUrl:
         root: first part of every topic.
         mqtt: protocol version, 5 or 4 (3.1.1).
     Raises: BadQrUrl.
+    Source: docs/spec/link.md.
     """
 
     pin: Pin = field(repr=False)
@@ -59,7 +60,10 @@ class QrUrl:
             raise BadQrUrl(str(error)) from None
 
     def for_page(self, page: str) -> str:
-        """Link to our own page: parameters in the fragment, which browsers keep to themselves."""
+        """Link to our own page: parameters in the fragment, which browsers keep to themselves.
+
+        Source: docs/spec/link.md.
+        """
         words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
         # Defaults are left out: every character makes the code finer and harder to scan.
         if self.root != DEFAULT_ROOT:
@@ -69,7 +73,10 @@ class QrUrl:
         return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
 
     def for_foreign_page(self, frontend: str) -> str:
-        """Link to a page of the published form, which has no room for a path or a root."""
+        """Link to a page of the published form, which has no room for a path or a root.
+
+        Source: the published packages.
+        """
         broker = urlsplit(self.broker)
         tls = broker.scheme.lower() == "wss"
         words = {
@@ -90,6 +97,7 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
         url: the whole link.
         root: used for the published form, which does not name one.
     Raises: BadQrUrl, BadPin.
+    Source: docs/spec/link.md.
     """
     try:
         parts = urlsplit(url.strip())

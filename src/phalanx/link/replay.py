@@ -38,6 +38,7 @@ class ReplayCache:
             timestamp_s: the sender's, finite.
             now_s: the receiver's clock.
         Raises: Stale, Replayed, CacheFull.
+        Source: docs/spec/link.md.
         """
         skew_s = timestamp_s - now_s
         if not abs(skew_s) <= self._tolerance_s:

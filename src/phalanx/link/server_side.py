@@ -60,25 +60,28 @@ class ServerSide:
         return self._rotated_at_s
 
     def live_epochs(self) -> tuple[Epoch, ...]:
-        """Epochs under which messages are accepted and published, the current one first."""
+        """Epochs under which messages are accepted and published, the current one first. Source: Qrkey §III-D."""
         return (self._epoch, self._old) if self.state is State.OVERLAP and self._old else (self._epoch,)
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them."""
+        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them.
+
+        Source: docs/spec/link.md.
+        """
         filters = [f for epoch in self.live_epochs() for f in self._filters(epoch)]
         if self.state is State.SETTLED and self._old:
             filters.append(full_topic(self.config.root, self._old.topic, "request"))
         return tuple(filters)
 
     def receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted."""
+        """What a message from the broker says. Never raises: what is refused is counted. Source: docs/spec/link.md."""
         try:
             return self._receive(topic, token, now_s, uptime_s)
         except PeerError as error:
             return self.reject(error)
 
     def reject(self, error: PeerError) -> Rejected:
-        """Count a message that was refused, here or by the handler that understood it."""
+        """Count a message that was refused, here or by the handler that understood it. Source: none."""
         self.rejected[error.reason] += 1
         return Rejected(error)
 
@@ -86,6 +89,7 @@ class ServerSide:
         """Sealed once per live epoch, whatever the number of visitors.
 
         Raises: UsageError: the payload is not JSON, or more than a client reads.
+        Source: Qrkey §III; docs/spec/link.md.
         """
         return self._publish("notify", payload, now_s)
 
@@ -95,6 +99,7 @@ class ServerSide:
         A list goes in parts to a client that reads parts.
 
         Raises: UsageError: the data is not JSON, or more than a client reads.
+        Source: docs/spec/link.md; docs/adr/0009.
         """
         to, number = ReplyTopic(request.client_id), request.number
         pieces = [data]
@@ -117,7 +122,7 @@ class ServerSide:
         )
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
-        """Rotate, or end an overlap, if it is due."""
+        """Rotate, or end an overlap, if it is due. Source: Qrkey §III-D."""
         config = self.config
         since_s = uptime_s - self._rotated_at_s
         asks: tuple[Ask, ...] = ()
@@ -128,16 +133,16 @@ class ServerSide:
         return asks
 
     def restart_clock(self, uptime_s: float) -> None:
-        """The current epoch begins now; for a server that was not reachable before."""
+        """The current epoch begins now; for a server that was not reachable before. Source: none."""
         self._rotated_at_s = uptime_s
 
     def next_due_s(self) -> float:
-        """Uptime at which `advance` has something to do."""
+        """Uptime at which `advance` has something to do. Source: none."""
         wait = self.config.overlap_s if self.state is State.OVERLAP else self.config.rotate_s
         return self._rotated_at_s + wait
 
     def reconnected(self, uptime_s: float) -> tuple[Ask, ...]:
-        """What to say again after the broker was away."""
+        """What to say again after the broker was away. Source: docs/spec/link.md."""
         return self._step(Event.RECONNECTED, uptime_s)
 
     def _receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock:

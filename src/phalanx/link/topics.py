@@ -20,7 +20,7 @@ CLIENT_ID = re.compile(r"[0-9A-Za-z_.:-]{1,128}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class CommandTopic:
-    """Where a command for one robot goes."""
+    """Where a command for one robot goes. Source: Qrkey Table I."""
 
     address: str
     application: str
@@ -34,7 +34,7 @@ class CommandTopic:
 
 @dataclass(frozen=True, slots=True)
 class ReplyTopic:
-    """Where the answers for one client go."""
+    """Where the answers for one client go. Source: Qrkey Table I."""
 
     client_id: str
 
@@ -47,7 +47,7 @@ SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
 
 
 def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
-    """The topic on the broker: root, the epoch's topic, and what it is about."""
+    """The topic on the broker: root, the epoch's topic, and what it is about. Source: Qrkey Table I."""
     base = f"{root}/{epoch_topic}"
     if isinstance(sub, CommandTopic):
         return f"{base}/command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
@@ -57,7 +57,10 @@ def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
 
 
 def command_filter(root: str, epoch_topic: str) -> str:
-    """Subscription for every command of an epoch, misdirected ones included: those are counted."""
+    """Subscription for every command of an epoch, misdirected ones included: those are counted.
+
+    Source: Qrkey Table I.
+    """
     return f"{root}/{epoch_topic}/command/#"
 
 
@@ -65,6 +68,7 @@ def split_topic(root: str, epoch_topic: str, topic: str) -> SubTopic:
     """What `topic` is about, under this root and epoch.
 
     Raises: WrongTopic.
+    Source: Qrkey Table I.
     """
     base = f"{root}/{epoch_topic}/"
     if not topic.startswith(base):

@@ -57,8 +57,9 @@ export class Connection {
     });
     this.#mqtt.on("connect", () => {
       // Online means that what is said from now on is heard.
-      this.#mqtt.subscribe([...this.#link.subscriptions], { qos: 0 }, () => {
-        if (this.#mqtt.connected) this.#setState("online");
+      this.#mqtt.subscribe([...this.#link.subscriptions], { qos: 0 }, (denied) => {
+        if (denied) this.restart();
+        else if (this.#mqtt.connected) this.#setState("online");
       });
     });
     this.#mqtt.on("close", () => this.#setState("offline"));
@@ -115,7 +116,7 @@ export class Connection {
     });
   }
 
-  /** Give up a connection that may be dead, and make another. */
+  /** Give up a connection that may be dead or was denied its topics, and make another. */
   restart(): void {
     if (this.#mqtt.connected) this.#mqtt.stream.destroy();
   }
@@ -141,7 +142,10 @@ export class Connection {
     const event = this.#link.receive(topic, bytes, now_s());
     if (event.kind === "moved") {
       this.#mqtt.unsubscribe([...event.unsubscribe], ignore);
-      this.#mqtt.subscribe([...event.subscribe], { qos: 0 }, () => this.#emit(event));
+      this.#mqtt.subscribe([...event.subscribe], { qos: 0 }, (denied) => {
+        if (denied) this.restart();
+        this.#emit(event);
+      });
       return;
     }
     if (event.kind === "replied") {

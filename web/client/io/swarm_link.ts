@@ -85,7 +85,7 @@ export class SwarmLink {
     if (event.kind !== "broker") this.#heardAt_ms = now_ms;
     switch (event.kind) {
       case "broker":
-        this.#watch.broker(event.state, now_ms);
+        this.#watch.broker(event.state, now_ms, Math.random());
         if (event.state === "online") this.#reduce({ kind: "reconnected" });
         this.#tick();
         return;

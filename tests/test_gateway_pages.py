@@ -1,0 +1,112 @@
+"""The pages over HTTP: what they serve, to whom, and on whom they hang up."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import aiohttp
+import pytest
+
+from conftest import eventually
+from phalanx.errors import Unavailable
+from phalanx.gateway import OperatorPages, VisitorPages
+from phalanx.gateway.serve_pages import PAGES
+
+
+@pytest.fixture
+async def operator():
+    async with OperatorPages("t0ken" * 6, lambda: {"pin": "314159"}) as pages:
+        yield pages
+
+
+class TestPages:
+    async def test_the_visitors_page_is_served_under_a_strict_policy(self):
+        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+            async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
+                assert answer.status == 200
+                policy = answer.headers["Content-Security-Policy"]
+                assert "script-src 'self'" in policy
+                assert "unsafe" not in policy
+                assert answer.headers["Referrer-Policy"] == "no-referrer"
+                assert "<script" in await answer.text()
+            for path in ("/api/state", "/../pyproject.toml", "/assets/../../../up.py", "/assets/", "/%2e%2e/up.py"):
+                async with http.get(f"http://127.0.0.1:{pages.port}{path}") as answer:
+                    assert answer.status in (403, 404), path
+
+    @pytest.mark.parametrize(
+        "headers",
+        [
+            {},
+            {"Authorization": ""},
+            {"Authorization": "Bearer"},
+            {"Authorization": "Bearer wrong"},
+            {"Authorization": "t0ken" * 6},
+            {"Authorization": "Bearer " + "t0ken" * 5},
+            {"Authorization": "bearer " + "t0ken" * 6},
+            {"Authorization": "Bearer tökén"},
+        ],
+    )
+    async def test_nothing_secret_is_reachable_without_the_token(self, operator, headers):
+        async with aiohttp.ClientSession() as http:
+            for path in ("/api/state", "/", f"/api/state?token={'t0ken' * 6}"):
+                async with http.get(f"http://127.0.0.1:{operator.port}{path}", headers=headers) as answer:
+                    assert answer.status == (200 if path == "/" else 401)
+                    assert "314159" not in await answer.text()
+                    assert "Access-Control-Allow-Origin" not in answer.headers
+
+    async def test_with_the_token_it_answers(self, operator):
+        headers = {"Authorization": "Bearer " + "t0ken" * 6}
+        async with aiohttp.ClientSession() as http:
+            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
+                assert await answer.json() == {"pin": "314159"}
+                assert answer.headers["Cache-Control"] == "no-store"
+
+    async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
+        headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}
+        async with aiohttp.ClientSession() as http:
+            async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
+                assert answer.status == 403
+                assert "314159" not in await answer.text()
+
+    async def test_idle_connections_are_hung_up_on_and_others_served_meanwhile(self, monkeypatch):
+        monkeypatch.setattr("phalanx.gateway.serve_pages.HANG_UP_AFTER_S", 2.0)
+        monkeypatch.setattr("phalanx.gateway.serve_pages.CHECK_S", 0.1)
+        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+
+            async def visit() -> int:
+                async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
+                    await answer.read()
+                    return answer.status
+
+            idlers = [await asyncio.open_connection("127.0.0.1", pages.port) for _ in range(200)]
+            for _, writer in idlers[:100]:
+                writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n")  # and never the empty line
+            began, visits = time.monotonic(), 0
+            while not all(reader.at_eof() or reader.exception() for reader, _ in idlers):
+                assert await visit() == 200
+                visits += 1
+                assert time.monotonic() - began < 15
+                await asyncio.sleep(0.1)
+            assert visits > 5
+            assert await visit() == 200
+            assert len(http.connector._conns) == 1, "who goes on asking on one connection keeps it"
+            for _, writer in idlers:
+                writer.close()
+
+    async def test_a_reader_that_stalls_does_not_keep_its_connection(self, monkeypatch):
+        monkeypatch.setattr("phalanx.gateway.serve_pages.HANG_UP_AFTER_S", 1.0)
+        monkeypatch.setattr("phalanx.gateway.serve_pages.CHECK_S", 0.1)
+        async with VisitorPages("127.0.0.1", 0) as pages:
+            script = next((PAGES / "visitor" / "assets").glob("*.js")).name
+            _, writer = await asyncio.open_connection("127.0.0.1", pages.port, limit=1024)
+            asked = f"GET /assets/{script} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+            writer.write(asked * 100)  # more than the sockets between us hold
+            await eventually(lambda: pages._runner.server.connections)
+            await eventually(lambda: not pages._runner.server.connections)
+            writer.close()
+
+    async def test_a_port_in_use_is_one_clear_error(self, operator):
+        with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}"):
+            async with VisitorPages("127.0.0.1", operator.port):
+                pass

@@ -1,0 +1,292 @@
+"""Brokers that come and go, refuse, deny or stall: what server and client survive."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import os
+import time
+from pathlib import Path
+
+import aiomqtt
+import pytest
+
+from conftest import a_broker, a_server, bare_mosquitto, eventually, tell_until_cancelled, with_an_old_pin
+from phalanx.config import LinkConfig
+from phalanx.errors import Unavailable
+from phalanx.io import ANY, Client, Login, Server
+from phalanx.io.mosquitto import mosquitto
+from phalanx.io.ports import free_port
+
+
+class TestBrokersThatComeAndGo:
+    async def test_commands_flow_again_within_five_seconds_of_a_killed_brokers_return(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
+            start()
+            server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt")
+            heard = []
+            server.on_command(ANY)(heard.append)
+            async with server:
+                await server.wait_connected(10)
+                async with Client(server.qr()) as client:
+                    await client.command("AB", "x", 0)
+                    await eventually(lambda: heard)
+                    kill()
+                    await eventually(lambda: not server.connected)
+                    assert not await server.notify("nobody hears this")
+                    await asyncio.sleep(3)  # long enough for the retries to be at their slowest
+                    start()
+                    returned = time.monotonic()
+                    heard.clear()
+                    while not heard:
+                        await client.command("AB", "x", 1)
+                        await asyncio.sleep(0.05)
+                        assert time.monotonic() - returned < 5
+                    assert server.reconnects == 1
+
+    async def test_a_supervised_mosquitto_that_is_killed_comes_back_by_itself(self):
+        async with a_broker() as broker, a_server(broker) as server:
+            await server.wait_connected(10)
+            async with Client(server.qr()) as client:
+                os.system(f"pkill -9 -f 'mosquitto -c /tmp/phalanx-.*' -P {os.getpid()}")
+                await eventually(lambda: not server.connected)
+                await eventually(lambda: server.connected)
+                assert (await client.request(0))["robots"] == [1, 2]
+
+    async def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path, caplog):
+        tcp, ws = free_port(), free_port()
+        server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt")
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+            async with server:
+                with pytest.raises(TimeoutError):
+                    await server.wait_connected(1)
+                assert "waiting for it" in caplog.text
+                assert server.trouble
+                start()
+                await server.wait_connected(10)
+                assert server.qr().mqtt == 5
+
+    async def test_a_rotation_while_the_broker_is_away_is_told_afterwards(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
+            start()
+            # Both come back within two seconds. Whoever comes back last, the end of the overlap tells once more.
+            config = LinkConfig(rotate_s=60.0, overlap_s=6.0)
+            server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt", config=config)
+            async with with_an_old_pin(server, 57.0):
+                await server.wait_connected(10)
+                async with Client(server.qr()) as client:
+                    kill()
+                    await eventually(lambda: not server.connected)
+                    assert not server.overlapping
+                    await eventually(lambda: server.overlapping)
+                    start()
+                    await eventually(lambda: client.moves, 20)
+                    assert client.epoch_topic == server.epoch.topic
+
+    @pytest.mark.parametrize("slow_s", [0.0, 0.9])
+    async def test_a_rotation_while_it_subscribes_is_heard_of(self, broker, monkeypatch, slow_s):
+        subscribe = aiomqtt.Client.subscribe
+        asked: list[str] = []
+
+        async def slowly(self, topic, *arguments, **more):
+            asked.append(topic)
+            await asyncio.sleep(slow_s)
+            return await subscribe(self, topic, *arguments, **more)
+
+        config = LinkConfig(rotate_s=3.0, overlap_s=2.4)
+        async with with_an_old_pin(a_server(broker, config=config), 2.0) as server:
+            await server.wait_connected(10)
+            await eventually(lambda: server.overlapping)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", slowly)
+            # Four filters, slowly, take 3.6 s: a rotation falls due meanwhile.
+            before = server.epoch
+            server._link._client._disconnected.set_exception(aiomqtt.MqttError("cut"))
+            await eventually(lambda: not server.connected)
+            await eventually(lambda: server.connected, 15)
+            assert slow_s == 0 or server.epoch is not before
+            monkeypatch.undo()
+            assert {topic.split("/")[2] for topic in asked} >= {server.epoch.topic}
+            async with Client(server.qr()) as client:
+                assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
+
+    async def test_a_subscription_that_fails_leads_to_a_new_connection(self, broker, monkeypatch):
+        subscribe = aiomqtt.Client.subscribe
+
+        async def fails(self, topic, *arguments, **more):
+            raise aiomqtt.MqttError("no answer")
+
+        config = LinkConfig(rotate_s=30.0, overlap_s=1.0)
+        async with with_an_old_pin(a_server(broker, config=config), 28.5) as server:
+            await server.wait_connected(10)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", fails)
+            await eventually(lambda: not server.connected)
+            monkeypatch.setattr(aiomqtt.Client, "subscribe", subscribe)
+            await eventually(lambda: server.connected)
+            assert server.reconnects == 1
+            async with Client(server.qr()) as client:
+                assert (await client.request(0, timeout_s=5))["robots"] == [1, 2]
+
+    @pytest.mark.parametrize("mqtt", [5, 4])
+    async def test_a_subscription_that_the_broker_denies_is_told_once_and_asked_for_again(self, mqtt, caplog):
+        allowed, asked = asyncio.Event(), []
+
+        async def guarded(reader, writer):
+            with contextlib.suppress(asyncio.IncompleteReadError):
+                while True:
+                    kind, length = await reader.readexactly(2)
+                    body = await reader.readexactly(length)
+                    if kind == 0x10:
+                        writer.write(bytes.fromhex("2003000000" if mqtt == 5 else "20020000"))
+                    elif kind == 0x82:
+                        asked.append(body)
+                        denial = b"\x87" if mqtt == 5 else b"\x80"
+                        code = b"\x00" if allowed.is_set() else denial
+                        body = body[:2] + (b"\x00" if mqtt == 5 else b"") + code
+                        writer.write(bytes([0x90, len(body)]) + body)
+            writer.close()
+
+        listening = await asyncio.start_server(guarded, "127.0.0.1", 0)
+        url = f"mqtt://127.0.0.1:{listening.sockets[0].getsockname()[1]}"
+        async with listening, Server(url, mqtt=mqtt) as server:
+            await eventually(lambda: len(asked) >= 3)
+            assert not server.connected
+            with pytest.raises(TimeoutError, match=r"denies us the subscription to /qrkey/.*/command/#"):
+                await server.wait_connected(0.1)
+            allowed.set()
+            await server.wait_connected(10)
+            assert server.qr().mqtt == mqtt
+        topic = f"/qrkey/{server.epoch.topic}/command/#"
+        told = f"the broker at {url} denies us the subscription to {topic}: see its access control; trying again"
+        assert [record.message for record in caplog.records] == [told]
+
+    async def test_a_broker_that_does_not_answer_a_goodbye_does_not_keep_us(self, broker, monkeypatch):
+        server = a_server(broker)
+        async with server:
+            await server.wait_connected(10)
+            link = server._tasks[0]
+
+            async def unanswered(self, *trouble):
+                raise aiomqtt.MqttError("timed out")
+
+            monkeypatch.setattr(aiomqtt.Client, "__aexit__", unanswered)
+            link.cancel()
+            await eventually(link.done, 5)
+            assert link.cancelled()
+
+    async def test_a_cancellation_that_is_swallowed_while_sending_is_heeded(self, broker, monkeypatch):
+        async def swallows(self, *arguments, **more):
+            with contextlib.suppress(asyncio.CancelledError):  # as wait_for may, before Python 3.12
+                await asyncio.sleep(60)
+
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            monkeypatch.setattr(aiomqtt.Client, "publish", swallows)
+            telling = asyncio.create_task(tell_until_cancelled(server))
+            await asyncio.sleep(0.1)
+            telling.cancel()
+            await eventually(telling.done, 5)
+
+    async def test_the_first_pin_lives_its_whole_time_from_the_first_connect_on(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        config = LinkConfig(rotate_s=2.5, overlap_s=0.5)
+        server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt", config=config)
+        first, told = server.epoch, []
+        server.on_event = told.append
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+            async with server:
+                await asyncio.sleep(2.7)
+                assert server.epoch is first
+                assert server.rotates_in_s == 2.5
+                start()
+                await server.wait_connected(10)
+                assert server.epoch is first
+                assert server.rotates_in_s > 1.0
+                assert not told
+                await eventually(lambda: server.epoch is not first)
+
+    async def test_mosquitto_that_cannot_start_or_is_interrupted_leaves_nothing_behind(self, monkeypatch):
+        children = Path(f"/proc/self/task/{os.getpid()}/children")
+        before = children.read_text()
+        with (
+            monkeypatch.context() as patch,
+            pytest.raises(Unavailable, match=r"not start: .*mosquitto\.conf:1"),
+        ):
+            patch.setattr("phalanx.io.mosquitto.configuration", lambda *_: "nonsense\n")
+            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+                pass
+        for after_s in (0.0, 0.001, 0.01, 0.03, 0.1):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(after_s), mosquitto(free_port(), "127.0.0.1", free_port()):
+                    await asyncio.sleep(1)
+        with pytest.raises(ZeroDivisionError):
+            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+                raise ZeroDivisionError
+        assert children.read_text() == before
+        gc.collect()  # a pipe left open would say so here
+
+    async def test_a_broker_of_the_older_protocol_is_found_out(self):
+        async with a_broker("amqtt") as broker:
+            server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=5)
+            async with server:
+                await server.wait_connected(10)
+                assert server.qr().mqtt == 4
+
+    @pytest.mark.parametrize("mqtt", [5, 4])
+    async def test_a_wrong_login_is_one_clear_error(self, tmp_path, mqtt):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path, "allow_anonymous false") as (start, _):
+            start()
+            login = Login("who", "hunter2")
+            server = Server(f"mqtt://127.0.0.1:{tcp}", login=login, mqtt=mqtt)
+            async with server:
+                with pytest.raises(Unavailable, match="refused the login") as caught:
+                    await server.wait_connected(10)
+            assert "hunter2" not in str(caught.value) + repr(login) + repr(server.broker) + str(server.broker)
+
+    async def test_an_unreachable_broker_is_one_clear_error_for_a_client(self):
+        qr = Server("mqtt://127.0.0.1:1", broker_for_visitors=f"ws://127.0.0.1:{free_port()}/mqtt").qr()
+        with pytest.raises(Unavailable, match="no broker at"):
+            async with Client(qr, timeout_s=0.5):
+                pass
+
+    async def test_two_servers_on_one_broker_do_not_hear_each_other(self, broker):
+        async with a_server(broker) as one, a_server(broker) as other:
+            await one.wait_connected(10)
+            await other.wait_connected(10)
+            async with Client(one.qr()) as client:
+                await client.command("AB", "x", 1)
+                await eventually(lambda: one.heard)
+            assert not other.heard
+            assert not other.rejected
+
+    async def test_amqtt_retains_nothing(self):
+        async with a_broker("amqtt") as broker:
+            async with aiomqtt.Client(broker.url.host, broker.url.port) as client:
+                await client.publish("t", b"x", retain=True)
+                await asyncio.sleep(0.2)
+            async with aiomqtt.Client(broker.url.host, broker.url.port) as client:
+                await client.subscribe("t")
+                with pytest.raises(TimeoutError):
+                    await asyncio.wait_for(anext(client.messages), 0.5)
+
+    async def test_amqtt_hangs_up_on_a_reader_that_stalls(self):
+        async with a_broker("amqtt") as broker:
+            reader, writer = await asyncio.open_connection(broker.url.host, broker.url.port)
+            writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
+            await reader.readexactly(4)
+            writer.write(bytes.fromhex("8206000100017400"))  # SUBSCRIBE t
+            await reader.readexactly(5)
+            writer.transport.pause_reading()
+            async with aiomqtt.Client(broker.url.host, broker.url.port) as flood:
+                for _ in range(400):
+                    await flood.publish("t", b"x" * 50_000)
+                    if writer.transport.is_closing():
+                        break
+                    await asyncio.sleep(0.005)
+                await asyncio.sleep(5)
+                writer.transport.resume_reading()
+                with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                    await asyncio.wait_for(reader.readexactly(400 * 50_000), 10)
