@@ -1,7 +1,8 @@
 """A thousand robots in motion before two hundred visitors: what it costs the gateway, and whether it arrives.
 
-The gateway is `phalanx up` as people run it. One visitor is the page in chromium; the others are programs that open
-every message (fleet_visitors.py). Everything shares this machine's cores.
+The gateway is `phalanx up` as people run it. One visitor is the page in chromium; the others, in one program, open
+every message by the library of the pages (fleet_visitors.mts). Everything shares this machine's cores, but real
+visitors bring their own: so these work with Node's cryptography, and yield to the gateway, the broker and the page.
 """
 
 from __future__ import annotations
@@ -21,13 +22,17 @@ from pathlib import Path
 from typing import Any
 
 from playwright.async_api import Page, async_playwright
-from processes import children, cpu_s, machine_s, name, rss_mb
+from processes import children, cpu_s, in_line_s, machine_s, name, rss_mb
 from rows import Row
 
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.gateway import TICK_S
 
 HERE = Path(__file__).parent
+TSX = HERE.parent / "web" / "node_modules" / "tsx" / "dist" / "loader.mjs"
+YIELDING = ("nice", "-n", "5")
+IMPORTS = ("--import", str(TSX), "--import", str(HERE / "native_jwe.mjs"))
+VISITORS = (*YIELDING, "node", *IMPORTS, str(HERE / "fleet_visitors.mts"))
 MOST_CORES = 0.5
 LEAST_FPS = 30.0
 LEAST_TICKS_HZ = 9.5
@@ -79,20 +84,18 @@ class Fleet:
     Args:
         robots: simulated ones.
         visitors: programs; the page comes on top.
-        processes: to run them in.
-        join_per_s: visitors per second and process.
+        join_per_s: visitors per second.
         warm_up_s: from the last robot's departure to the first measurement.
     """
 
     robots: int
     visitors: int
-    processes: int
     join_per_s: float
     warm_up_s: float
 
 
-FULL = Fleet(robots=1000, visitors=199, processes=2, join_per_s=8, warm_up_s=20)
-QUICK = Fleet(robots=20, visitors=4, processes=1, join_per_s=50, warm_up_s=0.5)
+FULL = Fleet(robots=1000, visitors=199, join_per_s=16, warm_up_s=20)
+QUICK = Fleet(robots=20, visitors=4, join_per_s=50, warm_up_s=0.5)
 # Trails grow for about as long, robot by robot, until each is as long as it may be.
 TRAILS_FULL_S = 150.0
 
@@ -123,9 +126,9 @@ class Child:
 
 
 @contextlib.asynccontextmanager
-async def a_child(*arguments: str) -> AsyncIterator[Child]:
+async def a_child(*command: str) -> AsyncIterator[Child]:
     process = await asyncio.create_subprocess_exec(
-        sys.executable, *arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=1 << 24
+        *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=1 << 24
     )
     try:
         yield Child(process)
@@ -155,93 +158,90 @@ async def a_page(url: str) -> AsyncIterator[Page]:
 
 
 class Usage:
-    """CPU by group of processes, and the gateway's memory, sampled while the fleet runs."""
+    """CPU by group of processes, and what the gateway had of processors and memory, while the fleet runs."""
 
-    def __init__(self, groups: dict[str, Callable[[], list[int]]]) -> None:
+    def __init__(self, gateway: int, groups: dict[str, Callable[[], list[int]]]) -> None:
+        self._gateway = gateway
         self._groups = groups
         self._began: dict[str, dict[int, float]] = {}
-        self._at = self._machine_s = 0.0
+        self._at = self._machine_s = self._in_line_s = 0.0
         self.cores: dict[str, float] = {}
+        self.in_line = 0.0
         self.memory: list[tuple[float, float]] = []
 
     def begin(self) -> None:
         self._at, self._machine_s = time.monotonic(), machine_s()
         self._began = {group: {pid: cpu_s(pid) for pid in pids()} for group, pids in self._groups.items()}
+        self._in_line_s = in_line_s(self._gateway)
 
     def end(self) -> None:
         elapsed_s = time.monotonic() - self._at
         for group, began in self._began.items():
             self.cores[group] = sum(cpu_s(pid) - before for pid, before in began.items()) / elapsed_s
+        self.in_line = (in_line_s(self._gateway) - self._in_line_s) / elapsed_s
         self.cores["all else here"] = (machine_s() - self._machine_s) / elapsed_s - sum(self.cores.values())
 
-    async def watch_memory(self, pid: int) -> None:
+    async def watch_memory(self) -> None:
         began = time.monotonic()
         while True:
-            self.memory.append((time.monotonic() - began, rss_mb(pid)))
+            self.memory.append((time.monotonic() - began, rss_mb(self._gateway)))
             await asyncio.sleep(1)
 
 
 async def bench_fleet(fleet: Fleet, soak_s: float, say: Callable[[str], None]) -> list[Row]:
-    if not pages_are_built() or not shutil.which("chromium"):
-        raise RuntimeError("the pages or chromium are missing: make setup-dev")
+    if not pages_are_built() or not shutil.which("chromium") or not TSX.exists():
+        raise RuntimeError("the pages, their tools or chromium are missing: make setup-dev")
     say(f"{fleet.robots} robots, {fleet.visitors} visitors and a page")
-    up = ("-m", "phalanx", "up", "--events", "--port", "0", "--robots", str(fleet.robots))
+    up = (sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--robots", str(fleet.robots))
     async with contextlib.AsyncExitStack() as stack:
         gateway = await stack.enter_async_context(a_child(*up))
         ready = await gateway.hear()
         background = [asyncio.create_task(gateway.hear_no_more())]
-        crowds = [
-            await stack.enter_async_context(a_child(str(HERE / "fleet_visitors.py"))) for _ in range(fleet.processes)
-        ]
-        for i, crowd in enumerate(crowds):
-            order = {
-                "qr": ready["qr_url"],
-                "visitors": len(range(i, fleet.visitors, fleet.processes)),
-                "join_per_s": fleet.join_per_s,
-                "first": i,
-                "every": fleet.processes,
-                "commands_per_s": ROUTES_PER_S / fleet.processes,
-            }
-            crowd.say(json.dumps(order))
-        for crowd in crowds:
-            await crowd.hear(120)
+        crowd = await stack.enter_async_context(a_child(*VISITORS))
+        order = {
+            "qr": ready["qr_url"],
+            "visitors": fleet.visitors,
+            "join_per_s": fleet.join_per_s,
+            "routes_per_s": ROUTES_PER_S,
+        }
+        crowd.say(json.dumps(order))
+        await crowd.hear(120)
         page = await stack.enter_async_context(a_page(ready["qr_url"]))
         say("everybody is there; every robot gets a route")
-        for crowd in crowds:
-            crowd.say("go")
-            await crowd.hear()
+        crowd.say("go")
+        await crowd.hear()
         await asyncio.sleep(fleet.robots / ROUTES_PER_S)
         warm_up_s = TRAILS_FULL_S if soak_s >= JUDGE_MEMORY_S else fleet.warm_up_s
         say(f"warming up for {warm_up_s:g} s, then measuring for {soak_s:g} s")
         await asyncio.sleep(warm_up_s)
         usage = Usage(
+            gateway.pid,
             {
                 "gateway": lambda: [gateway.pid],
                 "mosquitto": lambda: [pid for pid in children(gateway.pid) if name(pid) == "mosquitto"],
-                "visitors": lambda: [crowd.pid for crowd in crowds],
+                "visitors": lambda: [crowd.pid],
                 "page": lambda: [pid for pid in children(os.getpid()) if name(pid).startswith("chrom")],
-            }
+            },
         )
         usage.begin()
-        for crowd in crowds:
-            crowd.say("begin")
-            await crowd.hear()
+        crowd.say("begin")
+        await crowd.hear()
         await page.evaluate(WATCH)
-        background.append(asyncio.create_task(usage.watch_memory(gateway.pid)))
+        background.append(asyncio.create_task(usage.watch_memory()))
         await asyncio.sleep(soak_s)
         usage.end()
-        for crowd in crowds:
-            crowd.say("end")
-        reports = [await crowd.hear(120) for crowd in crowds]
+        crowd.say("end")
+        # A crowd that lags reads what it was sent before it reads this.
+        report = await crowd.hear(300)
         seen = await page.evaluate("window.__seen")
         for task in background:
             task.cancel()
     if (others := usage.cores["all else here"]) > MOST_OTHERS:
         say(f"something else on this machine used {others:.2f} cores: what was measured is not its best")
-    return _rows(fleet, soak_s, usage, reports, seen)
+    return _rows(fleet, soak_s, usage, report, seen)
 
 
-def _rows(fleet: Fleet, soak_s: float, usage: Usage, reports: list[dict[str, Any]], seen: dict[str, Any]) -> list[Row]:
+def _rows(fleet: Fleet, soak_s: float, usage: Usage, report: dict[str, Any], seen: dict[str, Any]) -> list[Row]:
     cores = usage.cores
     beside = ", ".join(f"{group} {used:.2f}" for group, used in cores.items() if group != "gateway")
     seconds = sorted(seen["frames"][1:-1] or seen["frames"])
@@ -273,34 +273,40 @@ def _rows(fleet: Fleet, soak_s: float, usage: Usage, reports: list[dict[str, Any
             note=f"looked at 10 times a second; badge live in {seen['live']} of {seen['samples']}, "
             f"{seen['robots']} robots",
         ),
-        *_visitor_rows(fleet, soak_s, reports),
+        *_visitor_rows(fleet, report),
+        Row(
+            section=0,
+            what="gateway had work and waited for a core",
+            measured=100 * usage.in_line,
+            unit="% of time",
+            note="what a machine with more cores would spare it",
+        ),
+        Row(
+            section=0,
+            what="a visitor's work with a message",
+            measured=1e6 * report["cpu_s"] / max(1, report["messages"]),
+            unit="µs",
+            note="in Node, AES-GCM and base64url by Node itself; at a lower priority than all the rest",
+        ),
         *_memory_rows(soak_s, usage.memory),
     ]
 
 
-def _visitor_rows(fleet: Fleet, soak_s: float, reports: list[dict[str, Any]]) -> list[Row]:
-    total: Counter[str] = Counter()
-    ages: Counter[int] = Counter()
-    rejected: Counter[str] = Counter()
-    for report in reports:
-        total.update({key: value for key, value in report.items() if isinstance(value, int)})
-        ages.update({int(age): count for age, count in report["ages_ms"].items()})
-        rejected.update(report["rejected"])
-    each = [each for report in reports for each in report["each"]]
+def _visitor_rows(fleet: Fleet, report: dict[str, Any]) -> list[Row]:
+    # Its own clock: a crowd that lags hears of the end late.
+    each, elapsed_s = report["each"], report["elapsed_s"]
     kept_up = sum(got > 0 and missed == 0 and worst_age_s <= FRESH_S for got, missed, worst_age_s, _ in each)
-    offered = total["frames"] + total["missed"]
-    published = statistics.median(got + missed for got, missed, _, _ in each)
-    counted = sorted(ages.elements()) if ages else [0]
+    frames, missed, rejected = report["frames"], report["missed"], report["rejected"]
+    ages_ms = sorted(Counter({int(age): count for age, count in report["ages_ms"].items()}).elements()) or [0]
     return [
         Row(
             section=3,
             what="updates of the whole swarm, as visitors saw them",
-            measured=statistics.median(ticks for _, _, _, ticks in each) / soak_s,
+            measured=statistics.median(ticks for _, _, _, ticks in each) / elapsed_s,
             unit="/s",
             limit=LEAST_TICKS_HZ,
             at_least=True,
-            note=f"planned {1 / TICK_S:g}; {published / soak_s:.1f} messages/s "
-            f"of {total['bytes'] / max(1, total['messages']):.0f} bytes to each",
+            note=f"planned {1 / TICK_S:g}; {report['messages'] / elapsed_s / len(each):.1f} messages/s to each",
         ),
         Row(
             section=3,
@@ -309,15 +315,15 @@ def _visitor_rows(fleet: Fleet, soak_s: float, reports: list[dict[str, Any]]) ->
             unit=f"of {fleet.visitors}",
             limit=fleet.visitors,
             at_least=True,
-            note=f"{total['frames'] / soak_s:.0f} messages/s opened, "
-            f"{100 * total['missed'] / max(1, offered):.2f} % missed in {total['gaps']} gaps, {total['lost']} cut off",
+            note=f"{frames / elapsed_s:.0f} frames/s opened, {100 * missed / max(1, frames + missed):.2f} % missed "
+            f"in {report['gaps']} gaps, {report['cut_off']} cut off",
         ),
         Row(
             section=0,
             what="age of a frame when opened, p50",
-            measured=counted[len(counted) // 2],
+            measured=ages_ms[len(ages_ms) // 2],
             unit="ms",
-            note=f"p95 {counted[len(counted) * 95 // 100]}, worst {counted[-1]}",
+            note=f"p95 {ages_ms[len(ages_ms) * 95 // 100]}, worst {ages_ms[-1]}",
         ),
         Row(
             section=0,
@@ -325,7 +331,7 @@ def _visitor_rows(fleet: Fleet, soak_s: float, reports: list[dict[str, Any]]) ->
             measured=sum(rejected.values()),
             unit="",
             note=", ".join(f"{count} {reason}" for reason, count in rejected.items())
-            or f"the list of robots was asked {total['asked']} times and answered {total['answered']}",
+            or f"the list of robots was asked {report['asked']} times and answered {report['answered']}",
         ),
     ]
 

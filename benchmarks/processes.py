@@ -17,6 +17,14 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) * _TICK_S
 
 
+def in_line_s(pid: int) -> float:
+    """How long a process's first thread could have worked and had no processor."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
+    except OSError:
+        return 0.0
+
+
 def machine_s() -> float:
     """What all processors of this machine have worked since it started, and what its host took from them."""
     words = Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]
