@@ -6,22 +6,25 @@ BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
+FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 DEMO ?=
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
-NEEDS := venv=python3-venv node=nodejs npm=npm broker=mosquitto
-ifneq ($(filter test% lint bench docs setup-dev,$(MAKECMDGOALS)),)
+NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodejs npm=npm
+ifeq ($(filter test% lint bench docs setup-dev,$(MAKECMDGOALS)),)
+NEEDS += broker=mosquitto
+else
 NEEDED := .venv/needs-dev
-NEEDS := venv=python3-venv node=nodejs npm=npm mosquitto=mosquitto chromium=chromium
+NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
-.PHONY: help setup setup-dev demo test lint test-python test-web bench docs clean
+.PHONY: help setup setup-dev demo test lint test-firmware test-python test-web bench docs clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
-	@echo "make test    everything: lint, types, Python, TypeScript, browser, docs"
+	@echo "make test    everything: lint, types, firmware, Python, TypeScript, browser, docs"
 	@echo "make setup | lint | bench | docs | clean"
 
 # --- setting up -------------------------------------------------------------------------------------------------------
@@ -38,8 +41,8 @@ $(NEEDED):
 .venv/bin/pip: | $(NEEDED)
 	python3 -m venv .venv
 
-.venv/runtime: requirements.lock pyproject.toml | .venv/bin/pip
-	@echo "installing Python packages"
+.venv/runtime: requirements.lock pyproject.toml $(FIRMWARE) | .venv/bin/pip
+	@echo "installing Python packages, compiling the trusted nodes"
 	@$(PIP) install --require-hashes -r requirements.lock
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@
@@ -69,7 +72,7 @@ demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
 test: setup-dev
-	@$(MAKE) --no-print-directory lint test-web test-python docs
+	@$(MAKE) --no-print-directory lint test-firmware test-web test-python docs
 
 lint: setup-dev
 	$(BIN)/ruff check
@@ -80,6 +83,9 @@ lint: setup-dev
 
 test-web: setup-dev
 	cd web && npm run --silent test
+
+test-firmware: setup-dev
+	$(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
 	rm -f .coverage .coverage.*
@@ -94,6 +100,7 @@ docs: setup-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 clean:
+	rm -rf build firmware/build src/*.egg-info src/phalanx/*.so
 	rm -rf .venv site out .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache .hypothesis $(PAGES)
 	rm -rf web/node_modules $(PEER)/node_modules $(PEER)/dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

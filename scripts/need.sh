@@ -54,6 +54,14 @@ for pair in "$@"; do
             missing="$missing $package"
         fi
         ;;
+    libc)
+        # Without gcc nobody can tell; Debian's gcc comes without it.
+        is_there gcc && echo '#include <stdio.h>' | gcc -E - >/dev/null 2>&1 || missing="$missing $package"
+        ;;
+    headers)
+        python3 -c 'import os, sysconfig as s; os.stat(s.get_path("include") + "/Python.h")' 2>/dev/null ||
+            missing="$missing $package"
+        ;;
     node) need_node "$package" ;;
     npm)
         # It comes with every node but Debian's: not to be asked for beside a node that has to come from elsewhere.

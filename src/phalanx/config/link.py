@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from .errors import UsageError
+from phalanx.errors import UsageError
 
 # MQTT header and properties, the rest of the longest topic of ours, JWE segments but the ciphertext, the envelope.
 PACKET_OVERHEAD_BYTES = 16 + 25 + 7 + 40 + 85 + 60

@@ -1,0 +1,56 @@
+"""Compiles the trusted nodes into the package, once for each profile; setup.py names `bound` and `paper`.
+
+Python sees what the headers declare: the prototypes are taken from them and written nowhere else.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cffi import FFI
+
+HERE = Path(__file__).parent
+SHARED = ["hash", "mac", "node", "snode", "anode"]
+FLAGS = ["-O2", "-std=c99", "-Wall", "-Wextra", "-fvisibility=hidden"]
+
+
+def declarations(header: Path) -> str:
+    """What cffi can read of a header: constants of enums, the limits, the functions; nodes stay opaque."""
+    text = re.sub(r"/\*.*?\*/", "", header.read_text(), flags=re.DOTALL)
+    text = re.sub(r"\[PHX_\w+\]", "[]", text)
+    found = re.findall(
+        r"^enum \{.*?^\};|^typedef struct \{[^}]*\} phx_limits;|^(?:int|void|size_t) phx_\w+\([^;]*\);",
+        text,
+        re.MULTILINE | re.DOTALL,
+    )
+    return "\n".join(found)
+
+
+def profile(name: str, headers: list[str]) -> FFI:
+    """The builder of `phalanx._firmware_<name>`."""
+    ffi = FFI()
+    ffi.cdef("typedef struct { ...; } phx_snode;\ntypedef struct { ...; } phx_anode;\n")
+    paths = [HERE / "include" / "phx.h", *(HERE / header for header in headers)]
+    for path in paths:
+        ffi.cdef(declarations(path))
+    ffi.set_source(
+        f"phalanx._firmware_{name}",
+        "\n".join(f'#include "{path.name}"' for path in paths),
+        # Relative to setup.py: absolute paths would end up in what is built.
+        sources=[f"firmware/src/{source}.c" for source in [*SHARED, name]] + ["firmware/port/fleet.c"],
+        include_dirs=["firmware/include", "firmware/port"],
+        depends=[str(path.relative_to(HERE.parent)) for path in sorted(HERE.rglob("*.h"))],
+        extra_compile_args=FLAGS,
+    )
+    return ffi
+
+
+def bound() -> FFI:
+    """The default."""
+    return profile("bound", ["port/fleet.h"])
+
+
+def paper() -> FFI:
+    """As printed, for experiments."""
+    return profile("paper", ["include/phx_paper.h", "port/fleet.h"])

@@ -1,0 +1,88 @@
+"""Writes what is made from wire/table.py: `python firmware/generate.py`.
+
+That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md between `<!-- NAME:begin -->` and
+`<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from phalanx.wire import Record, table
+
+HERE = Path(__file__).parent
+HEADER = HERE / "include" / "phx_wire.h"
+PAGE = HERE.parent / "docs" / "spec" / "rebound-nodes.md"
+
+SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
+CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
+
+
+def c_header() -> str:
+    """The C header: sizes and codes, then each MACed message's tag, size and offsets."""
+    lines = [
+        "/* Made by firmware/generate.py from src/phalanx/wire/table.py. */",
+        "#ifndef PHX_WIRE_H",
+        "#define PHX_WIRE_H",
+        "",
+    ]
+    lines += [f"#define PHX_{name} {getattr(table, name)}u" for name in [*SIZES, *CODES]]
+    for record in table.MACED:
+        name = f"PHX_{record.name.upper()}"
+        lines += [
+            "",
+            f"/* {record.doc} */",
+            f"#define {name} 0x{record.tag:02x}u",
+            f"#define {name}_BYTES {record.size}u",
+        ]
+        lines += [f"#define {name}_{field.name.upper()} {record.offset(field.name)}u" for field in record.fields]
+    lines += ["", "/* frames with the AUDIT bit */"]
+    lines += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.offset(name)}u" for name in ("src", "dst")]
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def markdown(records: Iterable[Record]) -> str:
+    """A table of records: name, tag, fields in their order, bytes, meaning."""
+    rows = ["| name | bytes, in this order | size | what it is |", "|---|---|---|---|"]
+    for record in records:
+        fields = [
+            f"{field.name} {field.type}" + ("" if field.value is None else f" = {field.value:#04x}")
+            for field in record.all_fields
+        ]
+        grows = "+" if any(field.type in {"v16", "rest"} for field in record.fields) else ""
+        rows.append(f"| {record.name} | `{' ‖ '.join(fields)}` | {record.size}{grows} | {record.doc} |")
+    return "\n".join(rows)
+
+
+def errors() -> str:
+    """A table of what nodes refuse with, from the enum in phx.h."""
+    found = re.findall(r"PHX_E_(\w+) = (-\d+),? +/\* (.*?) \*/", (HERE / "include" / "phx.h").read_text())
+    rows = [f"| `{name}` | {number} | {meaning} |" for name, number, meaning in found]
+    return "\n".join(["| error | code | meaning |", "|---|---|---|", *rows])
+
+
+BLOCKS = {
+    "entries": markdown([table.ENTRY]),
+    "payloads": markdown(table.PAYLOADS),
+    "maced": markdown(table.MACED),
+    "errors": errors(),
+}
+
+
+def page(text: str) -> str:
+    """`text` with its tables made anew."""
+    for name, block in BLOCKS.items():
+        begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+        text, found = re.subn(
+            f"{begin}.*?{end}", lambda _, b=begin, e=end, x=block: f"{b}\n\n{x}\n\n{e}", text, flags=re.DOTALL
+        )
+        if found != 1:
+            raise ValueError(f"not exactly one {begin} … {end}")
+    return text
+
+
+if __name__ == "__main__":
+    HEADER.write_text(c_header())
+    PAGE.write_text(page(PAGE.read_text()))

@@ -1,0 +1,6 @@
+/* What port/check.c calls in this profile. */
+#include "phx_paper.h"
+
+#define PROFILE "paper"
+#define MAKE_AUTH_A phx_anode_make_auth
+#define CHECK_AUTH_A phx_snode_check_auth_a

@@ -1,0 +1,190 @@
+"""What N c-nodes remember, as arrays with one row a robot: kernels take them and a robot's index.
+
+Nothing here is trusted: the trusted nodes' own memory lies in `snode` and `anode`; only the C in firmware/ reads it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bundle import pack, reference
+from phalanx.config import BtiConfig
+from phalanx.kernel import kernel
+
+# The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
+BOUND, PAPER, PLAIN = 0, 1, 2
+# Requests that are put together from fragments at the same time; another sender's waits for its next round.
+RX_SLOTS = 3
+START, PENDING = 0, 1
+
+ROBOT = np.dtype(
+    [
+        ("id", "u2"),
+        ("alive", "u1"),  # powered and keyed
+        ("log_full", "u1"),
+        ("t_key", "i8"),  # ms of the robot's own clock, at which its mission key was loaded
+        ("phase", "i8"),  # ms; its sensors' grid is t_key + phase + k * t_control
+        ("step", "i8"),  # INPUTs so far
+        ("log_len", "i8"),
+        ("checkpoint_at", "i8"),  # where in the log the pending checkpoint's mark stands, -1 if there is none
+        ("state_len", "i8"),
+        ("start_len", "i8"),  # of the checkpoint at which the log begins; 4 at boot
+        ("pending_len", "i8"),
+        ("booted", "u1"),  # the log begins at boot, not at a checkpoint
+        ("round_no", "i8"),  # not `round`: uncompiled, that is a method of any record
+        ("quota", "i8"),  # requests that may still go out before the next retry
+        ("got", "i8"),  # tokens in this round
+        ("asked_at", "i8"),
+        ("request_no", "u2"),
+        ("request_to", "u2"),
+        ("request_len", "i8"),  # of the request under way, 0 if none
+        ("request_next", "i8"),  # its next fragment
+        ("tokens_start", "i8"),
+        ("tokens_pending", "i8"),
+        ("peers", "i8"),
+        ("accepted", "i8"),  # requests taken for audit, ever
+        ("log_max", "i8"),  # longest log so far
+        ("requests_sent", "i8"),
+        ("tokens_got", "i8"),
+        ("audits_passed", "i8"),
+        ("audits_refused", "i8"),
+        ("requests_dropped", "i8"),  # over the auditor's own limits
+    ],
+    align=True,
+)
+TOKEN = np.dtype([("tor", "i8"), ("t", "i8"), ("mac", "u1", (8,))], align=True)
+PEER = np.dtype(
+    [
+        ("id", "i8"),
+        ("heard", "i8"),  # ms of our clock, of the newest AUDIT frame from it
+        ("token", "i8"),  # t of its newest token
+        ("asked", "i8"),  # round in which we last asked it
+        ("took", "i8"),  # ms at which we last took a request of its
+    ],
+    align=True,
+)
+RX = np.dtype([("src", "i8"), ("no", "i8"), ("count", "i8"), ("have", "u8"), ("len", "i8"), ("at", "i8")], align=True)
+SETTINGS = np.dtype(
+    [
+        ("profile", "i8"),
+        ("controller", "i8"),
+        ("f_max", "i8"),
+        ("t_audit", "i8"),
+        ("t_val", "i8"),
+        ("t_control", "i8"),
+        ("delta", "i8"),
+        ("skew", "i8"),
+        ("retry", "i8"),
+        ("batch_size", "i8"),
+        ("frame_max", "i8"),
+        ("mission_seed", "i8"),
+    ],
+    align=True,
+)
+
+
+class Fleet(NamedTuple):
+    """N robots' c-nodes; every array but `settings` and `params` has one row a robot.
+
+    Args:
+        settings: (1,) SETTINGS.
+        params: (P,) float64, the controllers' parameters, the same for all: the mission.
+        robot: (N,) ROBOT.
+        snode, anode: (N, size) uint8, the trusted nodes' memory.
+        log: (N, L) uint8; begins at the start checkpoint.
+        state: (N, C) uint8, the controller's live state, which is its own encoding.
+        checkpoint: (N, 2, C + 48) uint8: the one at which the log begins, and the one that waits for tokens.
+        hckpt: (N, 2, 20) uint8: their hashes.
+        token: (N, 2, K) TOKEN: the tokens that cover them.
+        peer: (N, n_max) PEER: robots whose AUDIT frames or tokens were heard.
+        request: (N, R) uint8: the request under way.
+        rx: (N, RX_SLOTS, R) uint8 and rx_info (N, RX_SLOTS) RX: requests that arrive in fragments.
+        taken: (N, 6 f_max) int64: when the last requests were taken for audit.
+    """
+
+    settings: NDArray[Any]
+    params: NDArray[np.float64]
+    robot: NDArray[Any]
+    snode: NDArray[np.uint8]
+    anode: NDArray[np.uint8]
+    log: NDArray[np.uint8]
+    state: NDArray[np.uint8]
+    checkpoint: NDArray[np.uint8]
+    hckpt: NDArray[np.uint8]
+    token: NDArray[Any]
+    peer: NDArray[Any]
+    request: NDArray[np.uint8]
+    rx: NDArray[np.uint8]
+    rx_info: NDArray[Any]
+    taken: NDArray[np.int64]
+
+
+FleetType, FleetRef = reference(Fleet)
+
+
+@kernel
+def _refer(fleet: Fleet) -> Any:
+    return FleetRef(*fleet)
+
+
+def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Zeroed records whose fields are attributes, compiled and not. Source: none."""
+    made: NDArray[Any] = np.zeros(shape, dtype).view(np.recarray)
+    return made
+
+
+def make_fleet(
+    n: int,
+    config: BtiConfig,
+    params: NDArray[np.float64],
+    *,
+    profile: int,
+    controller: int,
+    mission_seed: int,
+    snode: NDArray[np.uint8],
+    anode: NDArray[np.uint8],
+) -> Fleet:
+    """A fleet of `n` robots that are not powered up yet, with ids 1..n.
+
+    Args:
+        n: robots.
+        config: sizes and times.
+        params: (P,), the controllers' parameters.
+        profile: BOUND or PAPER.
+        controller: which bundled controller runs, as its number; 0 for one in plain Python.
+        mission_seed: spreads the sensors' phases.
+        snode: (n, size), manufactured s-nodes.
+        anode: (n, size), manufactured a-nodes.
+    Source: docs/spec/rebound.md.
+    """
+    settings = records(1, SETTINGS)
+    chosen = settings[0]
+    chosen.profile, chosen.controller, chosen.mission_seed = profile, controller, mission_seed
+    chosen.f_max, chosen.t_audit, chosen.t_val = config.f_max, config.t_audit_ms, config.t_val_ms
+    chosen.t_control, chosen.delta, chosen.skew = config.t_control_ms, config.delta_ms, config.skew_ms
+    chosen.retry, chosen.batch_size, chosen.frame_max = config.retry_ms, config.batch_size, config.frame_max_bytes
+    robot = records(n, ROBOT)
+    robot["id"] = np.arange(1, n + 1)
+    state_bytes = config.checkpoint_capacity_bytes
+    requests = config.request_capacity_bytes
+    fleet = Fleet(
+        settings=settings,
+        params=params,
+        robot=robot,
+        snode=snode,
+        anode=anode,
+        log=np.zeros((n, config.log_capacity_bytes), np.uint8),
+        state=np.zeros((n, state_bytes), np.uint8),
+        checkpoint=np.zeros((n, 2, state_bytes + 48), np.uint8),
+        hckpt=np.zeros((n, 2, 20), np.uint8),
+        token=records((n, 2, config.tokens_kept), TOKEN),
+        peer=records((n, config.n_max), PEER),
+        request=np.zeros((n, requests), np.uint8),
+        rx=np.zeros((n, RX_SLOTS, requests), np.uint8),
+        rx_info=records((n, RX_SLOTS), RX),
+        taken=np.full((n, 6 * config.f_max), -(1 << 40), np.int64),
+    )
+    return pack(fleet, _refer)

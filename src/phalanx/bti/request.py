@@ -1,0 +1,178 @@
+"""The audit request: what an auditee shows, and its way through radio frames of bounded length.
+
+    version u8 ‖ flags u8 ‖ tee u16 ‖ t u32 ‖ top_a 20 ‖ treq mac 8 ‖ top_s 20 ‖ auth_s mac 8 ‖ auth_a mac 8
+    ‖ hckpt 20 ‖ tokens u8 ‖ checkpoint length u16 ‖ segment length u32
+    ‖ tokens times (tor u16 ‖ t u32 ‖ mac 8) ‖ start checkpoint ‖ segment
+
+Flag 1: the log begins at boot, and the start checkpoint is `t_key u32`. A longer or shorter request is malformed.
+Source: RoboRebound §3.7; docs/spec/rebound.md.
+"""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
+
+from .fleet import PENDING, START, Fleet
+from .rounds import flush_marks, next_candidate, peer_at
+
+VERSION = 1
+AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC, AT_TOP_S, AT_AUTH_S, AT_AUTH_A = 2, 4, 8, 28, 36, 56, 64
+AT_HCKPT, AT_TOKENS, AT_CHECKPOINT_LEN, AT_SEGMENT_LEN, HEAD_BYTES = 72, 92, 93, 95, 99
+TOKEN_BYTES = 14
+
+AUDIT = 0x80
+HELLO, FRAGMENT, TOKEN = 0, 1, 2
+AUDIT_HEAD_BYTES = 6
+FRAGMENT_HEAD_BYTES = AUDIT_HEAD_BYTES + 4
+TOKEN_FRAME_BYTES = AUDIT_HEAD_BYTES + 2 + 4 + 8
+
+
+@kernel
+def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
+    """The request to the next candidate is ready in `f.request[i]`; the rows are scratch of 32, 30 and 30 bytes.
+
+    Returns: its length; 0 if there is nobody to ask, none is due or the log is full; negative: the a-node's error.
+    Source: RoboRebound §3.7.
+    """
+    r = f.robot[i]
+    if r.quota <= 0 or r.log_full == 1:
+        return 0
+    tor = next_candidate(f, i, now)
+    if tor == 0:
+        return 0
+    code = flush_marks(f, i, treq, auth_s, auth_a, tor, now)
+    if code < 0:
+        r.quota = 0
+        return code
+    f.peer[i, peer_at(f, i, tor, True)].asked = r.round_no
+    r.quota -= 1
+    r.request_no = (r.request_no + 1) & 0xFFFF
+    r.request_to = tor
+    r.request_next = 0
+    r.asked_at = now
+    r.request_len = _write(f, i, treq, auth_s, auth_a)
+    r.requests_sent += 1
+    return int(r.request_len)
+
+
+@kernel
+def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
+    r, out = f.robot[i], f.request[i]
+    tokens = 0 if r.booted == 1 else f.settings[0].f_max + 1
+    length = HEAD_BYTES + tokens * TOKEN_BYTES + r.start_len + r.log_len
+    if length > out.shape[0]:
+        return 0
+    out[0] = VERSION
+    out[1] = r.booted
+    put_u16(out, AT_TEE, r.id)
+    copy(out, AT_T, treq, 0, 32)
+    copy(out, AT_TOP_S, auth_s, 0, 20)
+    copy(out, AT_AUTH_S, auth_s, 22, 8)
+    copy(out, AT_AUTH_A, auth_a, 22, 8)
+    copy(out, AT_HCKPT, f.hckpt[i, PENDING], 0, 20)
+    out[AT_TOKENS] = tokens
+    put_u16(out, AT_CHECKPOINT_LEN, r.start_len)
+    put_u32(out, AT_SEGMENT_LEN, r.log_len)
+    at = HEAD_BYTES
+    for k in range(tokens):
+        token = f.token[i, START, k]
+        put_u16(out, at, token.tor)
+        put_u32(out, at + 2, token.t)
+        copy(out, at + 6, token.mac, 0, 8)
+        at += TOKEN_BYTES
+    copy(out, at, f.checkpoint[i, START], 0, r.start_len)
+    copy(out, at + r.start_len, f.log[i], 0, r.log_len)
+    return int(length)
+
+
+@kernel
+def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
+    """`AUDIT ‖ src u16 ‖ dst u16 (0 all) ‖ sub u8` written. Source: docs/spec/rebound.md."""
+    frame[0] = AUDIT
+    put_u16(frame, 1, src)
+    put_u16(frame, 3, dst)
+    frame[5] = sub
+
+
+@kernel
+def next_fragment(f: Fleet, i: int, frame: Row) -> int:
+    """The next fragment of the request under way; its length, 0 when all have been cut. Source: RoboRebound §3.7."""
+    r = f.robot[i]
+    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    count = (r.request_len + body - 1) // body
+    if r.request_len == 0 or r.request_next >= count:
+        r.request_len = 0
+        return 0
+    audit_head(frame, r.id, r.request_to, FRAGMENT)
+    put_u16(frame, 6, r.request_no)
+    frame[8] = r.request_next
+    frame[9] = count
+    begin = r.request_next * body
+    length = min(body, r.request_len - begin)
+    copy(frame, FRAGMENT_HEAD_BYTES, f.request[i], begin, length)
+    r.request_next += 1
+    return int(FRAGMENT_HEAD_BYTES + length)
+
+
+@kernel
+def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
+    """A fragment is put in its place.
+
+    Returns: the place among `f.rx[i]` of a request that is now whole (its length is in `rx_info.len`), or -1.
+    Source: docs/spec/rebound.md (bounded memory; one request under way a sender).
+    """
+    if length < FRAGMENT_HEAD_BYTES + 1:
+        return -1
+    src, no, index, count = get_u16(frame, 1), get_u16(frame, 6), int(frame[8]), int(frame[9])
+    body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
+    size = length - FRAGMENT_HEAD_BYTES
+    if index >= count or count > 63 or index * body + size > f.rx.shape[2] or (index < count - 1 and size != body):
+        return -1
+    at = _place(f, i, src)
+    x = f.rx_info[i, at]
+    if x.src != src or x.no != no or x.count != count:
+        if not _may_begin(f, i, src, now):
+            return -1
+        x.src = src
+        x.no = no
+        x.count = count
+        x.have = 0
+        x.len = 0
+    x.at = now
+    x.have |= 1 << index
+    copy(f.rx[i, at], index * body, frame, FRAGMENT_HEAD_BYTES, size)
+    if index == count - 1:
+        x.len = index * body + size
+    if x.have != (1 << count) - 1:
+        return -1
+    x.src = 0
+    return at
+
+
+@kernel
+def _place(f: Fleet, i: int, src: int) -> int:
+    """The sender's, or a free one, or that of the request that has waited longest for its next fragment.
+
+    Newcomers are never turned away: f_max liars who begin requests and do not end them would fill all places for ever.
+    """
+    oldest = 0
+    for k in range(f.rx_info.shape[1]):
+        x = f.rx_info[i, k]
+        if x.src == src:
+            return k
+        if f.rx_info[i, oldest].src != 0 and (x.src == 0 or x.at < f.rx_info[i, oldest].at):
+            oldest = k
+    return oldest
+
+
+@kernel
+def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
+    """One request of a robot each T_audit / 2, whether it is ever whole or not. Source: RoboRebound §5.1."""
+    r = f.robot[i]
+    at = peer_at(f, i, src, True)
+    if at < 0 or now - f.peer[i, at].took < f.settings[0].t_audit // 2:
+        r.requests_dropped += 1
+        return False
+    f.peer[i, at].took = now
+    return True

@@ -1,0 +1,254 @@
+"""Rounds of audits, as the auditee goes through them: whom to ask, the checkpoint, tokens, truncation.
+
+Source: RoboRebound §3.5-3.7; docs/spec/rebound.md.
+"""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+from phalanx.wire.fields import Row, copy, put_u32
+
+from . import trusted
+from .fleet import PAPER, PENDING, START, Fleet
+from .log import CHECKPOINT, mark, truncate
+
+# A HELLO goes out with each round: who was not heard for two of them has gone.
+HEARD_ROUNDS_X2 = 5
+
+
+@kernel
+def grid(f: Fleet, i: int, step: int) -> int:
+    """When the robot's INPUT number `step` is due, ms of its own clock. Source: docs/spec/rebound.md."""
+    r = f.robot[i]
+    return int(r.t_key + r.phase + step * f.settings[0].t_control)
+
+
+@kernel
+def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
+    """Where in the control period a robot's grid lies, 0..t_control-1 ms; every auditor can work it out.
+
+    Source: docs/spec/rebound.md (phase(robId)); the mixing is splitmix's.
+    """
+    return int(mixed(mission_seed, rob_id) % t_control)
+
+
+@kernel
+def mixed(one: int, other: int) -> int:
+    """A number below 2^31 that looks random in both. Source: none (xorshift and multiply in 32 bits)."""
+    x = (one * 0x9E3779B1 + other * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
+    x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
+    x = ((x ^ (x >> 12)) * 0x297A2D39) & 0xFFFFFFFF
+    return (x ^ (x >> 15)) & 0x7FFFFFFF
+
+
+@kernel
+def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
+    """The row of a robot in the table of peers, -1 if it is not there; made, it replaces the one silent longest.
+
+    Source: docs/spec/rebound.md (constant memory).
+    """
+    r = f.robot[i]
+    for k in range(r.peers):
+        if f.peer[i, k].id == rob_id:
+            return k
+    if not make or rob_id == 0 or rob_id == r.id:
+        return -1
+    at = r.peers
+    if at < f.peer.shape[1]:
+        r.peers += 1
+    else:
+        at = 0
+        for k in range(1, r.peers):
+            if f.peer[i, k].heard < f.peer[i, at].heard:
+                at = k
+    p = f.peer[i, at]
+    p.id = rob_id
+    p.heard = -(1 << 40)
+    p.token = -(1 << 40)
+    p.asked = -1
+    p.took = -(1 << 40)
+    return int(at)
+
+
+@kernel
+def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
+    """The robot counts as in range now. Source: docs/spec/rebound.md (ghost auditors)."""
+    at = peer_at(f, i, rob_id, True)
+    if at >= 0:
+        f.peer[i, at].heard = now
+
+
+@kernel
+def next_candidate(f: Fleet, i: int, now: int) -> int:
+    """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
+
+    Within each sort the order differs from robot to robot, so that no auditor is everybody's favourite.
+    Source: docs/spec/rebound.md (ghost auditors).
+    """
+    r, s = f.robot[i], f.settings[0]
+    best, best_key = 0, 1 << 40
+    for k in range(r.peers):
+        p = f.peer[i, k]
+        if p.asked == r.round_no:
+            continue
+        fresh = p.token >= now - s.t_val
+        if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
+            continue
+        key = mixed(r.id, p.id) + (0 if fresh else 1 << 32)
+        if key < best_key:
+            best, best_key = p.id, key
+    return int(best)
+
+
+@kernel
+def begin_round(f: Fleet, i: int) -> None:
+    """A new round is open, with a request for each token that is needed. Source: RoboRebound §3.7."""
+    r = f.robot[i]
+    r.round_no += 1
+    r.quota = f.settings[0].f_max + 1
+    r.got = 0
+    r.request_len = 0
+
+
+@kernel
+def retry(f: Fleet, i: int) -> int:
+    """Tokens still missing in this round; as many further robots may now be asked. Source: RoboRebound §5.2."""
+    r = f.robot[i]
+    missing = f.settings[0].f_max + 1 - r.got
+    missing = max(missing, 0)
+    if r.request_len == 0:
+        r.quota = missing
+    return int(missing)
+
+
+@kernel
+def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
+    """The state now, right after both chains were flushed with no output pending, is the pending checkpoint.
+
+    `t u32 ‖ step u32 ‖ top of the s-chain ‖ top of the a-chain ‖ the controller's state`; t is when the next INPUT is
+    due, from which an auditor knows the grid. Source: RoboRebound §3.6, §5.2 (66 + 26 n bytes).
+    """
+    r = f.robot[i]
+    c = f.checkpoint[i, PENDING]
+    put_u32(c, 0, grid(f, i, r.step))
+    put_u32(c, 4, r.step)
+    copy(c, 8, s_top, 0, 20)
+    copy(c, 28, a_top, 0, 20)
+    copy(c, 48, f.state[i], 0, r.state_len)
+    r.pending_len = 48 + r.state_len
+    trusted.sha1(c, r.pending_len, f.hckpt[i, PENDING])
+    r.tokens_pending = 0
+    r.checkpoint_at = r.log_len
+    mark(f, i, CHECKPOINT)
+
+
+@kernel
+def forget_checkpoint(f: Fleet, i: int) -> None:
+    """The log begins at boot: zero tops, no tokens. Source: RoboRebound §3.6 (a)."""
+    r = f.robot[i]
+    put_u32(f.checkpoint[i, START], 0, r.t_key)
+    r.start_len = 4
+    r.booted = 1
+    r.tokens_start = 0
+    r.tokens_pending = 0
+    r.checkpoint_at = -1
+    r.log_len = 0
+
+
+@kernel
+def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
+    """A token is installed and kept; with f_max + 1 of them the log is cut at their checkpoint.
+
+    Returns: 0, or negative when it is not a token for one of our checkpoints.
+    Source: RoboRebound §3.5, §3.6.
+    """
+    r, s = f.robot[i], f.settings[0]
+    which = PENDING
+    if r.checkpoint_at < 0 or not _covers(f, i, PENDING, tor, t, mac):
+        which = START
+        if r.booted == 1 or not _covers(f, i, START, tor, t, mac):
+            return -1
+    code = trusted.anode_install_token(s.profile, f.anode[i], now, tor, t, f.hckpt[i, which], mac)
+    if code < 0:
+        return int(code)
+    r.tokens_got += 1
+    at = peer_at(f, i, tor, True)
+    if at >= 0:
+        if f.peer[i, at].asked == r.round_no and f.peer[i, at].token < t:
+            r.got += 1
+        f.peer[i, at].token = t
+    _keep(f, i, which, tor, t, mac)
+    if which == PENDING and r.tokens_pending >= s.f_max + 1:
+        _promote(f, i)
+    return 0
+
+
+@kernel
+def _covers(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> bool:
+    r, s = f.robot[i], f.settings[0]
+    return trusted.anode_check_token(s.profile, f.anode[i], tor, r.id, t, f.hckpt[i, which], mac) == 0
+
+
+@kernel
+def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
+    """Tokens of one checkpoint, one an auditor."""
+    r = f.robot[i]
+    n = r.tokens_start if which == START else r.tokens_pending
+    at = n
+    for k in range(n):
+        if f.token[i, which, k].tor == tor:
+            at = k
+    if at >= f.token.shape[2]:
+        return
+    f.token[i, which, at].tor = tor
+    f.token[i, which, at].t = t
+    copy(f.token[i, which, at].mac, 0, mac, 0, 8)
+    if at == n:
+        if which == START:
+            r.tokens_start = n + 1
+        else:
+            r.tokens_pending = n + 1
+
+
+@kernel
+def _promote(f: Fleet, i: int) -> None:
+    r = f.robot[i]
+    copy(f.checkpoint[i, START], 0, f.checkpoint[i, PENDING], 0, r.pending_len)
+    copy(f.hckpt[i, START], 0, f.hckpt[i, PENDING], 0, 20)
+    r.start_len = r.pending_len
+    r.booted = 0
+    for k in range(r.tokens_pending):
+        f.token[i, START, k].tor = f.token[i, PENDING, k].tor
+        f.token[i, START, k].t = f.token[i, PENDING, k].t
+        copy(f.token[i, START, k].mac, 0, f.token[i, PENDING, k].mac, 0, 8)
+    r.tokens_start = r.tokens_pending
+    r.tokens_pending = 0
+    truncate(f, i)
+
+
+@kernel
+def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int, now: int) -> int:
+    """A token request and the authenticators that go with it, both chains flushed for them and marked so.
+
+    `treq` (32,) gets `t u32 ‖ top of the a-chain ‖ mac`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get
+    `top ‖ id u16 ‖ mac`.
+    Returns: 0, or the a-node's error: the leaky bucket is empty, or there is no key.
+    Source: RoboRebound Alg. 2, Alg. 4; docs/spec/rebound.md (stale log).
+    """
+    r, s = f.robot[i], f.settings[0]
+    code = trusted.anode_token_request(s.profile, f.anode[i], now, tor, treq)
+    if code < 0:
+        return int(code)
+    if s.profile == PAPER:
+        code = trusted.anode_make_auth(s.profile, f.anode[i], auth_a)
+        if code < 0:
+            return int(code)
+        copy(treq, 4, auth_a, 0, 20)
+    mark(f, i, 0x82)
+    code = trusted.snode_make_auth(s.profile, f.snode[i], treq[24:32], auth_s)
+    if code < 0:
+        return int(code)
+    mark(f, i, 0x81)
+    if r.checkpoint_at < 0:
+        write_checkpoint(f, i, auth_s, treq[4:24])
+    return 0

@@ -1,0 +1,168 @@
+"""A record of the byte table and its codec: little-endian, no padding, lengths before contents, nothing left over.
+
+Only this file turns values into bytes and back; which records there are is in table.py.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from phalanx.errors import PeerError, UsageError
+
+Value = int | float | bytes
+
+INTEGERS = {"u8": 1, "u16": 2, "u32": 4, "u64": 8}
+LARGEST_NUMBER = 1e6  # of an f32: one NaN or infinity in a broadcast would make every neighbour's sums worthless
+
+
+class MalformedRecord(PeerError):
+    """Too short, too long, another tag, or a number out of range."""
+
+    reason = "malformed_record"
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field.
+
+    Args:
+        name: as in code.
+        type: u8, u16, u32, u64; f32 (finite, at most 10^6 in size); bN: N bytes; v16: u16 length, then as many bytes;
+            rest: all that follows, last in its record.
+        doc: what it is, with its unit.
+        value: what an integer field always is; such a field is written by the codec and checked by it.
+    """
+
+    name: str
+    type: str
+    doc: str
+    value: int | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes that it has at least."""
+        if self.type in INTEGERS:
+            return INTEGERS[self.type]
+        return {"f32": 4, "v16": 2, "rest": 0}.get(self.type) or int(self.type[1:] if self.type[0] == "b" else 0)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Named fields in their order on the wire.
+
+    Args:
+        name: as in code and in the C header.
+        fields: without the tag.
+        doc: one line.
+        tag: the first byte, or None: the first field then says what it is.
+    """
+
+    name: str
+    fields: tuple[Field, ...]
+    doc: str
+    tag: int | None = None
+
+    @cached_property
+    def all_fields(self) -> tuple[Field, ...]:
+        """The fields with the tag before them."""
+        tag = () if self.tag is None else (Field("tag", "u8", "says what follows", self.tag),)
+        return tag + self.fields
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the record; without the contents of a v16 or rest."""
+        return sum(field.size for field in self.all_fields)
+
+    def offset(self, name: str) -> int:
+        """Where the field begins.
+
+        Raises: UsageError: no such field.
+        """
+        at = 0
+        for field in self.all_fields:
+            if field.name == name:
+                return at
+            at += field.size
+        raise UsageError(f"{self.name} has no field {name}")
+
+    def encode(self, **values: Value) -> bytes:
+        """The record's bytes.
+
+        Args:
+            values: each field that is not constant, by its name; integers, floats, bytes.
+        Raises: UsageError: a field is missing or too many, or a value does not fit.
+        """
+        wanted = {field.name for field in self.all_fields if field.value is None}
+        if wanted != set(values):
+            raise UsageError(f"{self.name}: fields {sorted(wanted ^ set(values))} are missing or unknown")
+        try:
+            return b"".join(_encode(f, values[f.name] if f.value is None else f.value) for f in self.all_fields)
+        except (struct.error, OverflowError, TypeError, AttributeError, ValueError) as error:
+            raise UsageError(f"{self.name}: {error}") from error
+
+    def read(self, raw: bytes, at: int = 0) -> tuple[dict[str, Any], int]:
+        """The record that begins at `at`, and where it ends.
+
+        Returns: the fields that are not constant, by name: int, float or bytes.
+        Raises: MalformedRecord: it is not there whole and valid.
+        """
+        values: dict[str, Any] = {}
+        for field in self.all_fields:
+            value, at = _read(self.name, field, raw, at)
+            if field.value is None:
+                values[field.name] = value
+            elif value != field.value:
+                raise MalformedRecord(f"{self.name}: {field.name} is not {field.value}")
+        return values, at
+
+    def decode(self, raw: bytes) -> dict[str, Any]:
+        """The fields of a record that is all there is.
+
+        Raises: MalformedRecord: too short, too long, or not valid.
+        """
+        values, end = self.read(raw)
+        if end != len(raw):
+            raise MalformedRecord(f"{self.name}: {len(raw) - end} bytes too many")
+        return values
+
+
+def _encode(field: Field, value: Any) -> bytes:
+    if field.type in INTEGERS:
+        return int.to_bytes(value, field.size, "little")
+    if field.type == "f32":
+        if not _fits(value):
+            raise ValueError(f"{field.name} is {value}")
+        return struct.pack("<f", value)
+    raw = bytes(memoryview(value))
+    if field.type == "v16":
+        return len(raw).to_bytes(2, "little") + raw
+    if field.type != "rest" and len(raw) != field.size:
+        raise ValueError(f"{field.name} has {len(raw)} bytes, not {field.size}")
+    return raw
+
+
+def _read(record: str, field: Field, raw: bytes, at: int) -> tuple[Value, int]:
+    size = field.size
+    if field.type == "v16":
+        size = 2 + int.from_bytes(raw[at : at + 2], "little")
+    elif field.type == "rest":
+        size = len(raw) - at
+    if at + max(size, field.size) > len(raw):
+        raise MalformedRecord(f"{record}: ends inside {field.name}")
+    piece = raw[at : at + size]
+    if field.type in INTEGERS:
+        return int.from_bytes(piece, "little"), at + size
+    if field.type == "f32":
+        number: float = struct.unpack("<f", piece)[0]
+        if not _fits(number):
+            raise MalformedRecord(f"{record}: {field.name} is {number}")
+        return number, at + size
+    return bytes(piece[2:] if field.type == "v16" else piece), at + size
+
+
+def _fits(number: float) -> bool:
+    return math.isfinite(number) and abs(number) <= LARGEST_NUMBER

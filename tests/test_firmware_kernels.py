@@ -1,0 +1,199 @@
+"""The C as kernels see it: compiled once for all processes, the same uncompiled, and never a byte outside its rows."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phalanx.bti import trusted
+from phalanx.bti.nodes import Limits, Nodes, Refused, seal_mission_key
+from phalanx.config import BtiConfig
+from phalanx.errors import PeerError, UsageError
+
+ROOT = Path(__file__).parent.parent
+MASTER, MISSION = bytes(range(20)), bytes(range(50, 70))
+LIMITS = Limits.of(BtiConfig(), fixed_us=100, ns_per_byte_broadcast=1333, ns_per_byte_unicast=300)
+
+STORY = """
+import numpy as np
+from phalanx.bti import trusted
+from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
+from phalanx.config import BtiConfig
+from phalanx.kernel import kernel
+
+@kernel
+def story(profile, anode, snode, entry, frame, out):
+    total = 0
+    for now in range(50):
+        total += trusted.anode_send(profile, anode, 3000 + now, frame, frame.size, entry)
+        total += trusted.snode_poll(profile, snode, 3000 + now, frame, frame.size, entry)
+    total += trusted.anode_token_request(profile, anode, 5000, 2, out)
+    return total + trusted.snode_make_auth(profile, snode, out[24:32], out[32:62])
+
+for profile in (0, 1):
+    nodes = Nodes(1, profile, Limits.of(BtiConfig(), 1, 1, 1))
+    nodes.load_master(0, bytes(range(20)), 1)
+    nodes.load_mission(0, 0, seal_mission_key(bytes(range(20)), bytes(range(50, 70)), bytes(20), 1))
+    out = np.zeros(62, np.uint8)
+    total = story(profile, nodes.anode[0], nodes.snode[0], np.zeros(99, np.uint8), np.ones(27, np.uint8), out)
+    print("story", profile, total, out.tobytes().hex())
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    script = tmp_path / "story.py"
+    script.write_text(STORY)
+    cache = tmp_path / "cache"
+
+    def run_it(**env):
+        done = subprocess.run(
+            [sys.executable, script],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(cache), "NUMBA_DEBUG_CACHE": "1"} | env,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        lines = done.stdout.splitlines()
+        return [line for line in lines if line.startswith("story")], "\n".join(lines)
+
+    return run_it
+
+
+def test_kernels_are_cached_for_other_processes_and_the_same_uncompiled(run):
+    first, log = run()
+    assert "data saved" in log
+    second, log = run()
+    assert "data saved" not in log
+    assert "data loaded" in log
+    uncompiled, _ = run(NUMBA_DISABLE_JIT="1")
+    assert len(first) == 2
+    assert first == second == uncompiled
+
+
+def keyed(profile):
+    nodes = Nodes(2, profile, LIMITS)
+    for i in range(2):
+        nodes.load_master(i, MASTER, i + 1)
+        nodes.load_mission(i, 0, seal_mission_key(MASTER, MISSION, bytes(20), 1))
+    return nodes
+
+
+def test_buffers_that_are_too_small_never_reach_the_c():
+    a, s = keyed(trusted.BOUND).anode[0], keyed(trusted.BOUND).snode[0]
+    small = {n: np.zeros(n, np.uint8) for n in (7, 8, 19, 20, 29, 31, 33, 34)}
+    tight, payload = small[33], np.ones(27, np.uint8)
+    for call, node in (
+        (trusted.anode_send, a),
+        (trusted.anode_recv, a),
+        (trusted.anode_actuate, a),
+        (trusted.snode_poll, s),
+    ):
+        assert call(0, node, 1, payload, 27, tight) == trusted.E_ARG
+        assert call(0, node, 1, payload, 28, np.zeros(99, np.uint8)) == trusted.E_ARG
+        assert call(0, node, 1, payload, -1, np.zeros(99, np.uint8)) == trusted.E_ARG
+        assert call(0, node, 1, payload, 27, small[34]) == 34
+    assert trusted.snode_make_auth(0, s, small[7], np.zeros(30, np.uint8)) == trusted.E_ARG
+    assert trusted.snode_make_auth(0, s, small[8], small[29]) == trusted.E_ARG
+    assert trusted.snode_check_auth(0, s, small[19], 1, small[8], small[8]) == trusted.E_ARG
+    assert trusted.snode_check_auth(0, s, small[20], 1, small[8], small[7]) == trusted.E_ARG
+    assert trusted.anode_token_request(0, a, 5000, 2, small[31]) == trusted.E_ARG
+    assert trusted.anode_issue_token(0, a, 2, 5, small[20], small[8], small[20], small[7]) == trusted.E_ARG
+    assert trusted.anode_check_token(0, a, 2, 1, 5, small[19], small[8]) == trusted.E_ARG
+    assert trusted.anode_install_token(0, a, 6, 2, 5, small[20], small[7]) == trusted.E_ARG
+    assert trusted.sha1(small[20], 21, small[20]) == trusted.E_ARG
+    assert trusted.chain_extend(small[19], small[20], 20) == trusted.E_ARG
+    assert trusted.lightmac(small[19], small[20], 20, small[8]) == trusted.E_ARG
+
+
+@pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER])
+@pytest.mark.parametrize("bit", range(64))
+def test_a_mac_with_one_wrong_bit_is_refused_everywhere(profile, bit):
+    def wrong(mac):
+        return (int.from_bytes(mac, "little") ^ 1 << bit).to_bytes(8, "little")
+
+    def refused(action, *arguments):
+        with pytest.raises(Refused) as refusal:
+            action(*arguments)
+        return refusal.value.code == trusted.E_BAD_MAC
+
+    nodes, hckpt = keyed(profile), bytes(20)
+    request = nodes.token_request(0, 5000, 2)
+    auth = nodes.make_auth(0, request[24:])
+    mac = nodes.issue_token(1, 1, 5000, request[4:24], request[24:], hckpt)
+    assert refused(nodes.issue_token, 1, 1, 5000, request[4:24], wrong(request[24:]), hckpt)
+    assert refused(nodes.check_auth, 1, auth[:20], 1, request[24:], wrong(auth[22:]))
+    assert refused(nodes.check_token, 1, 2, 1, 5000, hckpt, wrong(mac))
+    assert refused(nodes.install_token, 0, 5000, 2, 5000, hckpt, wrong(mac))
+    nodes.power_up(0)
+    sealed = seal_mission_key(MASTER, MISSION, bytes(20), 2)
+    assert refused(nodes.load_mission, 0, 0, sealed._replace(mac=wrong(sealed.mac)))
+
+
+def test_authenticators_of_a_nodes_are_in_paper_only():
+    bound, paper = keyed(trusted.BOUND), keyed(trusted.PAPER)
+    with pytest.raises(Refused):
+        bound.make_auth_a(0)
+    made = paper.make_auth_a(0)
+    paper.check_auth_a(1, made[:20], 1, made[22:])
+    with pytest.raises(Refused):
+        paper.check_auth(1, made[:20], 1, bytes(8), made[22:])
+
+
+def test_refusals_are_a_peers_fault_and_wrong_clocks_ours():
+    assert issubclass(Refused, PeerError)
+    with pytest.raises(UsageError, match="clocks"):
+        keyed(trusted.BOUND).check_all(np.zeros(3, np.uint32))
+
+
+CALLS = {
+    "poll": lambda nodes, now, number, raw: nodes.poll(0, now, raw),
+    "recv": lambda nodes, now, number, raw: nodes.recv(0, now, raw),
+    "send": lambda nodes, now, number, raw: nodes.send(0, now, raw),
+    "actuate": lambda nodes, now, number, raw: nodes.actuate(0, now, raw),
+    "make_auth": lambda nodes, now, number, raw: nodes.make_auth(0, raw[:8]),
+    "check_auth": lambda nodes, now, number, raw: nodes.check_auth(0, raw[:20], number, raw[20:28], raw[28:36]),
+    "request": lambda nodes, now, number, raw: nodes.token_request(0, now, number),
+    "issue": lambda nodes, now, number, raw: nodes.issue_token(0, number, now, raw[:20], raw[20:28], raw[28:48]),
+    "check_token": lambda nodes, now, number, raw: nodes.check_token(0, number, 1, now, raw[:20], raw[20:28]),
+    "install": lambda nodes, now, number, raw: nodes.install_token(0, now, number, now, raw[:20], raw[20:28]),
+    "load": lambda nodes, now, number, raw: nodes.load_master(0, raw[:20], number),
+}
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    profile=st.sampled_from([trusted.BOUND, trusted.PAPER]),
+    calls=st.lists(
+        st.tuples(
+            st.sampled_from(sorted(CALLS)),
+            st.integers(0, 3000),
+            st.integers(0, 65_535),
+            st.binary(min_size=60, max_size=300),
+        ),
+        max_size=25,
+    ),
+)
+def test_nothing_a_c_node_says_touches_other_nodes_shows_a_key_or_passes_for_a_mac(profile, calls):
+    nodes = keyed(profile)
+    others = nodes.anode[1].copy(), nodes.snode[1].copy()
+    heard, now = b"", 0
+    for what, ms, number, raw in calls:
+        now += ms
+        try:
+            heard += CALLS[what](nodes, now, number, raw) or b""
+        except Refused:
+            continue
+        # Made-up MACs are refused, and the master key stays what it is.
+        assert what not in {"check_auth", "issue", "check_token", "install", "load"}
+    assert (nodes.anode[1] == others[0]).all()
+    assert (nodes.snode[1] == others[1]).all()
+    for key in (MASTER, MISSION):
+        assert not any(key[at : at + 6] in heard for at in range(15))
