@@ -1,0 +1,225 @@
+"""The c-node as an object: events in, what the a-node let through out. A pure state machine.
+
+Fleets run the kernels of `node` inside compiled code. This class runs the same kernels one event at a time, for robots
+that need Python at some point: a researcher's controller, a lying robot (`attacks` overrides its methods), a daemon.
+Source: RoboRebound §3; docs/spec/rebound.md (c-node).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from phalanx.bti import audit, request, rounds
+from phalanx.bti.audit import ENTRY_HEAD_BYTES, Work
+from phalanx.bti.fleet import Fleet
+from phalanx.bti.refusal import Refusal
+from phalanx.wire.fields import Row
+
+from . import auditor, node
+from .controllers.python_controller import Act, Controller, Send, pack_outputs, unpack_outputs
+
+EVERYBODY: Final = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Transmit:
+    """A frame the a-node passed to the radio, for one robot's id or EVERYBODY."""
+
+    frame: bytes
+    to: int
+
+
+@dataclass(frozen=True, slots=True)
+class Actuate:
+    """A command the a-node passed to the actuators."""
+
+    command: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Retry:
+    """Call `on_retry` at this moment of the robot's clock."""
+
+    at_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """An audit of ours is over; `refusal` is NONE if a token was issued."""
+
+    auditee: int
+    refusal: Refusal
+
+
+Action = Transmit | Actuate | Retry | Verdict
+
+
+class CNode:
+    """Robot `i` of a fleet, honest; subclasses lie.
+
+    Args:
+        fleet: the arrays; `i` is this robot's row.
+        work: scratch memory, may be shared by robots that run one after the other.
+        make_controller: makes a plain-Python controller for a robot's id, or None for the fleet's bundled one.
+    Source: docs/spec/rebound.md.
+    """
+
+    def __init__(
+        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller] | None = None
+    ) -> None:
+        self.f, self.i, self.w = fleet, i, work
+        self.make_controller = make_controller
+        self.controller = make_controller(self.id) if make_controller else None
+
+    @property
+    def id(self) -> int:
+        """The robot's id, 1..65535."""
+        return int(self.f.robot[self.i].id)
+
+    # --- events ---
+
+    def on_boot(self, now_ms: int) -> list[Action]:
+        """The mission key has just been loaded into both trusted nodes."""
+        node.boot(self.f, self.i, now_ms)
+        self.keep_state()
+        return []
+
+    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
+        """A reading is due: the s-node is polled, the controller decides, its outputs go out."""
+        n = node.sense(self.f, self.i, self.w, now_ms, row(reading), len(reading))
+        if n <= 0:
+            return []
+        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)]
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """A frame has arrived at the a-node."""
+        told = node.hear(self.f, self.i, self.w, now_ms, row(frame), len(frame))
+        if self.controller and told == node.NOTHING and not frame[0] & request.AUDIT:
+            self.controller.on_recv(self._entry_time(), frame)
+            self.keep_state()
+        if told == node.WHOLE:
+            told = self._judge()
+        if told != node.REPLY:
+            return []
+        refusal = Refusal(int(self.w.told[node.TOLD_REFUSAL]))
+        verdict = Verdict(int(self.w.told[node.TOLD_TEE]), refusal)
+        return [verdict] if refusal else [verdict, *self.reply(now_ms, verdict.auditee)]
+
+    def on_round(self, now_ms: int) -> list[Action]:
+        """T_audit has passed: say hello, take a checkpoint, ask the first auditor."""
+        n = node.hello(self.f, self.i, self.w.frame)
+        actions = self.send(now_ms, self.w.frame[:n].tobytes(), EVERYBODY)
+        rounds.begin_round(self.f, self.i)
+        return actions + self.next_frame(now_ms)
+
+    def on_retry(self, now_ms: int) -> list[Action]:
+        """The retry time has passed: ask further robots if tokens are missing."""
+        return self.next_frame(now_ms) if rounds.retry(self.f, self.i) > 0 else []
+
+    def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
+        """The radio is done with the last fragment."""
+        if not arrived:
+            node.give_up(self.f, self.i)
+        return self.next_frame(now_ms)
+
+    # --- what lying robots do differently ---
+
+    def decide(self, entry_len: int) -> list[Send | Act]:
+        """The controller's outputs for the INPUT in `work.entry`."""
+        if self.controller:
+            r = self.f.robot[self.i]
+            reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
+            outputs = self.controller.on_input(int(r.step), self._entry_time(), reading)
+            r.step += 1
+            self.keep_state()
+            return list(outputs)
+        n = node.think(self.f, self.i, self.w, entry_len)
+        return unpack_outputs(self.w.out[:n].tobytes())
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """One output through the a-node."""
+        if isinstance(output, Send):
+            return self.send(now_ms, output.payload, EVERYBODY)
+        return self.act(now_ms, output.payload)
+
+    def act(self, now_ms: int, command: bytes) -> list[Action]:
+        """A command through the a-node, logged."""
+        if node.act(self.f, self.i, self.w, now_ms, row(command), len(command)) < 0:
+            return []
+        return [Actuate(command)]
+
+    def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
+        """A frame through the a-node, logged unless it is audit traffic."""
+        n = node.send(self.f, self.i, self.w, now_ms, row(frame), len(frame))
+        return [Transmit(self.w.entry[ENTRY_HEAD_BYTES:n].tobytes(), to)] if n > 0 else []
+
+    def reply(self, now_ms: int, auditee: int) -> list[Action]:
+        """The token in `work.frame` to the auditee."""
+        n = int(self.w.told[node.TOLD_LENGTH])
+        return self.send(now_ms, self.w.frame[:n].tobytes(), auditee)
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """The next fragment of an audit request, if one is due."""
+        n = node.next_frame(self.f, self.i, self.w, now_ms)
+        if n > 0:
+            return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.w.told[node.TOLD_TO]))
+        r = self.f.robot[self.i]
+        wait = int(self.f.settings[0].retry)
+        return [Retry(now_ms + wait)] if r.got <= self.f.settings[0].f_max and r.asked_at + wait > now_ms else []
+
+    # --- plain-Python controllers ---
+
+    def _entry_time(self) -> int:
+        return int.from_bytes(self.w.entry[1:5].tobytes(), "little")
+
+    def keep_state(self) -> None:
+        """What a plain-Python controller remembers is where checkpoints are made from."""
+        if self.controller:
+            state = self.controller.encode()
+            self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
+            self.f.robot[self.i].state_len = len(state)
+
+    def _judge(self) -> int:
+        """As `node.judge`, with the mission's plain-Python controller."""
+        place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
+        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        refused = auditor.examine(self.f, self.i, self.w, q, length, src)
+        if not refused:
+            try:
+                refused = self._replay(q)
+            except Exception:  # noqa: BLE001 - whatever a log makes a researcher's controller raise, it earns no token
+                refused = int(Refusal.CONTROLLER_FAILED)
+        return int(node.answer(self.f, self.i, self.w, place, src, refused))
+
+    def _replay(self, q: Row) -> int:
+        assert self.make_controller
+        case, w = self.w.case[0], self.w
+        controller = self.make_controller(int(case.tee))
+        if q[1] == 0:
+            controller.decode(w.state[48 : case.start_len].tobytes())
+        while (event := audit.next_event(self.f, w, q)) > audit.END:
+            payload = q[case.payload_at : case.payload_at + case.payload_len].tobytes()
+            refused = 0
+            if event == audit.RECV:
+                controller.on_recv(int(case.entry_t), payload)
+            elif event == audit.INPUT:
+                outputs = controller.on_input(int(case.step), int(case.entry_t), payload)
+                packed = pack_outputs(list(outputs))
+                w.out[: len(packed)] = np.frombuffer(packed, np.uint8)
+                refused = audit.expect(self.f, w, len(packed))
+            else:
+                state = controller.encode()
+                w.state[48 : 48 + len(state)] = np.frombuffer(state, np.uint8)
+                refused = audit.check_state(w, q, len(state))
+            if refused:
+                return int(refused)
+        return int(-event)
+
+
+def row(data: bytes) -> Row:
+    """The bytes as kernels take them. Source: none."""
+    return np.frombuffer(bytearray(data), np.uint8)

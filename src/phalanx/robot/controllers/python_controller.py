@@ -1,0 +1,151 @@
+"""How a researcher writes a controller in plain Python, and the bundled ones behind the same interface.
+
+An auditor feeds a copy of the controller the same readings and frames and compares every byte. A controller that can
+answer the same inputs differently convicts honest robots. So:
+
+- what it does depends on the mission, its robot's id, and the calls so far: no clock but `t_ms`, no random source, no
+  file, no global that changes, no thread;
+- nothing is iterated whose order can differ: no `set`, no `id()`, no `hash()` of a string;
+- floats know + - * / and `math.sqrt`, in a written order. `math.sin`, `exp`, `**`, `sum` of an array and anything of a
+  linear-algebra library differ between machines in the last bit (`controllers.sine` has a sine that does not);
+- numbers are rounded once, where they become bytes;
+- all that it remembers is in `encode()`, and `decode(encode())` changes nothing that follows. The easiest way to be
+  sure is to keep nothing but those bytes, as the bundled ones do;
+- it remembers a bounded number of bytes, however many others talk to it;
+- frames come from liars, readings from the world: whatever they hold, nothing raises, and NaN goes no further.
+
+Source: RoboRebound §3.7 (deterministic replay); docs/adr/0012-determinism-of-controllers.md.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from phalanx.errors import UsageError
+from phalanx.wire.record import MalformedRecord
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND
+
+from . import dispatch
+from .fields import Params, Row
+from .outputs import HEAD_BYTES, OUT_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """A frame for everybody in range."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """A command to the actuators."""
+
+    payload: bytes
+
+
+Output = Send | Act
+
+
+class Controller(ABC):
+    """What decides for one robot. A new one is in its boot state.
+
+    Args:
+        rob_id: 1..65535.
+    """
+
+    def __init__(self, rob_id: int) -> None:
+        self.rob_id = rob_id
+
+    @abstractmethod
+    def encode(self) -> bytes:
+        """All that it remembers: the checkpoint."""
+
+    @abstractmethod
+    def decode(self, encoding: bytes) -> None:
+        """It remembers what this checkpoint says, and nothing else.
+
+        Raises: PeerError: not what `encode` of this robot's controller can give.
+        """
+
+    @abstractmethod
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        """A frame was heard at `t_ms` of the a-node's clock."""
+
+    @abstractmethod
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
+        """The sensors said something at `t_ms` of the s-node's clock, for the `step`th time from 0.
+
+        Returns: what to do and to say, in the order in which it is put out: commands first.
+        """
+
+
+def compiled(kind: dispatch.Kind, params: Params) -> Callable[[int], Controller]:
+    """What makes a bundled controller for a robot's id, for use from Python.
+
+    Args:
+        kind: which.
+        params: `flock_params(...)` or `wheels_params(...)`.
+    Source: none.
+    """
+    return partial(_Compiled, kind=kind, params=params)
+
+
+class _Compiled(Controller):
+    def __init__(self, rob_id: int, *, kind: dispatch.Kind, params: Params) -> None:
+        if not 1 <= rob_id <= 0xFFFF:
+            raise UsageError(f"robot id {rob_id}", "1 to 65535")
+        super().__init__(rob_id)
+        self._kind, self._params = int(kind), params
+        self._state = np.zeros(dispatch.capacity(self._kind, params), np.uint8)
+        self._out = np.zeros(OUT_BYTES, np.uint8)
+        dispatch.begin(self._kind, params, rob_id, self._state)
+
+    def encode(self) -> bytes:
+        return self._state[: dispatch.size(self._kind, self._state)].tobytes()
+
+    def decode(self, encoding: bytes) -> None:
+        row = _row(encoding)
+        if not dispatch.is_encoding(self._kind, self._params, self.rob_id, row, len(encoding)):
+            raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
+        self._state[: len(encoding)] = row
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, _row(frame), len(frame), self._state)
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        n = dispatch.on_input(
+            self._kind, self._params, self.rob_id, step, t_ms, _row(reading), len(reading), self._state, self._out
+        )
+        return unpack_outputs(self._out[:n].tobytes())
+
+
+def _row(raw: bytes) -> Row:
+    # Of a bytearray, as the row of an immutable object has another type, for which kernels would be compiled again.
+    return np.frombuffer(bytearray(raw), np.uint8)
+
+
+def pack_outputs(outputs: Iterable[Output]) -> bytes:
+    """Outputs as kernels put them out (outputs.py). Source: none."""
+    packed = bytearray()
+    for output in outputs:
+        packed.append(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD)
+        packed += len(output.payload).to_bytes(2, "little") + output.payload
+    return bytes(packed)
+
+
+def unpack_outputs(packed: bytes) -> list[Output]:
+    """The outputs of a kernel of ours, which are well formed. Source: none."""
+    outputs: list[Output] = []
+    at = 0
+    while at < len(packed):
+        end = at + HEAD_BYTES + int.from_bytes(packed[at + 1 : at + HEAD_BYTES], "little")
+        make = Send if packed[at] == ENTRY_SEND else Act
+        outputs.append(make(packed[at + HEAD_BYTES : end]))
+        at = end
+    return outputs

@@ -1,0 +1,49 @@
+"""Sine and cosine of our own: libm's differ between machines in the last bit, which would convict honest robots."""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+
+HALF_PI = 1.5707963267948966
+RAD_PER_DEG = 0.017453292519943295
+
+
+@kernel
+def sine(angle_rad: float) -> float:
+    """The sine of an angle within +-pi/2, to 1e-15; beyond, wrong.
+
+    Source: none (Taylor's series to the 21st power, from the smallest term up).
+    """
+    z = angle_rad * angle_rad
+    rest = 1.0 - z / 420.0
+    rest = 1.0 - z / 342.0 * rest
+    rest = 1.0 - z / 272.0 * rest
+    rest = 1.0 - z / 210.0 * rest
+    rest = 1.0 - z / 156.0 * rest
+    rest = 1.0 - z / 110.0 * rest
+    rest = 1.0 - z / 72.0 * rest
+    rest = 1.0 - z / 42.0 * rest
+    rest = 1.0 - z / 20.0 * rest
+    rest = 1.0 - z / 6.0 * rest
+    return angle_rad * rest
+
+
+@kernel
+def sine_cosine(angle_deg: float) -> tuple[float, float]:
+    """Sine and cosine of any angle within +-10^6 degrees, to 1e-14.
+
+    Degrees, because whole turns can be taken off them exactly.
+    Source: none (geometry).
+    """
+    quarters = int(angle_deg / 90.0 + (0.5 if angle_deg >= 0.0 else -0.5))
+    angle_rad = (angle_deg - 90.0 * quarters) * RAD_PER_DEG
+    half = sine(angle_rad * 0.5)
+    sin, cos = sine(angle_rad), 1.0 - 2.0 * half * half
+    quarter = quarters & 3
+    if quarter == 0:
+        return sin, cos
+    if quarter == 1:
+        return cos, -sin
+    if quarter == 2:
+        return -sin, -cos
+    return -cos, sin

@@ -1,0 +1,204 @@
+"""Robots that visitors drive: two wheels and an LED, by joystick or along a route.
+
+| what | bytes, little-endian |
+|---|---|
+| sensor reading | `0x06`, id u16, t u64, x f32 (mm), y f32 (mm), direction f32 (degrees): 23 |
+| order | see orders.py |
+| broadcast | `0x07`, id u16, t u64, x f32, y f32, direction f32, red, green, blue u8: 26 |
+| command | `0x05`, id u16, t u64, left i8, right i8 (percent), red, green, blue u8: 16 |
+
+Its own state is x f32, y f32, direction f32, left i8, right i8, heard u64 (ms), red, green, blue u8, number u32,
+threshold u16 (mm), n u8, n times x u16, y u16 (mm): 32 + 4 n bytes.
+
+Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos). The
+state's left, right and heard are the last joystick's word, `number` is that of the last order, and the n points are
+what is left of the route: a point that is reached is taken out.
+
+A reading that makes no sense changes nothing: the wheels stop, and the robot says nothing.
+
+Source: docs/spec/vocabulary.md (what orders mean); RoboRebound Alg. 1 (the frame of it).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from phalanx.config.wheels import WheelsConfig
+from phalanx.kernel import kernel
+from phalanx.robot.follow import FULL_PCT, SLOW_WITHIN_MM, SLOWEST, TURN_PCT
+from phalanx.wire.fields import copy, put_u16, put_u64
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND
+
+from . import orders
+from .fields import Params, Row, are_fine, get_f32, get_i8, get_u16, get_u32, get_u64, whole
+from .outputs import put_head
+from .sine import sine_cosine
+
+KIND_COMMAND = 0x05
+KIND_READING = 0x06
+KIND_STATE = 0x07
+READING_BYTES = 23
+COMMAND_BYTES = 16
+STATE_BYTES = 26
+ID, TIME, BODY = 1, 3, 11  # offsets in all three
+POSE_BYTES = 12
+LED_BYTES = 3
+
+X, Y, DIRECTION, LEFT, RIGHT, HEARD, LED, NUMBER = 0, 4, 8, 12, 13, 14, 22, 25  # offsets in the state
+THRESHOLD, COUNT, ROUTE = 29, 31, 32
+CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
+
+GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
+
+
+def wheels_params(config: WheelsConfig) -> Params:
+    """The mission's parameters as kernels read them. Source: none."""
+    return np.array([config.good_ms, config.state_every], dtype=np.float64)
+
+
+@kernel
+def size(state: Row) -> int:
+    """The length of the encoding that `state` holds now. Source: none."""
+    return ROUTE + orders.POINT_BYTES * whole(state[COUNT])
+
+
+@kernel
+def begin(_params: Params, _rob_id: int, state: Row) -> int:
+    """The boot state is in `state`: nothing heard, the LED dark; its length. Source: none."""
+    state[:ROUTE] = 0
+    return size(state)
+
+
+@kernel
+def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
+    """Whether the first `length` bytes are a state that a robot can be in; to be asked of every foreign checkpoint.
+
+    The other kernels believe their state: a count too high would have them read and write past its row. Source: none.
+    """
+    if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, 3):
+        return False
+    left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
+    if abs(left) > FULL_PCT or abs(right) > FULL_PCT or get_u64(state, HEARD) < 0:
+        return False
+    threshold = get_u16(state, THRESHOLD)
+    if state[COUNT] > 0:
+        return left == 0 and right == 0 and 1 <= threshold <= orders.THRESHOLD_MAX_MM
+    return threshold <= orders.THRESHOLD_MAX_MM
+
+
+@kernel
+def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+    """A new order to this robot is taken, anything else ignored; the new length of the encoding.
+
+    Source: docs/spec/vocabulary.md.
+    """
+    if length <= orders.BODY or frame[0] != orders.KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
+        return size(state)
+    action, body = frame[orders.ACTION], orders.BODY
+    if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
+        return size(state)
+    if action == orders.WHEELS and length == body + 2:
+        state[LEFT] = _percent(get_i8(frame, body)) & 255
+        state[RIGHT] = _percent(get_i8(frame, body + 1)) & 255
+        put_u64(state, HEARD, t_ms)
+        state[COUNT] = 0
+    elif action == orders.LED and length == body + LED_BYTES:
+        copy(state, LED, frame, body, LED_BYTES)
+    elif action == orders.ROUTE and _is_route(frame, length):
+        state[LEFT] = 0
+        state[RIGHT] = 0
+        put_u16(state, THRESHOLD, get_u16(frame, body))
+        state[COUNT] = frame[body + 2]
+        copy(state, ROUTE, frame, orders.POINTS, length - orders.POINTS)
+    else:
+        return size(state)
+    copy(state, NUMBER, frame, orders.NUMBER, 4)
+    return size(state)
+
+
+@kernel
+def _is_route(frame: Row, length: int) -> bool:
+    if length < orders.POINTS or not 1 <= get_u16(frame, orders.BODY) <= orders.THRESHOLD_MAX_MM:
+        return False
+    count = whole(frame[orders.BODY + 2])
+    return count <= orders.WAYPOINTS_MAX and length == orders.POINTS + orders.POINT_BYTES * count
+
+
+@kernel
+def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
+    """A command, and when it is due a broadcast, are in `out`; their length together.
+
+    Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
+    """
+    left, right = whole(0), whole(0)
+    known = length == READING_BYTES and reading[0] == KIND_READING and get_u16(reading, ID) == rob_id
+    known = known and are_fine(reading, BODY, 3)
+    if known:
+        copy(state, 0, reading, BODY, POSE_BYTES)
+        _drop_reached(state)
+        if state[COUNT] > 0:
+            left, right = _towards(state)
+        elif t_ms - get_u64(state, HEARD) <= whole(params[GOOD_MS]):
+            left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
+    end = _put_message_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_COMMAND, rob_id, t_ms)
+    out[end] = left & 255
+    out[end + 1] = right & 255
+    copy(out, end + 2, state, LED, LED_BYTES)
+    end += 2 + LED_BYTES
+    if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
+        end = _put_message_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_STATE, rob_id, t_ms)
+        copy(out, end, state, 0, POSE_BYTES)
+        copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
+        end += POSE_BYTES + LED_BYTES
+    return end
+
+
+@kernel
+def _put_message_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int, t_ms: int) -> int:
+    """The output's head, the message's kind, id and time are at `at`; where its body begins."""
+    start = put_head(out, at, entry, length)
+    out[start] = kind
+    put_u16(out, start + ID, rob_id)
+    put_u64(out, start + TIME, t_ms)
+    return start + BODY
+
+
+@kernel
+def _percent(value: int) -> int:
+    """`value`, or the end of -100..100 that it is beyond: a byte holds more."""
+    return min(max(value, whole(-FULL_PCT)), whole(FULL_PCT))
+
+
+@kernel
+def _drop_reached(state: Row) -> None:
+    """The route begins with a point that is not reached yet, or is empty."""
+    near = get_u16(state, THRESHOLD)
+    while state[COUNT] > 0:
+        dx, dy = get_u16(state, ROUTE) - get_f32(state, X), get_u16(state, ROUTE + 2) - get_f32(state, Y)
+        if dx * dx + dy * dy > near * near:
+            break
+        copy(state, ROUTE, state, ROUTE + orders.POINT_BYTES, size(state) - ROUTE - orders.POINT_BYTES)
+        state[COUNT] -= 1
+
+
+@kernel
+def _towards(state: Row) -> tuple[int, int]:
+    """Left and right, percent, towards the first point of the route: the geometry of `phalanx.robot.wheels_towards`."""
+    dx, dy = get_u16(state, ROUTE) - get_f32(state, X), get_u16(state, ROUTE + 2) - get_f32(state, Y)
+    sin, cos = sine_cosine(get_f32(state, DIRECTION))
+    ahead, right = dy * cos - dx * sin, -dx * cos - dy * sin
+    # Never 0: a point that near is reached, the threshold being 1 mm or more.
+    distance = math.sqrt(dx * dx + dy * dy)
+    slow = min(max(distance / SLOW_WITHIN_MM, SLOWEST), 1.0)
+    if ahead > 0.0:
+        speed, turn = FULL_PCT * (ahead / distance) * slow, TURN_PCT * (right / distance)
+    else:
+        speed, turn = 0.0, (-TURN_PCT if right < 0.0 else TURN_PCT)
+    return _percent(_nearest(speed + turn)), _percent(_nearest(speed - turn))
+
+
+@kernel
+def _nearest(value: float) -> int:
+    return whole(value + (0.5 if value >= 0.0 else -0.5))

@@ -1,0 +1,242 @@
+"""One robot, wired: s-node → c-node → a-node. What an honest robot does at each event, as kernels.
+
+The world calls `sense` when a reading is due, `think`, then `act` and `send` for each output; `hear` when a frame has
+arrived; `next_frame` whenever its radio can take an AUDIT frame; the attacks in `robot.attacks` call the same.
+Source: RoboRebound §3; docs/spec/rebound.md (c-node).
+"""
+
+from __future__ import annotations
+
+from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND, Work
+from phalanx.bti.fleet import PAPER, PLAIN, Fleet
+from phalanx.kernel import kernel
+from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
+
+from . import auditor
+from .controllers import dispatch
+
+# What `hear` tells its caller; the numbers are in `work.told`.
+NOTHING, REPLY, WHOLE, INSTALLED = 0, 1, 2, 3
+TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
+ID_AT = 1
+STATE_KINDS = (0x01, 0x07)
+
+
+@kernel
+def boot(f: Fleet, i: int, now: int) -> None:
+    """The c-node starts right after the mission key was loaded at `now`. Source: RoboRebound §3.3, §3.6."""
+    r, s = f.robot[i], f.settings[0]
+    r.alive = 1
+    r.t_key = now
+    r.phase = rounds.phase_of(s.mission_seed, r.id, s.t_control)
+    r.step = 0
+    r.state_len = dispatch.begin(s.controller, f.params, r.id, f.state[i])
+    rounds.forget_checkpoint(f, i)
+
+
+@kernel
+def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """The entry as a trusted node would have made it, where there is none. Source: docs/spec/rebound.md."""
+    w.entry[0] = kind
+    put_u32(w.entry, 1, now)
+    put_u16(w.entry, 5, length)
+    copy(w.entry, ENTRY_HEAD_BYTES, payload, 0, length)
+    return int(ENTRY_HEAD_BYTES + length)
+
+
+@kernel
+def sense(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> int:
+    """The s-node has chained a reading and handed it over, and it is logged; `w.entry` holds the entry.
+
+    Returns: the entry's length, or the s-node's error.
+    Source: RoboRebound Alg. 3.
+    """
+    if f.settings[0].profile == PLAIN:
+        return plain(w, INPUT, now, reading, length)
+    n = trusted.snode_poll(f.settings[0].profile, f.snode[i], now, reading, length, w.entry)
+    if n > 0:
+        log.append(f, i, w.entry, n)
+    return int(n)
+
+
+@kernel
+def think(f: Fleet, i: int, w: Work, length: int) -> int:
+    """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned. Source: none."""
+    r, s = f.robot[i], f.settings[0]
+    reading = w.entry[ENTRY_HEAD_BYTES:length]
+    t = get_u32(w.entry, 1)
+    n = dispatch.on_input(
+        s.controller, f.params, r.id, r.step, t, reading, length - ENTRY_HEAD_BYTES, f.state[i], w.out
+    )
+    r.step += 1
+    r.state_len = dispatch.size(s.controller, f.state[i])
+    return int(n)
+
+
+@kernel
+def act(f: Fleet, i: int, w: Work, now: int, command: Row, length: int) -> int:
+    """The a-node has chained a command and passed it to the actuators (the caller), and it is logged.
+
+    Returns: negative if it refused.
+    Source: RoboRebound Alg. 4.
+    """
+    if f.settings[0].profile == PLAIN:
+        return plain(w, ACMD, now, command, length)
+    n = trusted.anode_actuate(f.settings[0].profile, f.anode[i], now, command, length, w.entry)
+    if n > 0:
+        log.append(f, i, w.entry, n)
+    return int(n)
+
+
+@kernel
+def send(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
+    """The a-node has taken a frame for the radio: `w.entry[7:n]` is what goes on air.
+
+    Returns: n, or negative if it refused.
+    Source: RoboRebound Alg. 4.
+    """
+    if f.settings[0].profile == PLAIN:
+        return plain(w, SEND, now, frame, length)
+    n = trusted.anode_send(f.settings[0].profile, f.anode[i], now, frame, length, w.entry)
+    if n > 0 and not frame[0] & request.AUDIT:
+        log.append(f, i, w.entry, n)
+    return int(n)
+
+
+@kernel
+def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
+    """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
+
+    Returns: NOTHING; REPLY: an audit is over, `w.frame` is a token if `told[TOLD_REFUSAL]` is 0; INSTALLED: a token
+        came; WHOLE: a request for a plain-Python controller waits in `f.rx[i, told[TOLD_PLACE]]`. Negative: refused.
+    Source: RoboRebound Alg. 4, §3.7.
+    """
+    s = f.settings[0]
+    if s.profile == PLAIN:
+        n = plain(w, RECV, now, frame, length)
+    else:
+        n = trusted.anode_recv(s.profile, f.anode[i], now, frame, length, w.entry)
+    if n < 0:
+        return int(n)
+    if not frame[0] & request.AUDIT:
+        if s.profile != PLAIN:
+            log.append(f, i, w.entry, n)
+        if s.profile == PAPER and length >= 3 and frame[0] in STATE_KINDS:
+            # As printed: auditors are chosen among the neighbours that states claim.
+            rounds.heard(f, i, get_u16(frame, ID_AT), now)
+        if s.controller:
+            r = f.robot[i]
+            r.state_len = dispatch.on_recv(s.controller, f.params, r.id, get_u32(w.entry, 1), frame, length, f.state[i])
+        return NOTHING
+    return hear_audit(f, i, w, now, frame, length)
+
+
+@kernel
+def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
+    """An AUDIT frame: HELLO, a fragment of a request, or a token. See `hear`. Source: docs/spec/rebound.md."""
+    r = f.robot[i]
+    if length < request.AUDIT_HEAD_BYTES:
+        return NOTHING
+    src, dst, sub = get_u16(frame, 1), get_u16(frame, 3), frame[5]
+    if src == 0 or src == r.id or (dst != 0 and dst != r.id):
+        return NOTHING
+    rounds.heard(f, i, src, now)
+    if sub == request.FRAGMENT:
+        place = request.take_fragment(f, i, frame, length, now)
+        if place < 0 or not admit(f, i, now):
+            return NOTHING
+        w.told[TOLD_TEE] = src
+        w.told[TOLD_PLACE] = place
+        if f.settings[0].controller == 0:
+            return WHOLE
+        return judge(f, i, w, place, src)
+    is_token = sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES
+    if is_token and rounds.on_token(f, i, src, get_u32(frame, 8), frame[12:20], now) == 0:
+        w.told[TOLD_TEE] = src
+        return INSTALLED
+    return NOTHING
+
+
+@kernel
+def admit(f: Fleet, i: int, now: int) -> bool:
+    """Whether one more request is audited: 6 f_max a T_val in all.
+
+    Source: RoboRebound §5.1; docs/spec/rebound.md.
+    """
+    r, s = f.robot[i], f.settings[0]
+    oldest = r.accepted % f.taken.shape[1]
+    if now - f.taken[i, oldest] < s.t_val:
+        r.requests_dropped += 1
+        return False
+    f.taken[i, oldest] = now
+    r.accepted += 1
+    return True
+
+
+@kernel
+def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+    """The request in `f.rx[i, place]` audited with a bundled controller; the token, if any, is in `w.frame`.
+
+    Returns: REPLY; `told[TOLD_REFUSAL]` says what was found.
+    Source: RoboRebound §3.7.
+    """
+    q, length = f.rx[i, place], f.rx_info[i, place].len
+    refused = auditor.examine(f, i, w, q, length, src)
+    if refused == 0:
+        refused = auditor.replay(f, w, q)
+    return answer(f, i, w, place, src, refused)
+
+
+@kernel
+def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int:
+    """The verdict is counted and, if it is good, the token frame is in `w.frame`. See `judge`. Source: none."""
+    r, q = f.robot[i], f.rx[i, place]
+    mac = w.small[2]
+    if refused == 0:
+        refused = auditor.issue(f, i, w, q, mac)
+    w.told[TOLD_REFUSAL] = refused
+    w.told[TOLD_TEE] = src
+    w.told[TOLD_TO] = src
+    if refused:
+        r.audits_refused += 1
+        w.told[TOLD_LENGTH] = 0
+        return REPLY
+    r.audits_passed += 1
+    request.audit_head(w.frame, r.id, src, request.TOKEN)
+    put_u16(w.frame, 6, f.rx_info[i, place].no)
+    put_u32(w.frame, 8, w.case[0].t)
+    copy(w.frame, 12, mac, 0, 8)
+    w.told[TOLD_LENGTH] = request.TOKEN_FRAME_BYTES
+    return REPLY
+
+
+@kernel
+def hello(f: Fleet, i: int, frame: Row) -> int:
+    """The frame by which others know that this robot is here to audit; its length. Source: docs/spec/rebound.md."""
+    request.audit_head(frame, f.robot[i].id, 0, request.HELLO)
+    return request.AUDIT_HEAD_BYTES
+
+
+@kernel
+def next_frame(f: Fleet, i: int, w: Work, now: int) -> int:
+    """The next fragment for the radio, of the request under way or of a new one, in `w.frame`.
+
+    Returns: its length; 0 when there is nothing to send now. `told[TOLD_TO]` is whom to.
+    Source: RoboRebound §3.7.
+    """
+    r = f.robot[i]
+    n = request.next_fragment(f, i, w.frame)
+    if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
+        n = request.next_fragment(f, i, w.frame)
+    w.told[TOLD_TO] = r.request_to
+    return int(n)
+
+
+@kernel
+def give_up(f: Fleet, i: int) -> None:
+    """The robot asked cannot be reached: the next one is asked at once. Source: RoboRebound §5.2."""
+    r = f.robot[i]
+    if r.request_len > 0:
+        r.request_len = 0
+        r.quota += 1

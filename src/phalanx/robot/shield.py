@@ -1,0 +1,72 @@
+"""What a protected swarm shows beside robots: who vouches for whom, how audits end, who was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from .swarm import Swarm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shield:
+    """One robot's shield at one moment.
+
+    Args:
+        address: whose.
+        needed: f_max + 1, fresh tokens that keep it alive.
+        full_s: T_val, how long a token counts.
+        vouchers: addresses of auditors, each with the seconds for which its token still counts, the longest first.
+        safe_mode: it has been stopped.
+        attack: name of the attack it runs, as the operator chose it; "" for an honest robot. Visitors are not told.
+    """
+
+    address: str
+    needed: int
+    full_s: float
+    vouchers: tuple[tuple[str, float], ...]
+    safe_mode: bool
+    attack: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Audit:
+    """An audit that has ended.
+
+    Args:
+        auditor, auditee: addresses.
+        refusal: why no token was issued, in words; "" if one was.
+    """
+
+    auditor: str
+    auditee: str
+    refusal: str
+
+
+@dataclass(frozen=True, slots=True)
+class AttackChoice:
+    """An attack that an operator can have a robot run: its name, and what it does."""
+
+    name: str
+    does: str
+
+
+@runtime_checkable
+class Shielded(Swarm, Protocol):
+    """A swarm whose robots audit each other."""
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """What a robot can be made to do."""
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on.
+
+        Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
+        """
