@@ -47,6 +47,11 @@ COLOURS = (
 )
 
 
+def robot_name(nth: int) -> str:
+    """A name for people, another one for each number from 0. Source: none."""
+    return NAMES[nth % len(NAMES)] + (f" {nth // len(NAMES) + 1}" if nth >= len(NAMES) else "")
+
+
 class Dotbots:
     """A `phalanx.robot.Swarm` that moves when told that time has passed.
 
@@ -149,7 +154,7 @@ class Dotbots:
         self._made += 1
         address = f"DECAFBAD{self._made:08X}"
         nth = self._made - 1
-        name = NAMES[nth % len(NAMES)] + (f" {nth // len(NAMES) + 1}" if nth >= len(NAMES) else "")
+        name = robot_name(nth)
         charge = self._random.uniform(0.5, 1.0)
         self._enter(
             address,

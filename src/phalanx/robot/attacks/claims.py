@@ -1,0 +1,105 @@
+"""False words about who and where the robot is: in another's name, in its own, to each a different one, or no number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+from phalanx.bti.fleet import PLAIN
+from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.controllers.python_controller import Act, Send
+from phalanx.robot.controllers.spoof import spoofed_state
+from phalanx.wire.table import KIND_STATE, STATE
+
+from .attack import MOTION, STOPPED, Attack, Defence, Motion, Verdict
+from .harm import CLAIM
+
+
+class Masquerade(Attack):
+    """Is another robot: what it broadcasts bears that robot's id, and stands before the nearest victim.
+
+    Source: RoboRebound §2.4, Fig. 2.
+    """
+
+    name = "masquerade"
+    does = "speaks in one other robot's name only, which it has stand in the nearest robot's way"
+    stopped_by = "replay sends its own state under its own id"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    bites_from = 0.2
+    period_ms = 250
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """Its commands; in its own name it says nothing any more."""
+        return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """What the other robot is claimed to say."""
+        if len(self.seen) < 2:
+            return []
+        mask = min(self.seen)
+        victim = self.nearest({rob_id: motion for rob_id, motion in self.seen.items() if rob_id != mask})
+        return self.send(now_ms, _in_the_way(mask, now_ms, victim, self.plan.goal_m), EVERYBODY)
+
+    def nearest(self, robots: Mapping[int, Motion]) -> Motion:
+        """Of some robots the one that is nearest."""
+        return min(robots.values(), key=lambda other: math.hypot(other.x_m - self.me.x_m, other.y_m - self.me.y_m))
+
+
+class FalseState(Masquerade):
+    """Says of itself that it stands in the nearest robot's way."""
+
+    name = "false-state"
+    does = "broadcasts in its own name a place before the nearest robot, where it is not"
+    stopped_by = "replay broadcasts what the s-node chained"
+    harm = CLAIM
+    bites_from = 5.0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Its own state, as it tells it."""
+        if not self.seen:
+            return []
+        return self.send(now_ms, _in_the_way(self.id, now_ms, self.nearest(self.seen), self.plan.goal_m), EVERYBODY)
+
+
+class Equivocate(FalseState):
+    """Tells each victim another state of its own: to each alone where it can, else one after the other to all."""
+
+    name = "equivocate"
+    does = "tells each robot another place where it is, always in that robot's way"
+    stopped_by = "replay sends one state; and with an a-node each frame is a broadcast, which all hear and log"
+    bites_from = 20.0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """To each its own."""
+        alone = int(self.f.settings[0].profile) == PLAIN
+        actions: list[Action] = []
+        for victim, motion in sorted(self.seen.items()):
+            state = _in_the_way(self.id, now_ms, motion, self.plan.goal_m)
+            actions += self.send(now_ms, state, victim if alone else EVERYBODY)
+        return actions
+
+
+class NotANumber(Attack):
+    """Broadcasts states of NaN and infinity in every name: arithmetic on one of them never ends being NaN."""
+
+    name = "nan"
+    does = "broadcasts NaN, infinity and 10^30 as everybody's place"
+    stopped_by = "controllers drop such numbers before they compute; and replay sends none"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "stopped", "bound": "stopped"}
+    bites_from = 0.5
+    period_ms = 100
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more of them."""
+        others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+        name = others[int(self.plan.chance.integers(len(others)))] if others else self.id
+        numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in self.plan.chance.integers(0, 4, 4)]
+        numbers[int(self.plan.chance.integers(4))] = math.nan
+        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *numbers), EVERYBODY)
+
+
+def _in_the_way(name: int, now_ms: int, victim: Motion, goal_m: tuple[float, float]) -> bytes:
+    state = MOTION.pack(KIND_STATE, name, now_ms, *spoofed_state((victim.x_m, victim.y_m), goal_m))
+    assert len(state) == STATE.size
+    return state

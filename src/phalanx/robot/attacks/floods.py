@@ -1,0 +1,148 @@
+"""Too much: of requests, of frames, of neighbours; and talk where nobody listens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from phalanx.bti import request
+from phalanx.robot.cnode import EVERYBODY, Action, Transmit
+from phalanx.wire.table import KIND_STATE
+
+from .attack import MOTION, NOT_COVERED, Attack, Defence, Verdict
+from .harm import AIRTIME, STARVED
+
+LIMITED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "limited"}
+GHOSTS = 400
+
+
+class RequestFlood(Attack):
+    """Uses up what auditors will do for others: malformed requests, in their names where an a-node lets it."""
+
+    name = "request-flood"
+    does = "sends auditors empty requests for audits in everybody's name, so that true ones are turned away"
+    stopped_by = "in `bound` the a-node writes the source, and an auditor takes one request a robot and T_audit / 2"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "limited"}
+    harm = STARVED
+    period_ms = 4
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._turn = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The next auditor hears of the next victim."""
+        others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+        if len(others) < 2:
+            return []
+        self._turn += 1
+        auditor = others[self._turn % len(others)]
+        victim = others[(self._turn + 1 + self._turn // len(others)) % len(others)]
+        frame = audit_frame(victim, auditor, request.FRAGMENT, b"\x00\x00\x00\x01" + bytes(8))
+        return self.send(now_ms, frame, auditor)
+
+
+class FrameFlood(Attack):
+    """As many and as long AUDIT frames as its a-node lets out, for nobody."""
+
+    name = "frame-flood"
+    does = "fills the channel with long AUDIT frames, which no log shows"
+    stopped_by = "in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = LIMITED
+    harm = AIRTIME
+    bites_from = 40.0
+    period_ms = 2
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more."""
+        size = int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES
+        return self.send(now_ms, audit_frame(self.id, 0, 0x7F, bytes(size)), EVERYBODY)
+
+
+class CovertTalk(Attack):
+    """Talks to an accomplice in AUDIT frames, which no log shows."""
+
+    name = "covert-talk"
+    does = "sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows"
+    stopped_by = "nothing ends it; in `bound` the a-node's bucket limits how much"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = LIMITED
+    harm = AIRTIME
+    bites_from = 4.0
+    period_ms = 2
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more kilobyte."""
+        others = self.plan.accomplices or tuple(sorted(self.seen))
+        if not others:
+            return []
+        return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, self.plan.chance.bytes(1000)), others[0])
+
+
+class SlotSquat(Attack):
+    """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
+
+    Source: none; a hole of ours, closed in bti/request.py.
+    """
+
+    name = "slot-squat"
+    does = "three accomplices begin requests for audits with everybody and never end them, so that no others fit in"
+    stopped_by = "a request that is not whole in time loses its place, and its sender none before T_audit / 2"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "limited", "bound": "limited"}
+    harm = STARVED
+    period_ms = 300
+    liars = 3
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The same last fragment to each, once more."""
+        others = [rob_id for rob_id in self.plan.ids if rob_id not in (self.id, *self.plan.accomplices)]
+        last_of_two = bytes([0, 0, 1, 2, 0])
+        return [
+            action
+            for auditor in others
+            for action in self.send(now_ms, audit_frame(self.id, auditor, request.FRAGMENT, last_of_two), auditor)
+        ]
+
+
+class GhostAuditors(Attack):
+    """Fills its neighbours' tables with robots that are not there: whoever asks one of them for an audit asks in vain.
+
+    Source: docs/spec/rebound.md (ghost auditors).
+    """
+
+    name = "ghost-auditors"
+    does = f"broadcasts states of {GHOSTS} invented robots, of which others then ask audits in vain"
+    stopped_by = "in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never among claimed ones"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
+    harm = STARVED
+    period_ms = 5
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more ghost, far enough away to be in nobody's way."""
+        name = 60_000 + int(self.plan.chance.integers(GHOSTS))
+        return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, 900.0, -900.0, 0.0, 0.0), EVERYBODY)
+
+
+class Jam(Attack):
+    """Somebody's transmitter, beside the robots' radios: it asks no a-node."""
+
+    name = "jam"
+    does = "a transmitter of its own, past the a-node, fills the channel"
+    stopped_by = "nothing in software: radio is physics. Robots that get no tokens stop, which is safe"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
+    harm = AIRTIME
+    bites_from = 40.0
+    period_ms = 2
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Noise."""
+        del now_ms
+        return [Transmit(audit_frame(0, 0, 0x7F, bytes(int(self.f.settings[0].frame_max) - 6)), EVERYBODY)]
+
+
+def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:
+    """`AUDIT ‖ src ‖ dst ‖ sub ‖ rest`. Source: docs/spec/rebound.md."""
+    head = np.zeros(request.AUDIT_HEAD_BYTES, np.uint8)
+    request.audit_head(head, src, dst, sub)
+    return head.tobytes() + rest

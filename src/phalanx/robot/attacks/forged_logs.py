@@ -1,0 +1,233 @@
+"""Logs that show another past than the trusted nodes chained: left out, altered, moved, invented, cut off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti.audit import ENTRY_HEAD_BYTES
+from phalanx.bti.fleet import BOUND, PENDING, PLAIN, START
+from phalanx.robot import node
+from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.wire.fields import put_u32
+from phalanx.wire.table import KIND_STATE, SENSOR
+
+from .attack import HOLE_OF_THE_PAPER, MOTION, STOPPED, Attack, Defence, Verdict
+from .harm import UNEARNED
+from .hijack import Hijack
+
+ASIDE_M = 30.0
+BELIEVED_AFTER_MS = 3000
+
+
+class DropEntries(Attack):
+    """Has not heard its neighbours, it says: nobody is in its way, and it drives straight to the goal."""
+
+    name = "drop-entries"
+    does = "leaves out of its log what its neighbours say, and drives as if it were alone"
+    stopped_by = "the a-node has chained each message: without them its chain does not re-hash to the top"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    harm = UNEARNED
+    bites_from = 1.0
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Audit traffic only."""
+        if frame[0] & request.AUDIT:
+            return super().heard(now_ms, frame)
+        self.pass_by(now_ms, frame)
+        return []
+
+
+class AlterEntries(Attack):
+    """Writes another reading into its log than the s-node gave it, and acts on that."""
+
+    name = "alter-entries"
+    does = f"writes into its log that it is {ASIDE_M:g} m from where it is, and drives and speaks accordingly"
+    stopped_by = "the s-node has chained the true reading"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    harm = UNEARNED
+    bites_from = 3.0
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """The entry altered between s-node and log."""
+        n = self.poll(now_ms, reading)
+        if n <= 0:
+            return []
+        if len(reading) == SENSOR.size:
+            kind, rob_id, t, x_m, *rest = MOTION.unpack(self.entry(n))
+            altered = MOTION.pack(kind, rob_id, t, x_m + ASIDE_M, *rest)
+            self.w.entry[ENTRY_HEAD_BYTES:n] = memoryview(altered)
+        self.record(n)
+        return self.carry_out(now_ms, n)
+
+
+class ReorderEntries(Attack):
+    """Shows what it heard later than it heard it, so that it acts on where its neighbours were."""
+
+    name = "reorder-entries"
+    does = f"moves what it hears {BELIEVED_AFTER_MS / 1000:g} s down in its log, behind what it should have told it"
+    stopped_by = "the order in the a-node's chain is another one"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    harm = UNEARNED
+    bites_from = 0.2
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._held: list[tuple[int, bytes]] = []
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Held back, if it is not audit traffic."""
+        if frame[0] & request.AUDIT:
+            return super().heard(now_ms, frame)
+        self.pass_by(now_ms, frame)
+        self._held.append((now_ms, frame))
+        return []
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """First what was held back long enough."""
+        while self._held and self._held[0][0] + BELIEVED_AFTER_MS <= now_ms:
+            self.believe(*self._held.pop(0))
+        return super().sensed(now_ms, reading)
+
+
+class InsertEntries(Attack):
+    """Has heard a robot that is not there: its log gives a reason to drive where it wants."""
+
+    name = "insert-entries"
+    does = "writes into its log that an invented robot crowds it, and makes way for that"
+    stopped_by = "the a-node has chained no such message"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    harm = UNEARNED
+    bites_from = 3.0
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """An invented state before each reading: beside it on the side of the goal, coming nearer."""
+        if len(reading) == SENSOR.size:
+            _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack(reading)
+            nobody = max(self.plan.ids) + 1
+            state = MOTION.pack(KIND_STATE, nobody, now_ms, x_m + 3.0, y_m, vx_mps - 5.0, vy_mps)
+            self.believe(now_ms, state)
+        return super().sensed(now_ms, reading)
+
+
+class TruncateLog(Hijack):
+    """Has just been switched on, it says at each round: before that, no log."""
+
+    name = "truncate-log"
+    does = "drives as it likes, and cuts its log off behind it: each log begins at a boot that never was"
+    stopped_by = "a log that begins at boot begins with empty chains, and these are long"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        """All forgotten, and then the round."""
+        rounds.forget_checkpoint(self.f, self.i)
+        put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
+        return super().round_due(now_ms)
+
+
+class ForgeCheckpoint(Hijack):
+    """Starts its log at a checkpoint of its own making, taken after what it did, under tokens of an older one."""
+
+    name = "forge-checkpoint"
+    does = "drives as it likes, and begins its log at a checkpoint taken after that, with the tokens of an older one"
+    stopped_by = "tokens cover the hash of the checkpoint that was audited"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """Once there is a new checkpoint, it is the start."""
+        actions = super().next_frame(now_ms)
+        f, i, r = self.f, self.i, self.f.robot[self.i]
+        if self.lies(now_ms) and r.checkpoint_at >= 0:
+            f.checkpoint[i, START] = f.checkpoint[i, PENDING]
+            f.hckpt[i, START] = f.hckpt[i, PENDING]
+            r.start_len, r.booted = r.pending_len, 0
+            log.truncate(f, i)
+        return actions
+
+
+class RequestForger(Hijack):
+    """Misbehaves, and touches up each request for an audit before it is sent."""
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """As `node.next_frame`, with a touch of its own between a request and its first fragment."""
+        if not self.lies(now_ms):
+            return super().next_frame(now_ms)
+        n = int(request.next_fragment(self.f, self.i, self.w.frame))
+        if n == 0 and self.make_request(now_ms):
+            n = int(request.next_fragment(self.f, self.i, self.w.frame))
+        if n == 0:
+            return super().next_frame(now_ms)
+        return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.f.robot[self.i].request_to))
+
+    def make_request(self, now_ms: int) -> bool:
+        """Whether a request is ready in `fleet.request`."""
+        treq, auth_s, auth_a = self.w.small[:3]
+        return bool(request.make_request(self.f, self.i, now_ms, treq, auth_s, auth_a) > 0)
+
+
+class SwapNodes(RequestForger):
+    """Shows one node's chain where the other's belongs."""
+
+    name = "swap-nodes"
+    does = "drives as it likes, and shows the a-node's chain and authenticator as the s-node's"
+    stopped_by = "authenticators are made over the kind of their chain (`paper`) or not made by a-nodes at all (`bound`)"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+
+    def make_request(self, now_ms: int) -> bool:
+        """The tops and their MACs changed places."""
+        if not super().make_request(now_ms):
+            return False
+        q = self.f.request[self.i]
+        for a, s, size in (
+            (request.AT_TOP_A, request.AT_TOP_S, 20),
+            (request.AT_AUTH_A, request.AT_AUTH_S, 8),
+        ):
+            kept = q[a : a + size].copy()
+            q[a : a + size] = q[s : s + size]
+            q[s : s + size] = kept
+        return True
+
+
+class StaleLog(RequestForger):
+    """Shows the log of its honest days to each fresh token request, for ever.
+
+    Source: docs/spec/rebound.md (stale log).
+    """
+
+    name = "stale-log"
+    does = "drives as it likes, and shows its last honest log, authenticators and all, with each new token request"
+    stopped_by = "in `bound` the token request is made over the chain's top, and the authenticators over the request"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._kept = b""
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """While it is honest, the newest request is kept."""
+        actions = super().next_frame(now_ms)
+        r = self.f.robot[self.i]
+        if not self.lies(now_ms) and r.request_len > 0:
+            self._kept = self.f.request[self.i, : r.request_len].tobytes()
+        return actions
+
+    def make_request(self, now_ms: int) -> bool:
+        """The kept request, with a fresh token request in it."""
+        f, i, r = self.f, self.i, self.f.robot[self.i]
+        profile, treq = int(f.settings[0].profile), self.w.small[0]
+        tor = int(rounds.next_candidate(f, i, now_ms))
+        if not self._kept or r.quota <= 0 or tor == 0:
+            return False
+        if trusted.anode_token_request(profile, f.anode[i], now_ms, tor, treq) < 0:
+            r.quota = 0
+            return False
+        f.peer[i, rounds.peer_at(f, i, tor, True)].asked = r.round_no
+        r.quota -= 1
+        r.request_no = (int(r.request_no) + 1) & 0xFFFF
+        r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)
+        q = f.request[i]
+        q[: len(self._kept)] = memoryview(self._kept)
+        q[request.AT_T : request.AT_T + 4] = treq[:4]
+        q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + 8] = treq[24:32]
+        return True

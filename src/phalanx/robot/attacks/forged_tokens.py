@@ -1,0 +1,187 @@
+"""Tokens without an audit: guessed, of others, old, its own, from accomplices, from before there was a key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from phalanx.bti import audit, request, trusted
+from phalanx.bti.fleet import PENDING, PLAIN, START
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import node
+from phalanx.robot.cnode import Action, Verdict, row
+from phalanx.wire.fields import Row
+from phalanx.wire.table import KEY_BYTES, TOKEN
+
+from .attack import HOLE_OF_THE_PAPER, STOPPED, Defence
+from .attack import Verdict as Made
+from .hijack import Hijack
+
+
+class Token(NamedTuple):
+    """As `anode_install_token` takes them."""
+
+    tor: int
+    t: int
+    hckpt: bytes
+    mac: bytes
+
+
+class TokenForger(Hijack):
+    """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
+
+    verdicts: ClassVar[Mapping[Defence, Made]] = STOPPED
+    period_ms = 100
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """All tokens it has, offered once more."""
+        profile = int(self.f.settings[0].profile)
+        if profile != PLAIN:
+            for token in self.tokens(now_ms):
+                hckpt, mac = row(token.hckpt), row(token.mac)
+                anode = self.f.anode[self.i]
+                if trusted.anode_install_token(profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
+                    self.gained += 1
+        return []
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """What it has to offer."""
+        raise NotImplementedError(f"{self.name} at {now_ms} ms")
+
+
+class ForgeTokens(TokenForger):
+    """Guesses MACs."""
+
+    name = "forge-tokens"
+    does = "drives as it likes, and offers its a-node a hundred tokens with guessed MACs each second"
+    stopped_by = "a MAC of 64 bits under a key that no c-node knows"
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """Fresh ones, in the names of others."""
+        dice = self.plan.chance
+        names = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
+        return [Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(20), dice.bytes(8)) for _ in range(10)]
+
+
+class ShareTokens(TokenForger):
+    """Offers tokens that were made for others: those that it issued itself."""
+
+    name = "share-tokens"
+    does = "drives as it likes, and installs the tokens that it made for others as its own"
+    stopped_by = "the MAC is over the auditee's id"
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._issued: list[Token] = []
+
+    def reply(self, now_ms: int, auditee: int) -> list[Action]:
+        """The token is kept before it goes out."""
+        frame = self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes()
+        q = self.f.rx[self.i, int(self.w.told[node.TOLD_PLACE])]
+        hckpt = q[request.AT_HCKPT : request.AT_HCKPT + 20].tobytes()
+        self._issued.append(Token(self.id, int.from_bytes(frame[8:12], "little"), hckpt, frame[12:20]))
+        return super().reply(now_ms, auditee)
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """The newest, in its own name and in the auditees'."""
+        newest = self._issued[-10:]
+        return newest + [token._replace(tor=rob_id, t=now_ms) for token in newest for rob_id in self.plan.ids[:3]]
+
+
+class ReplayTokens(TokenForger):
+    """Offers its own tokens again when they are old."""
+
+    name = "replay-tokens"
+    does = "drives as it likes, and installs the tokens of its honest days again and again"
+    stopped_by = "a token counts from the moment of its request, however late it is installed"
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._kept: set[Token] = set()
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """Every token that comes is kept."""
+        actions = super().on_message(now_ms, frame)
+        f, i, r = self.f, self.i, self.f.robot[self.i]
+        for which, count in ((START, r.tokens_start), (PENDING, r.tokens_pending)):
+            hckpt = f.hckpt[i, which].tobytes()
+            for token in f.token[i, which, : int(count)]:
+                self._kept.add(Token(int(token.tor), int(token.t), hckpt, token.mac.tobytes()))
+        return actions
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """All of them; and each as if it were from now, which its MAC does not cover."""
+        kept = sorted(self._kept)
+        return kept + [token._replace(t=now_ms) for token in kept]
+
+
+class SelfIssue(TokenForger):
+    """Asks its own a-node for a token for itself."""
+
+    name = "self-issue"
+    does = "drives as it likes, and has its own a-node issue it tokens"
+    stopped_by = "IssueToken never issues to itself; and one auditor counts once"
+
+    def tokens(self, now_ms: int) -> list[Token]:
+        """At most one, from itself."""
+        profile, anode = int(self.f.settings[0].profile), self.f.anode[self.i]
+        treq, mac, hckpt = np.zeros(32, np.uint8), np.zeros(8, np.uint8), np.zeros(20, np.uint8)
+        if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
+            return []
+        t = int.from_bytes(treq[:4].tobytes(), "little")
+        made = trusted.anode_issue_token(profile, anode, self.id, t, treq[4:24].copy(), treq[24:].copy(), hckpt, mac)
+        return [Token(self.id, t, hckpt.tobytes(), mac.tobytes())] if made >= 0 else []
+
+
+class Collude(Hijack):
+    """Issues tokens to its accomplices for whatever they show, and gets theirs."""
+
+    name = "collude"
+    does = "drives as it likes; accomplices issue tokens to each other without a look at the log"
+    stopped_by = "f_max accomplices give f_max tokens at most, and f_max + 1 are needed"
+    verdicts: ClassVar[Mapping[Defence, Made]] = STOPPED
+    liars = 2
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """An accomplice's request gets its token at once."""
+        profile = int(self.f.settings[0].profile)
+        src = int.from_bytes(frame[1:3], "little")
+        is_request = frame[0] & request.AUDIT and len(frame) > request.AUDIT_HEAD_BYTES and frame[5] == request.FRAGMENT
+        if profile == PLAIN or not is_request or src not in self.plan.accomplices:
+            return super().heard(now_ms, frame)
+        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
+        if place < 0:
+            return []
+        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        if audit.open_request(self.w, q, length) != 0:
+            return []
+        node.answer(self.f, self.i, self.w, place, src, 0)
+        refusal = Refusal(int(self.w.told[node.TOLD_REFUSAL]))
+        self.gained += refusal == Refusal.NONE
+        verdict = Verdict(src, refusal)
+        return [verdict] if refusal else [verdict, *self.reply(now_ms, src)]
+
+
+class ZeroKey(Hijack):
+    """Makes itself tokens of the end of all time, before there is a key.
+
+    Source: docs/spec/rebound.md (zero key).
+    """
+
+    name = "zero-key"
+    does = "makes itself tokens before the mission key comes, under the key zero and dated 49 days ahead; then drives"
+    stopped_by = "in `bound` a node without a key computes no MAC, and loading one clears the tokens"
+    verdicts: ClassVar[Mapping[Defence, Made]] = HOLE_OF_THE_PAPER
+
+    @classmethod
+    def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
+        """One token of each of f_max + 1 invented auditors (a true one's next would replace it), good until the clock ends."""
+        zero, hckpt = bytes(KEY_BYTES), bytes(20)
+        for tor in range(0xFFFF - f_max, 0x10000):
+            t = (1 << 32) - 1
+            message = TOKEN.encode(tor=tor, tee=rob_id, t=t, hckpt=hckpt)
+            mac = np.zeros(8, np.uint8)
+            trusted.lightmac(row(zero), row(message), len(message), mac)
+            trusted.anode_install_token(profile, anode, 0, tor, t, row(hckpt), mac)

@@ -1,0 +1,98 @@
+"""What an attack has done to the swarm, as a number: measured in the world, beside the same run in which nobody lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .attack import Attack
+
+
+class Watched(Protocol):
+    """A run, as far as harm is read from it (phalanx.sim.run.Run is one)."""
+
+    @property
+    def now_s(self) -> float:
+        """Simulated seconds so far."""
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """(N, 2), world frame."""
+
+    @property
+    def in_safe_mode(self) -> NDArray[np.bool_]:
+        """(N,)."""
+
+    @property
+    def compromised(self) -> dict[int, str]:
+        """Names of the attacks, by robot id."""
+
+    @property
+    def airtime_s(self) -> NDArray[np.float64]:
+        """(N,), for how long each robot was on the air."""
+
+
+Measure = Callable[["Attack", Watched, Watched], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Harm:
+    """One way to measure damage.
+
+    Args:
+        words: what is measured, for people.
+        unit: of the number.
+        of: the number, of an attack in a run, and the same run without it.
+    """
+
+    words: str
+    unit: str
+    of: Measure
+
+
+def _correct(attacked: Watched) -> NDArray[np.bool_]:
+    correct = np.ones(len(attacked.positions_m), bool)
+    correct[[rob_id - 1 for rob_id in attacked.compromised]] = False
+    return correct
+
+
+def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
+    apart: NDArray[np.float64] = np.sqrt(((attacked.positions_m - honest.positions_m) ** 2).sum(axis=1))
+    return apart
+
+
+def _strayed(_attack: Attack, attacked: Watched, honest: Watched) -> float:
+    return float(_apart_m(attacked, honest)[_correct(attacked)].mean())
+
+
+def _unearned(attack: Attack, attacked: Watched, honest: Watched) -> float:
+    return float(_apart_m(attacked, honest)[attack.i])
+
+
+def _starved(_attack: Attack, attacked: Watched, _honest: Watched) -> float:
+    return float((attacked.in_safe_mode & _correct(attacked)).sum())
+
+
+def _airtime(attack: Attack, attacked: Watched, _honest: Watched) -> float:
+    return 100 * float(attacked.airtime_s[attack.i]) / attacked.now_s
+
+
+def _claim(attack: Attack, _attacked: Watched, _honest: Watched) -> float:
+    return attack.worst_claim_m
+
+
+def _gained(attack: Attack, _attacked: Watched, _honest: Watched) -> float:
+    return float(attack.gained)
+
+
+STRAYED = Harm("how far correct robots are, on the mean, from where they would be", "m", _strayed)
+UNEARNED = Harm("how far the robot is from where an honest one would be", "m", _unearned)
+STARVED = Harm("correct robots in Safe Mode", "robots", _starved)
+AIRTIME = Harm("share of the time that the robot is on the air", "%", _airtime)
+CLAIM = Harm("how far the robot was, at most, from where it said that it was", "m", _claim)
+GAINED = Harm("what the robot got out of the audits without being due it", "", _gained)

@@ -1,0 +1,137 @@
+"""Commands to the actuators that the controller never gave. Attacks on the audits do this too, and then hide it."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from typing import ClassVar
+
+from phalanx.robot.cnode import Action
+from phalanx.robot.controllers.python_controller import Act, Send
+from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION
+
+from .attack import STOPPED, Attack, Defence, Verdict
+from .harm import UNEARNED
+
+COMMAND = struct.Struct("<BHQff")
+FULL_MPS2 = 5.0
+# Of the ram: it closes in on its victim within a few seconds, and does not overshoot.
+SPRING_PER_S2, DAMPER_PER_S = 0.3, 1.1
+
+
+class Hijack(Attack):
+    """Rams the nearest robot, whatever the controller says.
+
+    Source: RoboRebound §2.2 (arbitrary commands); the ram is ours.
+    """
+
+    name = "hijack"
+    does = "drives at the nearest robot, whatever its controller says"
+    stopped_by = "the a-node has chained the commands, and replay gives others"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    harm = UNEARNED
+    bites_from = 5.0
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """A command of its own in the place of the controller's."""
+        if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
+            output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
+        return super().put_out(now_ms, output)
+
+    def wanted_mps2(self) -> tuple[float, float]:
+        """The acceleration it wants: towards the nearest robot that it has heard of, and along with it."""
+        if not self.seen:
+            return FULL_MPS2, FULL_MPS2
+        me = self.me
+        victim = min(self.seen.values(), key=lambda other: math.hypot(other.x_m - me.x_m, other.y_m - me.y_m))
+        ax = SPRING_PER_S2 * (victim.x_m - me.x_m) + DAMPER_PER_S * (victim.vx_mps - me.vx_mps)
+        ay = SPRING_PER_S2 * (victim.y_m - me.y_m) + DAMPER_PER_S * (victim.vy_mps - me.vy_mps)
+        return _limited(ax), _limited(ay)
+
+
+class Flee(Hijack):
+    """Drives away from everybody, and out of range of any auditor."""
+
+    name = "flee"
+    does = "drives away from the goal as fast as it can, out of everybody's range"
+    stopped_by = "its commands differ from replay; and out of range it gets no tokens at all"
+    bites_from = 100.0
+
+    def wanted_mps2(self) -> tuple[float, float]:
+        """Full acceleration away from the goal."""
+        away_x, away_y = self.me.x_m - self.plan.goal_m[0], self.me.y_m - self.plan.goal_m[1]
+        far = max(abs(away_x), abs(away_y), 1e-9)
+        return FULL_MPS2 * away_x / far, FULL_MPS2 * away_y / far
+
+
+class Nondeterministic(Attack):
+    """A fault: the last bit of its commands is not always the same, as of a controller that uses a random source."""
+
+    name = "nondeterministic"
+    does = "a fault, no attack: the last bit of each command is a matter of chance"
+    stopped_by = "replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "stopped", "bound": "stopped"}
+    harm = UNEARNED
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """The command, its last bit drawn."""
+        if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
+            command = bytearray(output.payload)
+            command[11] ^= int(self.plan.chance.integers(2))  # the lowest bit of ax
+            output = Act(bytes(command))
+        return super().put_out(now_ms, output)
+
+
+class Dawdle(Attack):
+    """In-protocol harm: what it does is right, and as late as the rules allow."""
+
+    name = "in-protocol"
+    does = "does what it must, as late as is not late: each output almost δ after its cause"
+    stopped_by = "nothing: a robot that keeps to the protocol is a correct one, whatever its owner wants (§3.9)"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {
+        "none": "not covered", "paper": "not covered", "bound": "not covered",
+    }  # fmt: skip
+    harm = UNEARNED
+    bites_from = 0.02
+    period_ms = 5
+
+    DELAY_MS: ClassVar[int] = 85  # and the period on top of it
+
+    def __init__(self, *args: object, **more: object) -> None:
+        super().__init__(*args, **more)  # type: ignore[arg-type]
+        self._waiting: list[tuple[int, Send | Act]] = []
+        self._round_waits = False
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """The controller decides at once; its outputs wait."""
+        n = self.poll(now_ms, reading)
+        if n > 0:
+            self.record(n)
+            self._waiting = [(now_ms + self.DELAY_MS, output) for output in self.decide(n)]
+        # Nothing is missing and nothing is late yet: this is what it would have put out by now.
+        self._put_out = [output for _, output in self._waiting]
+        return []
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """What has waited long enough goes out, and then a round that fell into the wait begins."""
+        self._put_out = []
+        actions: list[Action] = []
+        while self._waiting and self._waiting[0][0] <= now_ms:
+            actions += self.put_out(now_ms, self._waiting.pop(0)[1])
+        self._put_out = None
+        if self._round_waits and not self._waiting:
+            self._round_waits = False
+            actions += super().round_due(now_ms)
+        return actions
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        """A checkpoint must not be taken while outputs are pending."""
+        if self._waiting:
+            self._round_waits = True
+            return []
+        return super().round_due(now_ms)
+
+
+def _limited(value: float) -> float:
+    return max(-FULL_MPS2, min(FULL_MPS2, value))

@@ -1,0 +1,131 @@
+"""Sensors: deceived or broken ones, which no audit can know of, and readings that a c-node takes at another time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from phalanx.robot.cnode import Action
+from phalanx.wire.table import SENSOR
+
+from .attack import HOLE_OF_THE_PAPER, MOTION, NOT_COVERED, Attack, Defence, Verdict
+from .harm import CLAIM, UNEARNED
+
+DRIFT_MPS = 5.0
+
+
+class SpoofGps(Attack):
+    """Somebody outside draws the robot's position sensor aside; the robot itself is honest."""
+
+    name = "gps-spoof"
+    does = "somebody outside has its position sensor drift aside"
+    stopped_by = "nothing: the s-node chains what the sensor says, and a robot that believes it behaves correctly (§2.2)"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
+    harm = UNEARNED
+    bites_from = 5.0
+
+    def read(self, now_ms: int, reading: bytes) -> bytes:
+        """The reading, drawn aside."""
+        if not self.lies(now_ms) or len(reading) != SENSOR.size:
+            return reading
+        aside_m = DRIFT_MPS * (now_ms - self.plan.start_ms) / 1000
+        kind, rob_id, t, x_m, y_m, vx_mps, vy_mps = MOTION.unpack(reading)
+        return MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
+
+
+class StuckSensor(Attack):
+    """A fault: the position sensor says the same for ever; the robot itself is honest."""
+
+    name = "stuck-sensor"
+    does = "a fault, no attack: its position sensor repeats its last reading"
+    stopped_by = "nothing: the log shows a robot that stands still, and that is what an honest one would do there"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
+    harm = UNEARNED
+    bites_from = 5.0
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._stuck = b""
+
+    def read(self, now_ms: int, reading: bytes) -> bytes:
+        """The first reading of those from the start on."""
+        if not self.lies(now_ms):
+            return reading
+        self._stuck = self._stuck or reading
+        return self._stuck
+
+
+class StarveSensors(Attack):
+    """Polls its sensors no more: without an INPUT no command and no message is due, and the log shows no fault."""
+
+    name = "starve-sensors"
+    does = "does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited as ever"
+    stopped_by = "in `bound`, readings lie on a grid and none may be missing up to the token request"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
+    harm = UNEARNED
+    bites_from = 5.0
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """The s-node is not asked."""
+        del now_ms, reading
+        return []
+
+
+class Interleave(Attack):
+    """Polls a stock of readings at one moment, and lives on them for seconds: each is answered as if it were new.
+
+    Two chains fix the order of readings and that of messages and commands, not which of them came before which. When
+    the stock is used up it asks for audits, and then stocks up again.
+    Source: docs/spec/rebound.md (free interleaving).
+    """
+
+    name = "interleave"
+    does = "polls its sensors twelve times at once, and for 3 s acts on and broadcasts where it was then"
+    stopped_by = "in `bound`, entries carry the trusted nodes' time: readings lie on a grid, outputs follow within δ"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
+    harm = CLAIM
+    bites_from = 5.0
+
+    STOCK: ClassVar[int] = 12
+    SETTLED_MS: ClassVar[int] = 200
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._stock: list[np.ndarray[Any, np.dtype[np.uint8]]] = []
+        self._round_waits = False
+        self._asked_ms = 0
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """On the oldest reading of the stock; if there is none, on this one, of which the stock is made."""
+        if self._stock:
+            entry = self._stock.pop(0)
+            self.w.entry[: len(entry)] = entry
+            self.record(len(entry))
+            actions = self.carry_out(now_ms, len(entry))
+            if not self._stock and self._round_waits:
+                self._round_waits = False
+                actions += super().round_due(now_ms)
+                self._asked_ms = now_ms
+            return actions
+        actions = super().sensed(now_ms, reading)
+        if now_ms - self._asked_ms >= self.SETTLED_MS and self.f.robot[self.i].request_len == 0:
+            for _ in range(self.STOCK):
+                n = self.poll(now_ms, reading)
+                if n > 0:
+                    self._stock.append(self.w.entry[:n].copy())
+            self.deviates(now_ms)
+        return actions
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        """Not while readings are left that the s-node has chained and the log does not show."""
+        if self._stock:
+            self._round_waits = True
+            return []
+        self._asked_ms = now_ms
+        return super().round_due(now_ms)
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """No request either."""
+        return [] if self._stock else super().next_frame(now_ms)

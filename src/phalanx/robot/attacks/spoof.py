@@ -1,0 +1,59 @@
+"""The paper's example attack: others are claimed to stand between a victim and the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from phalanx.bti.fleet import PLAIN
+from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.controllers.spoof import spoofed_state
+from phalanx.wire.table import KIND_STATE
+
+from .attack import MOTION, STOPPED, Attack, Defence, Verdict
+
+# Each victim hears a lie in each control period: the adversary "broadcasts spoofed packets faster than correct c-nodes".
+LIES_PERIOD_MS = 250
+
+
+class Spoof(Attack):
+    """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
+
+    With `strong=1`, where no a-node makes a broadcast of each frame, every other robot is claimed to be in the way of
+    each victim, which alone hears of it.
+    Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
+    """
+
+    name = "spoof"
+    does = "claims on behalf of other robots that they stand between a victim and the goal"
+    stopped_by = "replay never sends such a state: no auditor issues a token, and the tokens it has run out"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+    period_ms = 10
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._turn = 0
+        self._strong = bool(self.plan.options.get("strong")) and int(self.f.settings[0].profile) == PLAIN
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The lies that are due."""
+        victims = sorted(self.seen)
+        due = (now_ms - self.plan.start_ms) * len(victims) // LIES_PERIOD_MS
+        self._turn = max(self._turn, due - len(victims))
+        actions: list[Action] = []
+        while self._turn < due:
+            victim = victims[self._turn % len(victims)]
+            self._turn += 1
+            others = [rob_id for rob_id in self.plan.ids if rob_id not in (victim, self.id)]
+            if self._strong:
+                for name in others:
+                    actions += self.send(now_ms, self._lie(now_ms, victim, name), victim)
+            elif others:
+                name = others[int(self.plan.chance.integers(len(others)))]
+                actions += self.send(now_ms, self._lie(now_ms, victim, name), EVERYBODY)
+        return actions
+
+    def _lie(self, now_ms: int, victim: int, name: int) -> bytes:
+        """The state that `name` is claimed to have."""
+        where = self.seen[victim]
+        return MOTION.pack(KIND_STATE, name, now_ms, *spoofed_state((where.x_m, where.y_m), self.plan.goal_m))

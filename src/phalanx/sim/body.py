@@ -1,0 +1,112 @@
+"""Robots' bodies: what their sensors say, what their commands do, and where they are.
+
+Two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots).
+"""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+from phalanx.robot.controllers.fields import get_f32, get_i8, put_f32
+from phalanx.robot.controllers.sine import sine_cosine
+from phalanx.robot.controllers.wheels import COMMAND_BYTES as WHEELS_COMMAND_BYTES
+from phalanx.robot.controllers.wheels import KIND_COMMAND, KIND_READING
+from phalanx.robot.controllers.wheels import READING_BYTES as WHEELS_READING_BYTES
+from phalanx.wire.fields import Row, put_u16, put_u64
+from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_SENSOR, SENSOR
+
+from . import motion
+from .world import World
+
+POINT_MASS, WHEELS = 0, 1
+SENSOR_BYTES = SENSOR.size
+COMMAND_BYTES = ACCELERATION.size
+ID, TIME, REST = 1, 3, 11
+MOST_MPS2 = 5.0
+BODY_M = 0.04
+TOP_SPEED_MPS = 0.3
+AXLE_M = 0.075
+DEG_PER_RAD = 57.29577951308232
+
+
+@kernel
+def advance(world: World, i: int) -> None:
+    """Robot i is where its last command has brought it by now. Source: RoboRebound §4; none for the wheels."""
+    now_us = world.clock[0].now_us
+    if world.clock[0].body == POINT_MASS:
+        motion.advance(world.pos, world.vel, world.acc, world.moved_us, i, now_us)
+        return
+    # vel holds the direction in degrees; acc the wheels, each -1..1.
+    dt = (now_us - world.moved_us[i]) * 1e-6
+    world.moved_us[i] = now_us
+    left, right = world.acc[i, 0] * TOP_SPEED_MPS, world.acc[i, 1] * TOP_SPEED_MPS
+    if left == 0.0 and right == 0.0:
+        return
+    turn_deg = (left - right) / AXLE_M * dt * DEG_PER_RAD
+    sine, cosine = sine_cosine(world.vel[i, 0] + turn_deg / 2)
+    ahead = (left + right) / 2 * dt
+    world.pos[i, 0] = _inside(world.pos[i, 0] - ahead * sine, world.area[0])
+    world.pos[i, 1] = _inside(world.pos[i, 1] + ahead * cosine, world.area[1])
+    direction = world.vel[i, 0] + turn_deg
+    if direction >= 360.0:
+        direction -= 360.0
+    elif direction < 0.0:
+        direction += 360.0
+    world.vel[i, 0] = direction
+
+
+@kernel
+def _inside(value: float, side: float) -> float:
+    return min(max(value, BODY_M), side - BODY_M)
+
+
+@kernel
+def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
+    """What the robot's sensors say is in `world.reading`; its length. Source: docs/spec/rebound.md (27 bytes)."""
+    q: Row = world.reading
+    put_u16(q, ID, rob_id)
+    put_u64(q, TIME, now_ms)
+    if world.clock[0].body == POINT_MASS:
+        q[0] = KIND_SENSOR
+        put_f32(q, REST, world.pos[i, 0])
+        put_f32(q, REST + 4, world.pos[i, 1])
+        put_f32(q, REST + 8, world.vel[i, 0])
+        put_f32(q, REST + 12, world.vel[i, 1])
+        return int(SENSOR_BYTES)
+    q[0] = KIND_READING
+    put_f32(q, REST, world.pos[i, 0] * 1000.0)
+    put_f32(q, REST + 4, world.pos[i, 1] * 1000.0)
+    put_f32(q, REST + 8, world.vel[i, 0])
+    return int(WHEELS_READING_BYTES)
+
+
+@kernel
+def actuate(world: World, i: int, command: Row, length: int) -> None:
+    """The actuators do what a command says, as far as they can; what is no command of theirs does nothing.
+
+    Source: RoboRebound §4; docs/spec/world.md.
+    """
+    if world.clock[0].body == POINT_MASS:
+        if length == COMMAND_BYTES and command[0] == KIND_ACCELERATION:
+            advance(world, i)
+            motion.command(world.acc, i, get_f32(command, REST), get_f32(command, REST + 4), MOST_MPS2)
+    elif length == WHEELS_COMMAND_BYTES and command[0] == KIND_COMMAND:
+        advance(world, i)
+        world.acc[i, 0] = _share(get_i8(command, REST))
+        world.acc[i, 1] = _share(get_i8(command, REST + 1))
+        for k in range(3):
+            world.led[i, k] = command[REST + 2 + k]
+
+
+@kernel
+def _share(percent: int) -> float:
+    return min(1.0, max(-1.0, percent / 100.0))
+
+
+@kernel
+def halt(world: World, i: int) -> None:
+    """Robot i stands where it is. Source: RoboRebound §3.1 (Safe Mode)."""
+    advance(world, i)
+    world.acc[i, 0] = 0.0
+    world.acc[i, 1] = 0.0
+    if world.clock[0].body == POINT_MASS:
+        motion.halt(world.vel, world.acc, i)

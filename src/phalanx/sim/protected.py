@@ -1,0 +1,265 @@
+"""The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
+
+A station stands in the middle and sends visitors' orders, each to one robot. What a robot does with them is logged,
+replayed and audited like everything else.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
+from phalanx.errors import Unknown, UsageError
+from phalanx.robot import Led, Point, Robot
+from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers import dispatch, orders, wheels
+from phalanx.robot.shield import AttackChoice, Audit, Shield
+from phalanx.wire.fields import get_u32
+
+from . import loop, pybot
+from .body import WHEELS
+from .dotbots import (
+    AREA_MM,
+    BATTERY_EMPTY_MV,
+    BATTERY_FULL_MV,
+    COLOURS,
+    DEFAULT_THRESHOLD_MM,
+    DRIVE_MVPS,
+    HISTORY,
+    HISTORY_STEP_MM,
+    IDLE_MVPS,
+    robot_name,
+)
+from .events import refused
+from .run import FOREVER_MS
+from .setup import PROFILES, Setup, make_world, start
+from .watch import VerdictReader, shields
+from .world import PYTHON
+
+# More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
+MOST_ROBOTS = 100
+# Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
+DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40, n_max=MOST_ROBOTS)
+EDGE_MM = 200.0
+# Orders are heard by one robot and logged by it: its log has room for those of a visitor beside its neighbours'.
+ORDERS_AS_NEIGHBOURS = 20
+FULL_TURN_DEG = 360.0
+
+
+class ProtectedSwarm:
+    """A `phalanx.robot.shield.Shielded` swarm that goes on when told that time has passed.
+
+    Args:
+        count: robots, f_max + 2 to 100.
+        seed: of places and everything else.
+        clock: seconds since 1970.
+        defence: "paper" or "bound".
+        f_max: compromised robots that are tolerated.
+    Raises: UsageError: the count is out of range.
+    """
+
+    def __init__(
+        self, count: int, seed: int, clock: Callable[[], float], *, defence: str = "bound", f_max: int = 3
+    ) -> None:
+        if not f_max + 2 <= count <= MOST_ROBOTS:
+            raise UsageError(
+                f"{count} robots that audit each other and tolerate {f_max}",
+                f"{f_max + 2} to {MOST_ROBOTS} within one radio range; or --defence none",
+            )
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
+        self._chance, self._clock = chance, clock
+        self._config = replace(DEMO, f_max=f_max, n_max=min(count + ORDERS_AS_NEIGHBOURS, MOST_ROBOTS))
+        places = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (count, 2)) / 1000
+        station = np.array([AREA_MM]) / 2000
+        self.world = make_world(
+            Setup(
+                robots=count,
+                starts_m=np.vstack((places, station)),
+                profile=PROFILES[defence],
+                controller=int(dispatch.Kind.WHEELS),
+                params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
+                body=WHEELS,
+                seed=seed,
+                contact_m=0.08,
+                bti=self._config,
+                radio=RadioConfig(),
+                area_m=(AREA_MM[0] / 1000, AREA_MM[1] / 1000),
+            ),
+            chance,
+        )
+        self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
+        self._station = count
+        self._rows = {f"DECAFBAD{i + 1:08X}": i for i in range(count)}
+        self._addresses = tuple(self._rows)
+        self._names = [robot_name(i) for i in range(count)]
+        self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
+        self._leds = [Led(0, 0, 0)] * count
+        self._numbers = [0] * count
+        self._routes: list[tuple[Point, ...]] = [()] * count
+        self._thresholds = [DEFAULT_THRESHOLD_MM] * count
+        self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
+        self._liars: dict[int, CNode] = {}
+        self._verdicts = VerdictReader(self.world)
+        self._now_s = 0.0
+        self._stopped_at_s: dict[int, float] = {}
+        start(self.world, {})
+        for i in range(count):
+            self._order(i, orders.led_order, *_rgb(COLOURS[i % len(COLOURS)]))
+
+    # --- the swarm ----------------------------------------------------------------------------------------------------
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the area."""
+        return AREA_MM
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot, where the world has it."""
+        now = self._clock()
+        return [self._robot(i, now) for i in range(len(self._addresses))]
+
+    def _robot(self, i: int, now_s: float) -> Robot:
+        x_m, y_m = self.world.pos[i].tolist()
+        led = Led(*self.world.led[i].tolist())
+        if led != self._leds[i]:
+            self._leds[i] = led
+        return Robot(
+            address=self._addresses[i],
+            name=self._names[i],
+            at=Point(x_m * 1000, y_m * 1000),
+            direction_deg=round(float(self.world.vel[i, 0])) % 360,
+            battery_v=float(self._battery_mv[i]) / 1000,
+            led=self._leds[i],
+            route=self._routes[i],
+            threshold_mm=self._thresholds[i],
+            heard_at_s=self._stopped_at_s.get(i, now_s),
+            history=self._history[i],
+        )
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """Turn the wheels for 300 ms; ends waypoint following."""
+        i = self._find(address)
+        self._routes[i] = ()
+        self._order(i, orders.wheels_order, max(-100, min(100, left_pct)), max(-100, min(100, right_pct)))
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+        self._order(self._find(address), orders.led_order, *_rgb(led))
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order, of more than 32 the first; none stops the robot."""
+        i = self._find(address)
+        points = [(round(point.x_mm), round(point.y_mm)) for point in route[: orders.WAYPOINTS_MAX]]
+        self._order(i, orders.route_order, round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM)), points)
+        here = Point(*(self.world.pos[i] * 1000).tolist())
+        self._routes[i] = (here, *route[: orders.WAYPOINTS_MAX]) if route else ()
+        self._thresholds[i] = threshold_mm
+
+    def clear_history(self, address: str) -> None:
+        """Forget where the robot has been."""
+        self._history[self._find(address)].clear()
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass."""
+        self._now_s += dt_s
+        until_us = round(self._now_s * 1e6)
+        while loop.run(self.world, until_us) == loop.FOR_PYTHON:
+            pybot.handle(self.world, self._liars)
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        effort = np.abs(self.world.acc[: self._station]).mean(axis=1)
+        drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
+        # An empty robot is given a fresh battery where it stands: who audits must not leave.
+        self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
+        for i in np.flatnonzero(effort > 0).tolist():
+            self._record(i)
+        for i in range(self._station):
+            if self._routes[i] and self._arrived(i):
+                self._routes[i] = ()
+            if self.world.safe[i]:
+                self._stopped_at_s.setdefault(i, self._clock())
+
+    # --- the shields --------------------------------------------------------------------------------------------------
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+        return [self._shield(i) for i in range(self._station)]
+
+    def _shield(self, i: int) -> Shield:
+        liar = self._liars.get(i)
+        return Shield(
+            address=self._addresses[i],
+            needed=self._config.tokens_needed,
+            full_s=self._config.t_val_ms / 1000,
+            vouchers=tuple((self._addresses[tor - 1], left_s) for tor, left_s in shields(self.world, i)),
+            safe_mode=bool(self.world.safe[i]),
+            attack=liar.name if isinstance(liar, Attack) else "",
+        )
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+        return [
+            Audit(
+                auditor=self._addresses[tor - 1],
+                auditee=self._addresses[tee - 1],
+                refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
+            )
+            for _, tor, tee, why in self._verdicts.new()
+        ]
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """What a robot can be made to do."""
+        return [AttackChoice(name, attack.does) for name, attack in ATTACKS.items() if attack.on_wheels]
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on."""
+        i = self._find(address)
+        if attack not in {choice.name for choice in self.attacks()}:
+            raise Unknown(f"no attack {attack[:64]!r}")
+        if i in self._liars or self.world.safe[i]:
+            raise Unknown(f"{self._names[i]} is compromised or stopped already")
+        now_ms = loop.clock_ms(self.world, i)
+        plan = Plan(
+            ids=tuple(range(1, self._station + 1)),
+            goal_m=(0.0, 0.0),
+            accomplices=tuple(other + 1 for other in self._liars),
+            start_ms=now_ms,
+            stop_ms=FOREVER_MS,
+            chance=self._chance,
+        )
+        liar = ATTACKS[attack](self.world.fleet, i, self.world.work, plan)
+        self._liars[i] = liar
+        self.world.runs[i] = PYTHON
+        pybot.wake(self.world, i, liar)
+
+    # --- inside -------------------------------------------------------------------------------------------------------
+
+    def _find(self, address: str) -> int:
+        row = self._rows.get(address)
+        if row is None:
+            raise Unknown(f"no robot {address[:64]!r}")
+        return row
+
+    def _order(self, i: int, make: Callable[..., bytes], *values: object) -> None:
+        self._numbers[i] += 1
+        frame = np.frombuffer(bytearray(make(i + 1, self._numbers[i], *values)), np.uint8)
+        loop.transmit(self.world, self._station, frame, len(frame), i)
+
+    def _arrived(self, i: int) -> bool:
+        state = self.world.fleet.state[i]
+        return int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and not state[wheels.COUNT]
+
+    def _record(self, i: int) -> None:
+        x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
+        last = self._history[i][-1] if self._history[i] else None
+        if last is None or (x_mm - last.x_mm) ** 2 + (y_mm - last.y_mm) ** 2 >= HISTORY_STEP_MM**2:
+            self._history[i].append(Point(round(x_mm, 1), round(y_mm, 1)))
+
+
+def _rgb(led: Led) -> tuple[int, int, int]:
+    return led.red, led.green, led.blue

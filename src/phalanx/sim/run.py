@@ -1,0 +1,228 @@
+"""One seeded run of a scenario: made, advanced, watched, summed up."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.refusal import Refusal
+from phalanx.errors import UsageError
+from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.robot.controllers.python_controller import Controller
+
+from . import loop, pybot
+from .body import POINT_MASS
+from .events import refused
+from .radio import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
+from .scenario import AttackSpec, Scenario
+from .setup import PROFILES, Setup, make_world, start
+from .watch import VerdictReader, shields
+
+# Robots that never lie again.
+FOREVER_MS = (1 << 32) - 1
+
+
+class Run:
+    """A scenario being run.
+
+    Args:
+        scenario: what runs.
+        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+    Raises: UsageError: an attack that does not exist.
+    Source: docs/spec/world.md.
+    """
+
+    def __init__(self, scenario: Scenario, controller: Callable[[int], Controller] | None = None) -> None:
+        self.scenario = scenario
+        n = scenario.robots
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
+        self.ids = np.arange(1, n + 1)
+        drawn = scenario.drawn_attacks()
+        for spec in drawn:
+            if spec.name not in ATTACKS:
+                raise UsageError(f"no attack {spec.name!r}", f"one of {', '.join(sorted(ATTACKS))}")
+        self.world = make_world(
+            Setup(
+                robots=n,
+                starts_m=np.array(scenario.starts_m, np.float64),
+                profile=PROFILES[scenario.defence],
+                controller=0 if controller else int(dispatch.Kind.FLOCK),
+                params=flock_params(scenario.flock),
+                body=POINT_MASS,
+                seed=scenario.seed,
+                contact_m=scenario.contact_m,
+                obstacles=scenario.obstacles,
+                bti=scenario.bti,
+                radio=scenario.radio,
+                before_key={int(spec.robot or 0) - 1: ATTACKS[spec.name].before_key for spec in drawn},
+            ),
+            chance,
+        )
+        self._verdicts = VerdictReader(self.world)
+        self._wall_s = 0.0
+        self._sampled_s = 0
+        self._distances: list[list[float]] = []
+        self._in_quorum: list[NDArray[np.bool_]] = []
+        self._without_quorum, self._counted = np.zeros(n, bool), np.zeros(n, bool)
+        self._digest = hashlib.sha256(repr(scenario).encode())
+        self.robots: dict[int, CNode] = {}
+        self._compromise(drawn, controller, chance)
+        if controller:
+            for i in range(n):
+                self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
+        start(self.world, self.robots)
+
+    def _compromise(
+        self,
+        drawn: tuple[AttackSpec, ...],
+        controller: Callable[[int], Controller] | None,
+        chance: np.random.Generator,
+    ) -> None:
+        scenario, world = self.scenario, self.world
+        liars = [int(spec.robot or 0) for spec in drawn]
+        for spec, rob_id in zip(drawn, liars, strict=True):
+            boot_ms = int(world.boot_us[rob_id - 1]) // 1000
+            plan = Plan(
+                ids=tuple(int(each) for each in self.ids),
+                goal_m=scenario.goal_m,
+                accomplices=tuple(other for other in liars if other != rob_id),
+                start_ms=boot_ms + round(spec.at_s * 1000),
+                stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
+                chance=chance,
+                options=spec.options,
+            )
+            self.robots[rob_id - 1] = ATTACKS[spec.name](world.fleet, rob_id - 1, world.work, plan, controller)
+
+    # --- going on -----------------------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Simulated seconds so far."""
+        return float(self.world.clock[0].now_us) / 1e6
+
+    def advance(self, until_s: float) -> None:
+        """The world at `until_s`.
+
+        Source: none.
+        """
+        began = time.perf_counter()
+        until_us = round(until_s * 1e6)
+        while self.world.clock[0].now_us < until_us:
+            target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
+            while loop.run(self.world, target_us) == loop.FOR_PYTHON:
+                pybot.handle(self.world, self.robots)
+            if target_us == (self._sampled_s + 1) * 1_000_000:
+                self._sample()
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        self._wall_s += time.perf_counter() - began
+
+    def _sample(self) -> None:
+        self._sampled_s += 1
+        correct = self._correct
+        goal = np.array(self.scenario.goal_m)
+        distance = np.sqrt(((self.world.pos - goal) ** 2).sum(axis=1))
+        mean = float(distance[correct].mean()) if correct.any() else float("nan")
+        self._distances.append([float(self._sampled_s), mean])
+        alive = correct & ~self.in_safe_mode
+        start, ids = self.world.reach.start, self.world.reach.ids
+        near = np.array([int(alive[ids[start[i] : start[i + 1]]].sum()) for i in range(len(alive))])
+        self._in_quorum.append((near >= self.scenario.bti.tokens_needed) & (np.diff(start) <= self.scenario.bti.n_max))
+        keep = self.scenario.bti.t_val_ms // 1000 + 2
+        del self._in_quorum[:-keep]
+        self._without_quorum |= self.in_safe_mode & ~self._counted & ~np.all(self._in_quorum, axis=0)
+        self._counted |= self.in_safe_mode
+        for part in (self.world.pos, self.world.vel, self.world.safe, self.world.fleet.hckpt):
+            self._digest.update(part.tobytes())
+
+    # --- watching -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _correct(self) -> NDArray[np.bool_]:
+        correct = np.ones(len(self.ids), bool)
+        for i, robot in self.robots.items():
+            correct[i] = not isinstance(robot, Attack)
+        return correct
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """(N, 2), world frame."""
+        return self.world.pos
+
+    @property
+    def velocities_mps(self) -> NDArray[np.float64]:
+        """(N, 2), world frame."""
+        return self.world.vel
+
+    @property
+    def airtime_s(self) -> NDArray[np.float64]:
+        """(N,), for how long each robot has been on the air."""
+        used: NDArray[np.float64] = self.world.air.counts[: len(self.ids), :, AIRTIME_US].sum(axis=1) / 1e6
+        return used
+
+    @property
+    def in_safe_mode(self) -> NDArray[np.bool_]:
+        """(N,)."""
+        return self.world.safe.astype(bool)
+
+    @property
+    def compromised(self) -> dict[int, str]:
+        """Names of the attacks, by robot id."""
+        return {i + 1: robot.name for i, robot in self.robots.items() if isinstance(robot, Attack)}
+
+    def shields(self) -> list[list[tuple[int, float]]]:
+        """Of each robot, who vouches for it and for how many seconds more, the longest first. Source: §3.5."""
+        return [shields(self.world, i) for i in range(len(self.ids))]
+
+    def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
+        """Audits that ended since the last call: time s, auditor, auditee, why it got no token or NONE."""
+        return self._verdicts.new()
+
+    def summary(self) -> dict[str, Any]:
+        """What `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
+        world, counts = self.world, self.world.air.counts
+        n, seconds = len(self.ids), max(self.now_s, 1e-9)
+        correct = self._correct
+        safe, alone = self.in_safe_mode, self._without_quorum & correct
+
+        def rate(first: int) -> float:
+            return float(counts[:, first : first + 2, BYTES].sum()) / n / seconds
+
+        digest = self._digest.copy()
+        digest.update(counts.tobytes())
+        digest.update(world.verdicts.tobytes())
+        return {
+            "robots": n,
+            "duration_s": self.now_s,
+            "seed": self.scenario.seed,
+            "defence": self.scenario.defence,
+            "digest": digest.hexdigest(),
+            "mean_distance_to_goal_m": self._distances[-1][1] if self._distances else None,
+            "distance_series": self._distances,
+            "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Attack)],
+            "correct_in_safe_mode": [int(each) for each in self.ids[safe & correct & ~alone]],
+            "without_quorum": [int(each) for each in self.ids[safe & alone]],
+            "contacts": int(world.clock[0].contacts),
+            "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
+            "log_bytes_max": int(world.fleet.robot["log_max"].max()),
+            "broadcast_delivery": delivery(world.air, APP_BROADCAST),
+            "unicast_delivery": delivery(world.air, AUDIT_UNICAST),
+            "real_time_factor": seconds / self._wall_s if self._wall_s else None,
+        }
+
+    def _told(self, i: int, attack: Attack) -> dict[str, Any]:
+        boot_ms = int(self.world.boot_us[i]) // 1000
+        deviated, safe_us = attack.first_deviation_ms, int(self.world.safe_us[i])
+        return {
+            "robot": i + 1,
+            "attack": attack.name,
+            "first_deviation_s": None if deviated is None else (deviated - boot_ms) / 1000,
+            "safe_mode_s": None if safe_us < 0 else safe_us / 1e6,
+        }
