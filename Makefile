@@ -94,6 +94,8 @@ test-python: setup-dev
 	$(BIN)/coverage report
 
 bench: setup-dev
+	$(BIN)/python benchmarks/bench_bti.py
+	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py
 
 docs: setup-dev

@@ -211,6 +211,9 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
     bound = s.profile == BOUND
     s_n, s_len, a_n, a_len = 0, 0, 0, 0
     at, newest, due, checkpoints = c.at, -1, c.due, 0
+    if q[1] == 1:
+        # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
+        newest = get_u32(q, c.start_at)
     longest = ENTRY_HEAD_BYTES + s.frame_max
     while at < c.end:
         kind = q[at]

@@ -18,6 +18,7 @@ from phalanx.kernel import kernel
 BOUND, PAPER, PLAIN = 0, 1, 2
 # Requests that are put together from fragments at the same time; another sender's waits for its next round.
 RX_SLOTS = 3
+PAPER_ROOM = 6
 START, PENDING = 0, 1
 
 ROBOT = np.dtype(
@@ -62,6 +63,9 @@ PEER = np.dtype(
         ("heard", "i8"),  # ms of our clock, of the newest AUDIT frame from it
         ("token", "i8"),  # t of its newest token
         ("asked", "i8"),  # round in which we last asked it
+        ("asked_ms", "i8"),  # when that was
+        ("answered", "i8"),  # round in which it last gave us a token
+        ("misses", "i8"),  # rounds in a row in which we asked it for nothing
         ("took", "i8"),  # ms at which we last took a request of its
     ],
     align=True,
@@ -169,14 +173,17 @@ def make_fleet(
     robot = records(n, ROBOT)
     robot["id"] = np.arange(1, n + 1)
     state_bytes = config.checkpoint_capacity_bytes
-    requests = config.request_capacity_bytes
+    # As printed nothing limits what a liar sends, and all who hear it log it: room for that is the robots' own affair.
+    room = PAPER_ROOM if profile == PAPER else 1
+    log_bytes = room * config.log_capacity_bytes
+    requests = log_bytes + config.request_capacity_bytes - config.log_capacity_bytes
     fleet = Fleet(
         settings=settings,
         params=params,
         robot=robot,
         snode=snode,
         anode=anode,
-        log=np.zeros((n, config.log_capacity_bytes), np.uint8),
+        log=np.zeros((n, log_bytes), np.uint8),
         state=np.zeros((n, state_bytes), np.uint8),
         checkpoint=np.zeros((n, 2, state_bytes + 48), np.uint8),
         hckpt=np.zeros((n, 2, 20), np.uint8),

@@ -45,7 +45,9 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     if code < 0:
         r.quota = 0
         return code
-    f.peer[i, peer_at(f, i, tor, True)].asked = r.round_no
+    asked = f.peer[i, peer_at(f, i, tor, True)]
+    asked.asked = r.round_no
+    asked.asked_ms = now
     r.quota -= 1
     r.request_no = (r.request_no + 1) & 0xFFFF
     r.request_to = tor

@@ -14,6 +14,7 @@ from .log import CHECKPOINT, mark, truncate
 
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
+MOST_MISSES = 15
 
 
 @kernel
@@ -66,6 +67,9 @@ def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
     p.heard = -(1 << 40)
     p.token = -(1 << 40)
     p.asked = -1
+    p.asked_ms = -(1 << 40)
+    p.answered = -1
+    p.misses = 0
     p.took = -(1 << 40)
     return int(at)
 
@@ -82,28 +86,58 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
 
-    Within each sort the order differs from robot to robot, so that no auditor is everybody's favourite.
+    Within each sort, who did not answer the last time comes later: an auditor takes 6 f_max requests per T_val, and
+    those with few neighbours need its time more than those with many (seen: corner robots of a grid starved). After
+    that the order differs from robot to robot, so that no auditor is everybody's favourite.
     Source: docs/spec/rebound.md (ghost auditors).
     """
     r, s = f.robot[i], f.settings[0]
     best, best_key = 0, 1 << 40
     for k in range(r.peers):
         p = f.peer[i, k]
-        if p.asked == r.round_no:
+        if p.answered == r.round_no or now < p.asked_ms + again_after(f):
             continue
         fresh = p.token >= now - s.t_val
         if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(r.id, p.id) + (0 if fresh else 1 << 32)
+        key = mixed(r.id, p.id) + (p.misses << 32) + (0 if fresh else 1 << 36)
         if key < best_key:
             best, best_key = p.id, key
     return int(best)
 
 
 @kernel
+def again_after(f: Fleet) -> int:
+    """After so many ms the same robot may be asked again: it takes one request each T_audit / 2.
+
+    Not only in the next round: a robot with f_max + 1 in range would lose a whole round by one lost fragment. Not
+    sooner: it would be asked in vain in the next round too, and so on (seen).
+    Source: RoboRebound §5.1, §5.2.
+    """
+    return int(f.settings[0].t_audit // 2 + f.settings[0].retry)
+
+
+@kernel
+def next_retry(f: Fleet, i: int, now: int) -> int:
+    """When further robots, or the same again, are to be asked, ms of the robot's clock; -1 if all tokens are there.
+
+    Source: RoboRebound §5.2.
+    """
+    r, s = f.robot[i], f.settings[0]
+    if r.got > s.f_max:
+        return -1
+    soon = r.asked_at + s.retry
+    return int(soon if soon > now else max(now + s.retry, r.asked_at + again_after(f)))
+
+
+@kernel
 def begin_round(f: Fleet, i: int) -> None:
     """A new round is open, with a request for each token that is needed. Source: RoboRebound §3.7."""
     r = f.robot[i]
+    for k in range(r.peers):
+        p = f.peer[i, k]
+        if p.asked == r.round_no and p.answered != r.round_no:
+            p.misses = min(p.misses + 1, MOST_MISSES)
     r.round_no += 1
     r.quota = f.settings[0].f_max + 1
     r.got = 0
@@ -174,8 +208,10 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     r.tokens_got += 1
     at = peer_at(f, i, tor, True)
     if at >= 0:
-        if f.peer[i, at].asked == r.round_no and f.peer[i, at].token < t:
+        if f.peer[i, at].asked == r.round_no and f.peer[i, at].answered != r.round_no:
             r.got += 1
+            f.peer[i, at].answered = r.round_no
+            f.peer[i, at].misses = 0
         f.peer[i, at].token = t
     _keep(f, i, which, tor, t, mac)
     if which == PENDING and r.tokens_pending >= s.f_max + 1:

@@ -17,11 +17,18 @@ from .controllers import dispatch
 
 
 @kernel
-def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
-    """All checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
+def open_request(w: Work, q: Row, length: int, src: int) -> int:
+    """The request has a form, and names its sender as the auditee. Returns: 0 or a `Refusal`. Source: none."""
     refused = audit.open_request(w, q, length)
     if refused == 0 and w.case[0].tee != src:
         refused = Refusal.NOT_THE_SENDER
+    return int(refused)
+
+
+@kernel
+def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
+    """All checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
+    refused = open_request(w, q, length, src)
     if refused == 0:
         refused = audit.check_start(f, i, w, q)
     if refused == 0:

@@ -167,9 +167,8 @@ class CNode:
         n = node.next_frame(self.f, self.i, self.w, now_ms)
         if n > 0:
             return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.w.told[node.TOLD_TO]))
-        r = self.f.robot[self.i]
-        wait = int(self.f.settings[0].retry)
-        return [Retry(now_ms + wait)] if r.got <= self.f.settings[0].f_max and r.asked_at + wait > now_ms else []
+        at_ms = int(rounds.next_retry(self.f, self.i, now_ms))
+        return [Retry(at_ms)] if at_ms >= 0 else []
 
     # --- plain-Python controllers ---
 

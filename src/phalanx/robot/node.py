@@ -144,10 +144,15 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
     rounds.heard(f, i, src, now)
     if sub == request.FRAGMENT:
         place = request.take_fragment(f, i, frame, length, now)
-        if place < 0 or not admit(f, i, now):
+        if place < 0:
             return NOTHING
         w.told[TOLD_TEE] = src
         w.told[TOLD_PLACE] = place
+        refused = knock(f, i, w, place, src)
+        if refused:
+            return answer(f, i, w, place, src, refused)
+        if not admit(f, i, now):
+            return NOTHING
         if f.settings[0].controller == 0:
             return WHOLE
         return judge(f, i, w, place, src)
@@ -156,6 +161,21 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
         w.told[TOLD_TEE] = src
         return INSTALLED
     return NOTHING
+
+
+@kernel
+def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
+    """The request has a form and its token request is the sender's a-node's; the token waits in `w.small[2]`.
+
+    Requests without a true token request must not count as audits: liars have any number of them, true ones are
+    limited by their a-nodes. Nothing else can tell but IssueToken. What it made goes out if the replay agrees.
+    Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
+    """
+    q = f.rx[i, place]
+    refused = auditor.open_request(w, q, f.rx_info[i, place].len, src)
+    if refused == 0:
+        refused = auditor.issue(f, i, w, q, w.small[2])
+    return int(refused)
 
 
 @kernel
@@ -191,10 +211,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 @kernel
 def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int:
     """The verdict is counted and, if it is good, the token frame is in `w.frame`. See `judge`. Source: none."""
-    r, q = f.robot[i], f.rx[i, place]
-    mac = w.small[2]
-    if refused == 0:
-        refused = auditor.issue(f, i, w, q, mac)
+    r = f.robot[i]
     w.told[TOLD_REFUSAL] = refused
     w.told[TOLD_TEE] = src
     w.told[TOLD_TO] = src
@@ -206,7 +223,7 @@ def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int
     request.audit_head(w.frame, r.id, src, request.TOKEN)
     put_u16(w.frame, 6, f.rx_info[i, place].no)
     put_u32(w.frame, 8, w.case[0].t)
-    copy(w.frame, 12, mac, 0, 8)
+    copy(w.frame, 12, w.small[2], 0, 8)
     w.told[TOLD_LENGTH] = request.TOKEN_FRAME_BYTES
     return REPLY
 

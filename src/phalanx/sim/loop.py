@@ -216,9 +216,9 @@ def pump(world: World, i: int) -> None:
             f.robot[i].request_len = 0
             f.robot[i].quota = 0
         return
-    wait = f.settings[0].retry
-    if f.robot[i].got <= f.settings[0].f_max and world.retry_us[i] < 0 and f.robot[i].asked_at + 2 * wait > now:
-        world.retry_us[i] = clock.now_us + wait * 1000
+    at_ms = rounds.next_retry(f, i, now)
+    if at_ms >= 0 and world.retry_us[i] < 0:
+        world.retry_us[i] = clock.now_us + (at_ms - now) * 1000
         push(world.queue, world.retry_us[i], RETRY, i, 0)
 
 

@@ -130,7 +130,7 @@ class Attack(CNode):
         Source: docs/spec/rebound.md (zero key).
         """
 
-    # --- events: honest while it does not lie ---------------------------------------------------------------------------
+    # --- events: honest while it does not lie -------------------------------------------------------------------------
 
     def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
         """A reading is due; what goes out is compared with what an honest robot would put out."""
@@ -162,7 +162,7 @@ class Attack(CNode):
         """Something out of turn, each `period_ms` while it lies."""
         raise NotImplementedError(f"{self.name} at {now_ms} ms: period_ms without on_wake")
 
-    # --- what subclasses override ---------------------------------------------------------------------------------------
+    # --- what subclasses override -------------------------------------------------------------------------------------
 
     def read(self, now_ms: int, reading: bytes) -> bytes:  # noqa: ARG002 - what a faulty sensor needs
         """What the sensor itself says, before the s-node has it."""
@@ -180,7 +180,7 @@ class Attack(CNode):
         """`on_round` while it lies."""
         return super().on_round(now_ms)
 
-    # --- what goes out is watched ---------------------------------------------------------------------------------------
+    # --- what goes out is watched -------------------------------------------------------------------------------------
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """A command through the a-node."""
@@ -215,7 +215,7 @@ class Attack(CNode):
             self.first_deviation_ms = now_ms
         self.last_deviation_ms = now_ms
 
-    # --- what several attacks need --------------------------------------------------------------------------------------
+    # --- what several attacks need ------------------------------------------------------------------------------------
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
@@ -233,9 +233,7 @@ class Attack(CNode):
         else:
             r, s = self.f.robot[self.i], self.f.settings[0]
             state = self.f.state[self.i]
-            r.state_len = dispatch.on_recv(
-                s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state
-            )
+            r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
 
     def poll(self, now_ms: int, reading: bytes) -> int:
         """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""

@@ -1,4 +1,4 @@
-"""False words about who and where the robot is: in another's name, in its own, to each a different one, or no number."""
+"""False words about who and where the robot is: in another name, in its own, another to each, or not even a number."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from phalanx.bti import request
+from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action, Transmit
 from phalanx.wire.table import KIND_STATE
 
@@ -18,7 +19,36 @@ LIMITED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound"
 GHOSTS = 400
 
 
-class RequestFlood(Attack):
+class Flood(Attack):
+    """Leaves room for its own audits, which it means to pass."""
+
+    QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._round_ms = 0
+
+    def on_round(self, now_ms: int) -> list[Action]:
+        """The moment is remembered."""
+        self._round_ms = now_ms
+        return super().on_round(now_ms)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """More, unless its own audits are due."""
+        t_audit, (before_ms, after_ms) = int(self.f.settings[0].t_audit), self.QUIET_MS
+        audited = int(self.f.settings[0].profile) != PLAIN
+        return (
+            []
+            if audited and (now_ms - self._round_ms + before_ms) % t_audit < before_ms + after_ms
+            else self.pour(now_ms)
+        )
+
+    def pour(self, now_ms: int) -> list[Action]:
+        """More of it."""
+        raise NotImplementedError(f"{self.name} at {now_ms} ms")
+
+
+class RequestFlood(Flood):
     """Uses up what auditors will do for others: malformed requests, in their names where an a-node lets it."""
 
     name = "request-flood"
@@ -32,10 +62,12 @@ class RequestFlood(Attack):
         super().__init__(*args, **more)
         self._turn = 0
 
-    def on_wake(self, now_ms: int) -> list[Action]:
-        """The next auditor hears of the next victim."""
+    def pour(self, now_ms: int) -> list[Action]:
+        """The next auditor hears of the next victim; under its own name only, no more than are looked at."""
         others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
-        if len(others) < 2:
+        s = self.f.settings[0]
+        own_ms = int(s.t_audit) // 2 // max(1, len(others)) + 1
+        if len(others) < 2 or (s.profile == BOUND and now_ms < self.plan.start_ms + self._turn * own_ms):
             return []
         self._turn += 1
         auditor = others[self._turn % len(others)]
@@ -44,7 +76,7 @@ class RequestFlood(Attack):
         return self.send(now_ms, frame, auditor)
 
 
-class FrameFlood(Attack):
+class FrameFlood(Flood):
     """As many and as long AUDIT frames as its a-node lets out, for nobody."""
 
     name = "frame-flood"
@@ -55,13 +87,15 @@ class FrameFlood(Attack):
     bites_from = 40.0
     period_ms = 2
 
-    def on_wake(self, now_ms: int) -> list[Action]:
-        """One more."""
-        size = int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES
-        return self.send(now_ms, audit_frame(self.id, 0, 0x7F, bytes(size)), EVERYBODY)
+    def pour(self, now_ms: int) -> list[Action]:
+        """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
+        s = self.f.settings[0]
+        nobody = max(self.plan.ids) + 1 if s.profile == BOUND else 0
+        frame = audit_frame(self.id, nobody, 0x7F, bytes(int(s.frame_max) - request.AUDIT_HEAD_BYTES))
+        return self.send(now_ms, frame, nobody or EVERYBODY)
 
 
-class CovertTalk(Attack):
+class CovertTalk(Flood):
     """Talks to an accomplice in AUDIT frames, which no log shows."""
 
     name = "covert-talk"
@@ -72,7 +106,7 @@ class CovertTalk(Attack):
     bites_from = 4.0
     period_ms = 2
 
-    def on_wake(self, now_ms: int) -> list[Action]:
+    def pour(self, now_ms: int) -> list[Action]:
         """One more kilobyte."""
         others = self.plan.accomplices or tuple(sorted(self.seen))
         if not others:
@@ -113,7 +147,9 @@ class GhostAuditors(Attack):
 
     name = "ghost-auditors"
     does = f"broadcasts states of {GHOSTS} invented robots, of which others then ask audits in vain"
-    stopped_by = "in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never among claimed ones"
+    stopped_by = (
+        "in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never among claimed ones"
+    )
     verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
     harm = STARVED
     period_ms = 5
@@ -124,7 +160,7 @@ class GhostAuditors(Attack):
         return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, 900.0, -900.0, 0.0, 0.0), EVERYBODY)
 
 
-class Jam(Attack):
+class Jam(Flood):
     """Somebody's transmitter, beside the robots' radios: it asks no a-node."""
 
     name = "jam"
@@ -135,7 +171,7 @@ class Jam(Attack):
     bites_from = 40.0
     period_ms = 2
 
-    def on_wake(self, now_ms: int) -> list[Action]:
+    def pour(self, now_ms: int) -> list[Action]:
         """Noise."""
         del now_ms
         return [Transmit(audit_frame(0, 0, 0x7F, bytes(int(self.f.settings[0].frame_max) - 6)), EVERYBODY)]

@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 
 from phalanx.bti import log, request, rounds, trusted
 from phalanx.bti.audit import ENTRY_HEAD_BYTES
-from phalanx.bti.fleet import BOUND, PENDING, PLAIN, START
-from phalanx.robot import node
-from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.bti.fleet import PENDING, START
+from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import KIND_STATE, SENSOR
 
@@ -26,6 +25,7 @@ class DropEntries(Attack):
 
     name = "drop-entries"
     does = "leaves out of its log what its neighbours say, and drives as if it were alone"
+    on_wheels = True
     stopped_by = "the a-node has chained each message: without them its chain does not re-hash to the top"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     harm = UNEARNED
@@ -171,7 +171,9 @@ class SwapNodes(RequestForger):
 
     name = "swap-nodes"
     does = "drives as it likes, and shows the a-node's chain and authenticator as the s-node's"
-    stopped_by = "authenticators are made over the kind of their chain (`paper`) or not made by a-nodes at all (`bound`)"
+    stopped_by = (
+        "authenticators are made over the kind of their chain (`paper`) or not made by a-nodes at all (`bound`)"
+    )
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
 
     def make_request(self, now_ms: int) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from phalanx.bti import audit, request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
 from phalanx.bti.refusal import Refusal
-from phalanx.robot import node
+from phalanx.robot import auditor, node
 from phalanx.robot.cnode import Action, Verdict, row
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES, TOKEN
@@ -140,6 +140,7 @@ class Collude(Hijack):
 
     name = "collude"
     does = "drives as it likes; accomplices issue tokens to each other without a look at the log"
+    on_wheels = False
     stopped_by = "f_max accomplices give f_max tokens at most, and f_max + 1 are needed"
     verdicts: ClassVar[Mapping[Defence, Made]] = STOPPED
     liars = 2
@@ -157,7 +158,8 @@ class Collude(Hijack):
         q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
         if audit.open_request(self.w, q, length) != 0:
             return []
-        node.answer(self.f, self.i, self.w, place, src, 0)
+        refused = auditor.issue(self.f, self.i, self.w, q, self.w.small[2])
+        node.answer(self.f, self.i, self.w, place, src, refused)
         refusal = Refusal(int(self.w.told[node.TOLD_REFUSAL]))
         self.gained += refusal == Refusal.NONE
         verdict = Verdict(src, refusal)
@@ -172,12 +174,13 @@ class ZeroKey(Hijack):
 
     name = "zero-key"
     does = "makes itself tokens before the mission key comes, under the key zero and dated 49 days ahead; then drives"
+    on_wheels = False
     stopped_by = "in `bound` a node without a key computes no MAC, and loading one clears the tokens"
     verdicts: ClassVar[Mapping[Defence, Made]] = HOLE_OF_THE_PAPER
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """One token of each of f_max + 1 invented auditors (a true one's next would replace it), good until the clock ends."""
+        """One token of each of f_max + 1 invented auditors, whom no true token replaces; good until the clock ends."""
         zero, hckpt = bytes(KEY_BYTES), bytes(20)
         for tor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1

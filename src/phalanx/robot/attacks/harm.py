@@ -1,4 +1,4 @@
-"""What an attack has done to the swarm, as a number: measured in the world, beside the same run in which nobody lies."""
+"""What an attack has done to the swarm, as a number: measured in the world, beside the same run where nobody lies."""
 
 from __future__ import annotations
 

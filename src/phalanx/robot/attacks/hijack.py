@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from phalanx.robot.cnode import Action
+from phalanx.robot.controllers import wheels
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION
 
@@ -18,6 +19,8 @@ COMMAND = struct.Struct("<BHQff")
 FULL_MPS2 = 5.0
 # Of the ram: it closes in on its victim within a few seconds, and does not overshoot.
 SPRING_PER_S2, DAMPER_PER_S = 0.3, 1.1
+# On wheels: left and right, percent. A wide circle, so that it meets others and does not end at a wall.
+RUNAWAY_PCT = bytes((100, 80))
 
 
 class Hijack(Attack):
@@ -28,6 +31,7 @@ class Hijack(Attack):
 
     name = "hijack"
     does = "drives at the nearest robot, whatever its controller says"
+    on_wheels = True
     stopped_by = "the a-node has chained the commands, and replay gives others"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     harm = UNEARNED
@@ -35,8 +39,11 @@ class Hijack(Attack):
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """A command of its own in the place of the controller's."""
-        if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
-            output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
+        if self.lies(now_ms) and isinstance(output, Act):
+            if len(output.payload) == ACCELERATION.size:
+                output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
+            elif len(output.payload) == wheels.COMMAND_BYTES:
+                output = Act(output.payload[: wheels.BODY] + RUNAWAY_PCT + output.payload[wheels.BODY + 2 :])
         return super().put_out(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:
@@ -55,6 +62,7 @@ class Flee(Hijack):
 
     name = "flee"
     does = "drives away from the goal as fast as it can, out of everybody's range"
+    on_wheels = False
     stopped_by = "its commands differ from replay; and out of range it gets no tokens at all"
     bites_from = 100.0
 

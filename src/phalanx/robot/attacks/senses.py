@@ -7,7 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from phalanx.bti.fleet import START
 from phalanx.robot.cnode import Action
+from phalanx.wire.fields import put_u32
 from phalanx.wire.table import SENSOR
 
 from .attack import HOLE_OF_THE_PAPER, MOTION, NOT_COVERED, Attack, Defence, Verdict
@@ -21,7 +23,9 @@ class SpoofGps(Attack):
 
     name = "gps-spoof"
     does = "somebody outside has its position sensor drift aside"
-    stopped_by = "nothing: the s-node chains what the sensor says, and a robot that believes it behaves correctly (§2.2)"
+    stopped_by = (
+        "nothing: the s-node chains what the sensor says, and a robot that believes it behaves correctly (§2.2)"
+    )
     verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
     harm = UNEARNED
     bites_from = 5.0
@@ -58,7 +62,10 @@ class StuckSensor(Attack):
 
 
 class StarveSensors(Attack):
-    """Polls its sensors no more: without an INPUT no command and no message is due, and the log shows no fault."""
+    """Polls its sensors no more: without an INPUT no command and no message is due, and the log shows no fault.
+
+    If it has not polled them since boot, it says each time that it has just got its key, and nothing is missing yet.
+    """
 
     name = "starve-sensors"
     does = "does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited as ever"
@@ -71,6 +78,13 @@ class StarveSensors(Attack):
         """The s-node is not asked."""
         del now_ms, reading
         return []
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """The request says that the grid begins now, if the log begins at boot."""
+        if self.lies(now_ms) and self.f.robot[self.i].booted:
+            put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
+            self.f.robot[self.i].t_key = now_ms
+        return super().next_frame(now_ms)
 
 
 class Interleave(Attack):

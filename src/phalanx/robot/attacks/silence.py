@@ -19,6 +19,7 @@ class OmitSends(Attack):
 
     name = "omit-sends"
     does = "stops broadcasting where it is: others forget it, and do not keep clear"
+    on_wheels = True
     stopped_by = "replay sends states that the log lacks"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     bites_from = 0.05
@@ -67,6 +68,7 @@ class Crash(Attack):
 
     name = "crash"
     does = "does nothing any more; its actuators keep doing the last thing they were told"
+    on_wheels = True
     stopped_by = "replay commands and sends what the log lacks; and nobody asks for its audits"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     harm = UNEARNED

@@ -12,7 +12,7 @@ from phalanx.wire.table import KIND_STATE
 
 from .attack import MOTION, STOPPED, Attack, Defence, Verdict
 
-# Each victim hears a lie in each control period: the adversary "broadcasts spoofed packets faster than correct c-nodes".
+# Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes".
 LIES_PERIOD_MS = 250
 
 
