@@ -1,0 +1,66 @@
+"""What kernels and bundles promise: one pointer, the same arrays, and no compiled code that is older than its source."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from phalanx import kernel as kernel_module
+from phalanx.bundle import pack
+from phalanx.config import BtiConfig
+from phalanx.bti.audit import make_work
+from phalanx.sim.events import Queue, make_queue, pop, push
+
+SRC = Path(kernel_module.__file__).parent
+
+
+def test_a_bundle_shares_its_arrays_with_compiled_code():
+    queue = make_queue(4)
+    assert push(queue, 5, 7, 8, 9) == 0
+    assert queue.tally[0] == 1
+    queue.data[0, 1] = 80  # written in Python, read in compiled code
+    assert pop(queue) == (5, 7, 80, 9)
+
+
+def test_a_kernel_does_the_same_uncompiled():
+    compiled, plain = make_queue(8), make_queue(8)
+    for t_us in (5, 3, 9, 3, 1):
+        push(compiled, t_us, t_us, 0, 0)
+        push.py_func(plain, t_us, t_us, 0, 0)
+    assert np.array_equal(compiled.keys, plain.keys)
+    assert [pop(compiled) for _ in range(5)] == [pop.py_func(plain) for _ in range(5)]
+
+
+def test_a_bundle_is_itself_where_nothing_is_compiled(monkeypatch):
+    monkeypatch.setattr(kernel_module.numba.config, "DISABLE_JIT", 1)
+    queue = Queue(np.zeros((1, 2), np.int64), np.zeros((1, 3), np.int64), np.zeros(3, np.int64))
+    assert pack(queue, lambda _: 1 / 0) is queue
+
+
+def test_scratch_memory_holds_the_longest_batch_of_entries():
+    work = make_work(BtiConfig())
+    assert len(work.batch_a) == 10 * (7 + 2048) == len(work.batch_s)
+
+
+def stamp_of(root: Path, module: str) -> str:
+    code = f"from phalanx import kernel; print(kernel._stamp(kernel._ROOT / {module!r}))"
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(root)}
+    )
+    return run.stdout
+
+
+def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
+    copy = tmp_path / "phalanx"
+    shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__", "pages", "data"))
+    before = stamp_of(tmp_path, "sim/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    # Two imports away from the loop: loop -> node -> rounds.
+    rounds = copy / "bti" / "rounds.py"
+    rounds.write_text(rounds.read_text() + "\n# changed\n")
+    after = stamp_of(tmp_path, "sim/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    assert before[0] != after[0]
+    assert before[1] == after[1]
