@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from phalanx import kernel as kernel_module
+from phalanx.bti.audit import make_work
 from phalanx.bundle import pack
 from phalanx.config import BtiConfig
-from phalanx.bti.audit import make_work
 from phalanx.sim.events import Queue, make_queue, pop, push
 
 SRC = Path(kernel_module.__file__).parent
