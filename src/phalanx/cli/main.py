@@ -14,9 +14,11 @@ import click
 from phalanx import __version__
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 
+from .attack import attack
 from .doctor import doctor
 from .link import link
 from .reproduce import reproduce
+from .sim import sim
 from .up import up
 
 LEVELS = ("debug", "info", "warning", "error")
@@ -35,7 +37,7 @@ def phalanx(log_level: str) -> None:
     logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
 
 
-for command in (up, link, reproduce, doctor):
+for command in (up, link, sim, attack, reproduce, doctor):
     phalanx.add_command(command)
 
 

@@ -16,6 +16,7 @@ from phalanx.experiments.link_fig4_plot import draw
 from phalanx.experiments.link_fig4_table import KINDS, read_table, summarize
 
 from .options import login_option, read_login
+from .reproduce_bti import bti_fig8_command, bti_fig9_command
 from .run import run
 from .terminal import end_status_line, print_json, status_line
 
@@ -38,6 +39,10 @@ MATPLOTLIB_HINT = "pip install matplotlib"
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
 def reproduce() -> None:
     """Measure a figure of one of the papers and draw ours beside it."""
+
+
+reproduce.add_command(bti_fig8_command)
+reproduce.add_command(bti_fig9_command)
 
 
 @reproduce.command(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from phalanx.bti import request
+from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks import Attack
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
 
@@ -51,14 +53,26 @@ def wake(world: World, i: int, attack: Attack) -> None:
     push(world.queue, max(now_us + attack.period_ms * 1000, start_us), loop.WAKE, i, 0)
 
 
+def _addressed(world: World, action: Transmit) -> int:
+    """Whom the frame goes to: with an a-node, which hands it to the radio, what the frame itself says, or everybody."""
+    if int(world.fleet.settings[0].profile) == PLAIN:
+        return action.to
+    dst = int.from_bytes(action.frame[3:5], "little") if action.frame[0] & request.AUDIT else 0
+    return dst or EVERYBODY
+
+
 def perform(world: World, i: int, actions: list[Action]) -> None:
     """What the a-node let through happens. Source: none."""
     for action in actions:
         if isinstance(action, Transmit):
             frame = np.frombuffer(bytearray(action.frame), np.uint8)
+            to = _addressed(world, action)
             # An id that nobody has is a robot out of range.
-            to = BROADCAST if action.to == EVERYBODY else action.to - 1 if action.to > 0 else len(world.pos)
-            loop.transmit(world, i, frame, len(frame), to)
+            to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
+            lost = loop.transmit(world, i, frame, len(frame), to) < 0
+            if lost and frame[0] & request.AUDIT and frame[5] == request.FRAGMENT:
+                world.fleet.robot[i].request_len = 0
+                world.fleet.robot[i].quota = 0
         elif isinstance(action, Actuate):
             command = np.frombuffer(bytearray(action.command), np.uint8)
             body.actuate(world, i, command, len(command))

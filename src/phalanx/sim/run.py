@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -69,7 +70,7 @@ class Run:
         self._verdicts = VerdictReader(self.world)
         self._wall_s = 0.0
         self._sampled_s = 0
-        self._distances: list[list[float]] = []
+        self._distances: list[tuple[float, float | None]] = []
         self._in_quorum: list[NDArray[np.bool_]] = []
         self._without_quorum, self._counted = np.zeros(n, bool), np.zeros(n, bool)
         self._digest = hashlib.sha256(repr(scenario).encode())
@@ -79,6 +80,7 @@ class Run:
             for i in range(n):
                 self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
         start(self.world, self.robots)
+        loop.run(self.world, 0)  # compiles, if need be: that is not the world's slowness
 
     def _compromise(
         self,
@@ -129,8 +131,8 @@ class Run:
         correct = self._correct
         goal = np.array(self.scenario.goal_m)
         distance = np.sqrt(((self.world.pos - goal) ** 2).sum(axis=1))
-        mean = float(distance[correct].mean()) if correct.any() else float("nan")
-        self._distances.append([float(self._sampled_s), mean])
+        mean = float(distance[correct].mean()) if correct.any() else None
+        self._distances.append((float(self._sampled_s), mean))
         alive = correct & ~self.in_safe_mode
         start, ids = self.world.reach.start, self.world.reach.ids
         near = np.array([int(alive[ids[start[i] : start[i + 1]]].sum()) for i in range(len(alive))])
@@ -212,8 +214,8 @@ class Run:
             "contacts": int(world.clock[0].contacts),
             "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
             "log_bytes_max": int(world.fleet.robot["log_max"].max()),
-            "broadcast_delivery": delivery(world.air, APP_BROADCAST),
-            "unicast_delivery": delivery(world.air, AUDIT_UNICAST),
+            "broadcast_delivery": _known(delivery(world.air, APP_BROADCAST)),
+            "unicast_delivery": _known(delivery(world.air, AUDIT_UNICAST)),
             "real_time_factor": seconds / self._wall_s if self._wall_s else None,
         }
 
@@ -226,3 +228,8 @@ class Run:
             "first_deviation_s": None if deviated is None else (deviated - boot_ms) / 1000,
             "safe_mode_s": None if safe_us < 0 else safe_us / 1e6,
         }
+
+
+def _known(share: float) -> float | None:
+    """None where nothing was due: JSON has no NaN."""
+    return None if math.isnan(share) else share

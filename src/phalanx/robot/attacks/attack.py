@@ -109,6 +109,7 @@ class Attack(CNode):
         self.plan = plan
         self.first_deviation_ms: int | None = None
         self.last_deviation_ms: int | None = None
+        self.output_missing = False  # the first deviation: nobody can know of it before δ and the skew are over
         self.gained = 0  # what an attack on the audits got out of them, beyond what is due to an honest robot
         self.seen: dict[int, Motion] = {}
         self.me = Motion(0.0, 0.0, 0.0, 0.0)
@@ -141,7 +142,7 @@ class Attack(CNode):
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
         if self._put_out != due:
-            self.deviates(now_ms)
+            self.deviates(now_ms, output_missing=len(self._put_out) < len(due))
         self._put_out = None
         return actions
 
@@ -209,10 +210,11 @@ class Attack(CNode):
         """Whether it lies at this moment."""
         return self.plan.start_ms <= now_ms < self.plan.stop_ms
 
-    def deviates(self, now_ms: int) -> None:
+    def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
         """Remembers the moment: this an honest robot would not have done, or had done otherwise."""
         if self.first_deviation_ms is None:
             self.first_deviation_ms = now_ms
+            self.output_missing = output_missing
         self.last_deviation_ms = now_ms
 
     # --- what several attacks need ------------------------------------------------------------------------------------

@@ -1,0 +1,188 @@
+"""`phalanx sim`: run a scenario, list those that come with it, print the schema of their files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from phalanx.sim.play import play
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
+from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
+
+from .terminal import end_status_line, print_json, status_line
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def swarm_options(command: Command) -> Command:
+    """--robots, --spacing, --duration, --f-max, --t-audit, --t-val, --seed: what people change of a scenario."""
+    for option in reversed(
+        (
+            click.option("--robots", type=int, metavar="N", help="How many, on a square grid."),
+            click.option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
+            click.option("--duration", type=float, metavar="S", help="Simulated seconds."),
+            click.option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
+            click.option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
+            click.option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
+            click.option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
+        )
+    ):
+        command = option(command)
+    return command
+
+
+def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
+    """The scenario with what `swarm_options` were given.
+
+    Raises: UsageError: as for the scenario.
+    """
+    return scenario.with_options(
+        robots=said["robots"],
+        spacing_m=said["spacing"],
+        duration_s=said["duration"],
+        f_max=said["f_max"],
+        t_audit_s=said["t_audit"],
+        t_val_s=said["t_val"],
+        seed=said["seed"],
+        **more,
+    )
+
+
+@click.group(epilog="Example: phalanx sim run bti-fig9 --record fig9.mcap")
+def sim() -> None:
+    """What is really done: a simulated swarm whose robots audit each other."""
+
+
+@sim.command(
+    epilog="Example: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
+    "docs/scenarios.md says what a file may hold"
+)
+@click.argument("scenario")
+@swarm_options
+@click.option("--defence", type=click.Choice(DEFENCES), help="none, the paper's as printed, or ours.")
+@click.option(
+    "--attack",
+    "attacks",
+    multiple=True,
+    metavar="NAME[:robot=I,at=T,…]",
+    help="Instead of the scenario's own; again for a further robot.",
+)
+@click.option(
+    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | None, as_json: bool, **said: Any) -> int:
+    """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
+
+    The same scenario and seed give the same digest.
+    """
+    chosen = changed(
+        find_scenario(scenario), said, defence=defence, attacks=tuple(map(parse_attack, attacks)) if attacks else None
+    )
+    try:
+        ended = play(chosen, record, progress(chosen.duration_s))
+    except KeyboardInterrupt:
+        end_status_line()
+        click.echo("stopped" + (f"; recorded until then: {record}" if record else ""), err=True)
+        return 1
+    end_status_line()
+    if as_json:
+        print_json(ended.summary())
+    else:
+        show(chosen, ended.summary())
+    if record:
+        click.echo(f"recorded: {record}", err=True)
+    return 0
+
+
+@sim.command("list", epilog="Example: phalanx sim list --json")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def list_scenarios(as_json: bool) -> None:
+    """The scenarios that come with phalanx."""
+    found = [find_scenario(name) for name in built_in_names()]
+    if as_json:
+        rows = [
+            {
+                "name": each.name,
+                "about": each.about,
+                "robots": each.robots,
+                "duration_s": each.duration_s,
+                "defence": each.defence,
+                "attacks": [attack.name for attack in each.attacks],
+            }
+            for each in found
+        ]
+        print_json({"scenarios": rows})
+        return
+    for each in found:
+        click.echo(f"{each.name:12} {each.robots:4} robots {each.duration_s:5g} s  {each.defence:6} {each.about}")
+
+
+@sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
+def schema() -> None:
+    """The JSON schema of scenario files, for editors."""
+    click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+
+
+def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
+    """Progress on stderr: one line that changes in a terminal, at most eleven lines elsewhere."""
+    tenth = -1
+
+    def tell(run: Run) -> None:
+        nonlocal tenth
+        done = run.now_s / duration_s
+        stopped = int(run.in_safe_mode.sum())
+        text = f"{label}{run.now_s:.0f} of {duration_s:g} s simulated, {stopped} robots in Safe Mode"
+        status_line(f"{text}   Ctrl-C stops")
+        if not sys.stderr.isatty() and int(10 * done) != tenth:
+            tenth = int(10 * done)
+            click.echo(text, err=True)
+
+    return tell
+
+
+def show(scenario: Scenario, summary: dict[str, Any]) -> None:
+    """A run's summary for people, on stdout."""
+    rows = {
+        "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
+        f"defence {summary['defence']}, seed {summary['seed']}",
+        "distance to the goal": told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots"),
+        "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
+        "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
+        "for want of a quorum": _ids(summary["without_quorum"]),
+        "contacts": str(summary["contacts"]),
+        "sent": "{app:.0f} B/s a robot by the flock, {audit:.0f} by the audits".format(
+            **summary["bytes_per_s_per_robot"]
+        ),
+        "longest log": f"{summary['log_bytes_max']} B",
+        "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "
+        f"{told(summary['unicast_delivery'], '.4f')} of unicasts",
+        "speed": told(summary["real_time_factor"], ".3g", " times real time"),
+        "digest": summary["digest"],
+    }
+    for name, words in rows.items():
+        click.echo(f"{name:22} {words}")
+
+
+def told(value: float | None, form: str, unit: str = "") -> str:
+    """A number, or a dash where there is none."""
+    return "-" if value is None else f"{value:{form}}{unit}"
+
+
+def _liar(liar: dict[str, Any]) -> str:
+    began = told(liar["first_deviation_s"], ".2f", " s")
+    stopped = told(liar["safe_mode_s"], ".2f", " s")
+    words = f"robot {liar['robot']} ({liar['attack']})"
+    if liar["first_deviation_s"] is None:
+        return f"{words} never deviated"
+    return f"{words} deviated at {began}" + (", never stopped" if stopped == "-" else f", in Safe Mode at {stopped}")
+
+
+def _ids(ids: list[int]) -> str:
+    return ", ".join(map(str, ids)) or "none"

@@ -1,0 +1,268 @@
+"""`phalanx sim`, `phalanx attack`, `phalanx reproduce bti-…`: what they print, refuse and leave behind."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import subprocess
+import time
+
+import pytest
+from mcap.reader import make_reader
+
+from conftest import PHALANX, ROOT
+from phalanx.cli.main import run_command
+from phalanx.robot.attacks import ATTACKS
+from phalanx.sim.play import play
+from phalanx.sim.scenario import parse_attack
+from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
+
+QUICK = ("--duration", "3", "--robots", "6")
+KEYS = set(
+    """robots duration_s seed defence digest mean_distance_to_goal_m distance_series compromised correct_in_safe_mode
+    without_quorum contacts bytes_per_s_per_robot log_bytes_max broadcast_delivery unicast_delivery
+    real_time_factor""".split()
+)
+
+
+@pytest.fixture
+def phalanx(capsys):
+    """Exit code, stdout, stderr of a command."""
+
+    def call(*words: str):
+        code = run_command(list(words))
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+@pytest.fixture
+def said(phalanx):
+    """What a command prints as JSON."""
+
+    def call(*words: str):
+        code, out, err = phalanx(*words, "--json")
+        assert code == 0, err
+        return json.loads(out)
+
+    return call
+
+
+class TestRun:
+    def test_json_has_everything_that_is_promised(self, said):
+        told = said("sim", "run", "bti-fig9", "--duration", "17")
+        assert set(told) >= KEYS
+        assert (told["robots"], told["duration_s"], told["seed"], told["defence"]) == (25, 17, 0, "bound")
+        assert [t_s for t_s, _ in told["distance_series"]] == list(range(1, 18))
+        assert told["distance_series"][-1][1] == told["mean_distance_to_goal_m"]
+        (liar,) = told["compromised"]
+        assert liar == {
+            "robot": find_scenario("bti-fig9").drawn_attacks()[0].robot,
+            "attack": "spoof",
+            "first_deviation_s": pytest.approx(15, abs=0.3),
+            "safe_mode_s": None,
+        }
+        assert told["correct_in_safe_mode"] == told["without_quorum"] == []
+        assert told["bytes_per_s_per_robot"]["audit"] > told["bytes_per_s_per_robot"]["app"] > 0
+        assert 0.9 < told["broadcast_delivery"] <= 1
+
+    @pytest.mark.parametrize("name", built_in_names())
+    def test_every_built_in_scenario_runs(self, said, name):
+        told = said("sim", "run", name, "--duration", "2")
+        assert told["robots"] == find_scenario(name).robots
+
+    @pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+    def test_the_same_seed_gives_the_same_digest_and_another_does_not(self, said, defence):
+        first, again, other = (
+            said("sim", "run", "flock-12", *QUICK, "--defence", defence, "--seed", seed)["digest"]
+            for seed in ("1", "1", "2")
+        )
+        assert first == again != other
+
+    def test_options_are_the_scenario_s(self, said):
+        words = "--robots 16 --spacing 40 --duration 4 --defence paper --f-max 2 --t-audit 3 --t-val 9 --seed 5".split()
+        told = said("sim", "run", "bti-fig8", *words, "--attack", "hijack:robot=3,at=1", "--attack", "crash:robot=4")
+        scenario = find_scenario("bti-fig8").with_options(
+            robots=16,
+            spacing_m=40.0,
+            duration_s=4.0,
+            defence="paper",
+            f_max=2,
+            t_audit_s=3.0,
+            t_val_s=9.0,
+            seed=5,
+            attacks=(parse_attack("hijack:robot=3,at=1"), parse_attack("crash:robot=4")),
+        )
+        assert told["digest"] == play(scenario).summary()["digest"]
+        assert [(liar["robot"], liar["attack"]) for liar in told["compromised"]] == [(3, "hijack"), (4, "crash")]
+
+    def test_a_file_runs(self, said, tmp_path):
+        path = tmp_path / "mine.yaml"
+        path.write_text("robots: 5\nduration_s: 2\ndefence: none\n")
+        told = said("sim", "run", str(path))
+        assert (told["robots"], told["duration_s"], told["defence"]) == (5, 2, "none")
+
+    def test_for_people_it_is_a_table_and_stdout_has_nothing_else(self, phalanx):
+        code, out, err = phalanx("sim", "run", "bti-fig8", *QUICK, "--attack", "spoof:robot=2,at=1")
+        assert code == 0
+        assert "defence none, seed 0" in out
+        assert "robot 2 (spoof) deviated at" in out
+        assert "never stopped" in out
+        assert "3 of 3 s simulated" in err
+
+    def test_nobody_honest_is_left(self, said):
+        told = said("sim", "run", "flock-12", "--robots", "2", "--duration", "2", *("--attack", "spoof") * 2)
+        assert told["mean_distance_to_goal_m"] is None
+        assert told["distance_series"] == [[1.0, None], [2.0, None]]
+
+    def test_it_records(self, phalanx, tmp_path):
+        path = tmp_path / "x.mcap"
+        code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--record", str(path))
+        assert code == 0
+        assert f"recorded: {path}" in err
+        with path.open("rb") as file:
+            assert make_reader(file).get_summary().statistics.message_count > 3 * 13
+
+    @pytest.mark.parametrize(
+        "words, complaint, hint",
+        [
+            (["bti-fig7"], "no scenario 'bti-fig7'", "did you mean bti-fig"),
+            (["none.yaml"], "no file none.yaml", "phalanx sim list"),
+            (["bti-fig8", "--attack", "spoff"], "no 'spoff'", "did you mean spoof?"),
+            (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "robots are 1 to 25"),
+            (["bti-fig8", "--attack", "spoof:at"], "'at' in 'spoof:at'", "for example"),
+            (["bti-fig8", "--robots", "0"], "0 robots", "1 to 65535"),
+            (["bti-fig8", "--t-audit", "9"], "tokens count for 10000 ms", "1.5 times"),
+            (["bti-fig8", "--record", "none/x.mcap"], "no folder none", "make it first"),
+            (["bti-fig8", "--defence", "prayer"], "prayer", "--help"),
+        ],
+    )
+    def test_misuse_is_one_line_and_a_hint(self, phalanx, words, complaint, hint):
+        code, out, err = phalanx("sim", "run", *words)
+        assert (code, out) == (2, "")
+        error, hinted = err.strip().splitlines()[-2:]
+        assert error.startswith("phalanx: error: ")
+        assert complaint in error
+        assert hinted.startswith("phalanx: hint: ")
+        assert hint in hinted
+
+    def test_a_mistake_in_a_file_has_its_line(self, phalanx, tmp_path):
+        path = tmp_path / "bad.yaml"
+        path.write_text("robots: 9\ndefense: none\n")
+        code, _, err = phalanx("sim", "run", str(path))
+        assert code == 2
+        assert f"{path}:2: scenario has no 'defense'" in err
+        assert "did you mean defence?" in err
+
+    def test_ctrl_c_ends_it_with_a_whole_recording(self, tmp_path):
+        path = tmp_path / "x.mcap"
+        process = subprocess.Popen(
+            [*PHALANX, "sim", "run", "bti-fig9", "--duration", "5000", "--record", str(path)],
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        try:
+            deadline = time.monotonic() + 120
+            while not (path.exists() and path.stat().st_size > 100_000):
+                assert time.monotonic() < deadline
+                assert process.poll() is None
+                time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
+        assert process.returncode == 1
+        assert err.splitlines()[-1] == f"stopped; recorded until then: {path}"
+        with path.open("rb") as file:
+            assert make_reader(file).get_summary().statistics.message_count > 0
+
+
+class TestLists:
+    def test_scenarios(self, phalanx, said):
+        listed = said("sim", "list")["scenarios"]
+        assert [each["name"] for each in listed] == built_in_names()
+        _, out, _ = phalanx("sim", "list")
+        assert [line.split()[0] for line in out.splitlines()] == built_in_names()
+
+    def test_the_schema(self, phalanx):
+        code, out, _ = phalanx("sim", "schema")
+        assert code == 0
+        assert json.loads(out) == scenario_schema()
+
+    def test_attacks_with_what_each_defence_makes_of_them(self, phalanx, said):
+        listed = said("attack", "list")["attacks"]
+        assert [each["name"] for each in listed] == sorted(ATTACKS)
+        for each in listed:
+            assert set(each["verdicts"]) == {"none", "paper", "bound"}
+            assert each["does"]
+            assert each["stopped_by"]
+        _, out, _ = phalanx("attack", "list")
+        for name in ATTACKS:
+            assert any(line.startswith(f"{name} ") for line in out.splitlines())
+
+
+class TestAttack:
+    def test_bound_stops_it_in_time_and_says_so(self, phalanx, said):
+        words = ("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
+        told = said(*words)
+        (stop,) = told["stops"]
+        assert told["stopped_in_time"] is True
+        assert stop["safe_mode_s"] - stop["first_deviation_s"] <= told["bound_s"] == 10.251
+        assert (told["declared"], told["defence"], told["attack"]) == ("stopped", "bound", "spoof")
+        code, out, _ = phalanx(*words)
+        assert code == 0
+        assert "10.251 s from deviation to Safe Mode: kept" in out
+        assert f"robot {stop['robot']}" in out
+
+    def test_undefended_it_goes_on(self, said):
+        told = said("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9", "--defence", "none")
+        assert told["bound_s"] is told["stopped_in_time"] is None
+        assert told["stops"][0]["safe_mode_s"] is None
+        assert told["harm"] > 0
+
+    def test_an_attack_takes_as_many_robots_as_it_needs(self, said):
+        told = said("attack", "run", "collude:robot=3,at=1", "--duration", "2", "--robots", "9")
+        robots = [stop["robot"] for stop in told["stops"]]
+        assert 3 in robots
+        assert len(robots) == ATTACKS["collude"].liars > 1
+
+    def test_too_late_ends_with_1(self, phalanx, monkeypatch):
+        monkeypatch.setattr("phalanx.experiments.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
+        code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
+        assert code == 1
+        assert "BROKEN" in out
+
+    def test_an_unknown_one_is_refused(self, phalanx):
+        code, _, err = phalanx("attack", "run", "spoff")
+        assert code == 2
+        assert "did you mean spoof?" in err
+
+
+class TestFigures:
+    @pytest.mark.slow
+    def test_fig9_of_one_seed_from_the_command(self, phalanx, tmp_path):
+        pytest.importorskip("matplotlib")
+        words = ("reproduce", "bti-fig9", "--seeds", "1", "--out", str(tmp_path))
+        code, out, err = phalanx(*words)
+        assert code == 0
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["bti-fig9.csv", "bti-fig9.png", "bti-fig9.svg"]
+        assert out.splitlines()[-1].startswith("agrees: from its first lie to Safe Mode")
+        assert out.splitlines()[-1].endswith("nothing disagrees")
+        assert "2 of 2 runs" in err
+        before = (tmp_path / "bti-fig9.csv").read_bytes()
+        began = time.monotonic()
+        code, out, _ = phalanx(*words, "--json")
+        assert code == 0
+        assert time.monotonic() - began < 60
+        assert (tmp_path / "bti-fig9.csv").read_bytes() == before, "nothing is run again"
+        rows = json.loads(out)["rows"]
+        assert len(rows) == 6
+        assert all(math.isfinite(float(row["ours"].split()[0].rstrip(","))) for row in rows)
+
+    def test_no_seeds(self, phalanx, tmp_path):
+        code, _, err = phalanx("reproduce", "bti-fig8", "--seeds", "0", "--out", str(tmp_path))
+        assert code == 2
+        assert "0 seeds" in err
