@@ -17,6 +17,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from .attack import attack
 from .doctor import doctor
 from .link import link
+from .mission import mission
 from .reproduce import reproduce
 from .sim import sim
 from .up import up
@@ -37,7 +38,7 @@ def phalanx(log_level: str) -> None:
     logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
 
 
-for command in (up, link, sim, attack, reproduce, doctor):
+for command in (up, link, mission, sim, attack, reproduce, doctor):
     phalanx.add_command(command)
 
 

@@ -12,8 +12,10 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
+from phalanx.gateway.simulated import DEFENCES, simulated_swarm
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
+from phalanx.robot import Swarm
 
 from .options import broker_options, link_options, read_login
 from .run import run
@@ -24,6 +26,17 @@ from .terminal import EventLines, end_status_line, qr_text, status_line
 @link_options
 @click.option("--robots", type=int, default=12, show_default=True, help="Simulated robots.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
+@click.option(
+    "--defence",
+    type=click.Choice(DEFENCES),
+    help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
+    "  [default: bound, for up to 100 robots]",
+)
+@click.option(
+    "--f-max",
+    type=click.IntRange(1, 15),
+    help="Liars that are tolerated at a time.  [default: 3, or what so few robots allow]",
+)
 @broker_options
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
@@ -41,6 +54,8 @@ def up(
     root: str,
     robots: int,
     seed: int,
+    defence: str | None,
+    f_max: int | None,
     broker: str,
     broker_ws: str,
     broker_login: Path | None,
@@ -60,6 +75,8 @@ def up(
     options = UpOptions(
         robots=robots,
         seed=seed,
+        defence=defence,
+        f_max=f_max,
         broker=broker,
         broker_ws=broker_ws,
         login=read_login(broker_login),
@@ -72,17 +89,23 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
+    # Not within the event loop: compiling can take minutes, in which Ctrl-C should end it.
+    swarm = simulated_swarm(robots, seed, defence, f_max, _talk)
     if events:
         lines = EventLines()
         try:
-            run(run_gateway(options, lines))
+            run(run_gateway(options, lines, swarm=swarm))
         finally:
             lines.close()
     else:
-        _run_for_people(options)
+        _run_for_people(options, swarm)
 
 
-def _run_for_people(options: UpOptions) -> None:
+def _talk(words: str) -> None:
+    click.echo(f"phalanx: {words}", err=True)
+
+
+def _run_for_people(options: UpOptions, swarm: Swarm) -> None:
     watch: list[asyncio.Task[None]] = []
 
     def say(event: dict[str, Any]) -> None:
@@ -101,7 +124,7 @@ def _run_for_people(options: UpOptions) -> None:
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
 
-    run(run_gateway(options, say, started))
+    run(run_gateway(options, say, started, swarm))
     end_status_line()
 
 

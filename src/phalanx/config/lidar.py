@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from phalanx.errors import UsageError
 
@@ -117,3 +117,15 @@ class ExtractionConfig:
         for field in fields(self):
             limits.setdefault(field.name, (1e-3, 1.5))
         _check(self, limits)
+
+    def for_noise(self, noise_m: float) -> ExtractionConfig:
+        """These settings, wide enough for a sensor whose ranges have such a standard deviation; as they are up to 1 cm.
+
+        Source: none (measured, docs/adr/0030).
+        """
+        return replace(
+            self,
+            split_m=max(self.split_m, 4.5 * noise_m),
+            line_m=max(self.line_m, 3.5 * noise_m),
+            jump_m=max(self.jump_m, 5.0 * noise_m),
+        )

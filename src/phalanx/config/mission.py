@@ -87,6 +87,7 @@ class MissionConfig:
         hash_tries: fast tries in one step (paper profile).
         tried_limit: tries that are remembered, so that they are not made again.
         arrive_m: so near is there, on the way back.
+        passing_m: a node decoded before counts as reached by a pose whose last fix is not longer ago than this.
         timeout_s: without a validation for so long, back to the last validated state; a node may say otherwise.
         messages_kept: encoded messages that are remembered; the oldest is forgotten first.
     Raises: UsageError: a value is out of range.
@@ -104,6 +105,7 @@ class MissionConfig:
     hash_tries: int = 200_000
     tried_limit: int = 4096
     arrive_m: float = 0.7
+    passing_m: float = 5.0
     timeout_s: float = 60.0
     messages_kept: int = 8
 
@@ -122,6 +124,7 @@ class MissionConfig:
                 "hash_tries": (1, 1 << 30),
                 "tried_limit": (16, 1 << 20),
                 "arrive_m": (0.01, 10.0),
+                "passing_m": (0.0, 1e6),
                 "timeout_s": (0.1, 1e6),
                 "messages_kept": (1, 64),
             },

@@ -32,6 +32,7 @@ class Queue(NamedTuple):
     data: NDArray[np.int64]
     tally: NDArray[np.int64]
 
+
 QueueType, QueueRef = reference(Queue)
 
 

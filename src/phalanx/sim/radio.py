@@ -86,6 +86,7 @@ class Air(NamedTuple):
     data_capture: float
     tries: int
 
+
 AirType, AirRef = reference(Air)
 
 

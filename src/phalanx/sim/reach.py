@@ -43,6 +43,7 @@ class Reach(NamedTuple):
     first: NDArray[np.int32]
     after: NDArray[np.int32]
 
+
 ReachType, ReachRef = reference(Reach)
 
 

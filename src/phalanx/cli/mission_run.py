@@ -1,0 +1,224 @@
+"""`phalanx mission run`: robots that know only the encoded graph live a mission in a simulated building."""
+
+from __future__ import annotations
+
+import os
+import random
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.errors import UsageError
+from phalanx.mission import (
+    Action,
+    BuildOptions,
+    Built,
+    EncodedMission,
+    Mission,
+    Profile,
+    StartKey,
+    admit,
+    build,
+    check_signature,
+)
+from phalanx.mission.graph import Node
+from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.mission.observable import Landmark
+from phalanx.mission.records import OPEN_START
+from phalanx.sim.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.mission_run import MissionRun, Part, run_mission, summary
+from phalanx.sim.odometry import OdometryNoise, Pose
+
+from .mission_files import MAGIC, built_in_missions, read_encoded, read_plain, read_start_key, read_trusted
+from .terminal import end_status_line, print_json, status_line
+
+CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
+
+
+@click.command(
+    "run", epilog="Example: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage"
+)
+@click.argument("source", metavar="FILE|BUILTIN")
+@click.option("--world", "world", metavar="NAME|FILE", help="The building; without, the one the mission names.")
+@click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
+@click.option(
+    "--noise",
+    default="0.03,0.05",
+    show_default=True,
+    metavar="SIGMA_T,SIGMA_R[,stage|fixed|step]",
+    help="Of the odometry: for way and turns, and where the factor comes from.",
+)
+@click.option(
+    "--profile",
+    type=click.Choice([profile.name.lower() for profile in Profile]),
+    default="sealed",
+    show_default=True,
+    help="In which a plain mission is encoded first.",
+)
+@click.option("--key", type=click.Path(path_type=Path), help="Start key of a sealed FILE; without, FILE.key.")
+@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
+@click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
+@click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
+@click.option(
+    "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything that is drawn.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def run_command(
+    source: str,
+    world: str | None,
+    robots: int | None,
+    noise: str,
+    profile: str,
+    key: Path | None,
+    trust: tuple[str, ...],
+    at_s: float | None,
+    duration: float,
+    meet_m: float,
+    seed: int,
+    as_json: bool,
+) -> int:
+    """Run a mission; exit 1 if a robot did not complete it.
+
+    A plain mission is encoded first, from the seed. The same mission, options and seed give the same digest.
+    """
+    trusted = [read_trusted(word) for word in trust] or None
+    plain: Mission | None = None
+    if _is_encoded(source):
+        encoded = read_encoded(Path(source))
+        pairs = [(encoded, _start_key(Path(source), key, encoded))]
+    else:
+        if trusted or key:
+            raise UsageError("--trust and --key are for encoded missions", "phalanx mission build makes one")
+        plain = read_plain(source)
+        pairs = [(each.mission, each.key) for each in _built(plain, profile, seed)]
+    plan = load_floorplan(world or (plain.floor_plan if plain and plain.floor_plan else DEFAULT))
+    if plan.start is None:
+        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+    if plain is not None:
+        plan = with_codes(plan, plain)
+    count = robots if robots is not None else len(pairs)
+    begin_s = float(pairs[0][0].header.valid_from_s) if at_s is None else at_s
+    for encoded, _ in pairs if plain is None else ():
+        if trusted:
+            check_signature(encoded, trusted)
+        if encoded.header.robots and count > len(encoded.header.robots):
+            raise UsageError(f"{count} robots", f"the mission is for {len(encoded.header.robots)}")
+        admit(encoded, (encoded.header.robots or (1,))[0], begin_s, ())
+    run = MissionRun(
+        plan=plan,
+        parts=tuple(
+            Part(encoded, start_key, _start(plan, plain, part)) for part, (encoded, start_key) in enumerate(pairs)
+        ),
+        robots=count,
+        noise=OdometryNoise.parse(noise),
+        seed=seed,
+        begin_s=begin_s,
+        duration_s=duration,
+        pool=_pool(plain),
+        controller=tuple(message for _, start_key in pairs if start_key for message in start_key.messages.values()),
+        meet_m=meet_m,
+    )
+    try:
+        reports = run_mission(
+            run, os.cpu_count() or 1, lambda share: status_line(f"{100 * share:.0f} %   Ctrl-C stops")
+        )
+    except KeyboardInterrupt:
+        end_status_line()
+        click.echo("stopped", err=True)
+        return 1
+    end_status_line()
+    told = summary(run, reports)
+    if as_json:
+        print_json(told)
+    else:
+        _show(told)
+    return 0 if told["completed"] == told["robots"] else 1
+
+
+def with_codes(plan: FloorPlan, plain: Mission) -> FloorPlan:
+    """The building with the QR codes on its walls that the mission's author put there and the map does not show."""
+    shown = {code.text for code in plan.codes}
+    hung = [
+        WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
+        for node in plain.nodes
+        for alias in node.see
+        for thing in alias
+        if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
+    ]
+    return replace(plan, codes=(*plan.codes, *hung)) if hung else plan
+
+
+def _is_encoded(source: str) -> bool:
+    if source in built_in_missions():
+        return False
+    try:
+        with Path(source).open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False  # read_plain says what is wrong
+
+
+def _start_key(path: Path, key: Path | None, encoded: EncodedMission) -> StartKey | None:
+    if key is not None:
+        return read_start_key(key)
+    beside = path.with_name(path.name + ".key")
+    if beside.exists():
+        return read_start_key(beside)
+    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
+        raise UsageError(f"{path} needs its start key", f"--key FILE, or {beside.name} beside it")
+    return None
+
+
+def _built(plain: Mission, profile: str, seed: int) -> list[Built]:
+    # From the seed: a simulation's secrets keep nobody out, and the same seed shall give the same digest.
+    return build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(seed).randbytes)  # noqa: S311
+
+
+def _start(plan: FloorPlan, plain: Mission | None, part: int) -> Pose:
+    """Where a part's robots are put: its start node's place, if the author is asked; else where the map says."""
+    assert plan.start is not None, "checked before"
+    if plain is None:
+        return plan.start
+    name = plain.parts[part]
+    starts = [node for node in plain.nodes if node.start and node.part == name]
+    place = starts[0].place
+    return plan.start if place is None else (*place, plan.start[2])
+
+
+def _pool(plain: Mission | None) -> tuple[Action, ...]:
+    """The actions that the mission's author counts on, which the robots are taken to be capable of."""
+    if plain is None:
+        return ()
+
+    def of(node: Node) -> list[Action]:
+        said = [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
+        return [*said, node.do] if node.do else said
+
+    actions = [action for node in plain.nodes for action in of(node)]
+    return tuple(dict.fromkeys([*actions, *(way.do for way in plain.ways if way.do)]))
+
+
+def _show(told: dict[str, Any]) -> None:
+    click.echo(
+        f"{told['completed']} of {told['robots']} robots completed   {told['decoded']} of {told['nodes']} nodes decoded   "
+        f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
+    )
+    click.echo(f"hashes tried          {told['hashes_tried']}")
+    for name, words, unit in (
+        ("search_ms", "search", "ms"),
+        ("extraction_ms", "extraction", "ms"),
+        ("pose_error_m", "pose error", "m"),
+        ("odometry_error_m", "odometry alone", "m"),
+    ):
+        cells = [
+            f"{which} {told[f'{name}_{which}']:.3f} {unit}" for which in ("p50", "max") if f"{name}_{which}" in told
+        ]
+        click.echo(f"{words:22}{'   '.join(cells)}")
+    for row in told["actions"]:
+        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
+    for row in told["not_validated"]:
+        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   not validated: {row['reason']}")
+    click.echo(f"digest {told['digest']}")

@@ -1,0 +1,81 @@
+"""Encoded missions: what a robot can only read by living it (the second shield).
+
+Write one as a `Draft` or in YAML (`plain_mission`), `build` it, check it with `check_signature` and `admit`, and walk
+it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
+"""
+
+from .authoring import plain_mission
+from .canonical import canonical
+from .claims import Claim, allowed, opens, parse_claim, shows
+from .compiling import build
+from .fix import Fix
+from .gate import StartKey, parse_start_key
+from .graph import Draft, Mission, Node, PlainWay
+from .making import BuildOptions, Built
+from .observable import (
+    LANDMARK_TYPES,
+    Action,
+    Direction,
+    Experience,
+    Landmark,
+    Message,
+    Observable,
+    Position,
+    Previous,
+    Sensor,
+    Time,
+)
+from .opening import Opened, OpenWay
+from .outcome import Kind, Order, Outcome, Reason
+from .records import EncodedMission, Header, Profile, parse_mission
+from .signing import admit, check_signature, public_key, sign
+from .walk import Phase
+from .walker import State, Walker
+
+__all__ = [
+    "LANDMARK_TYPES",
+    "Action",
+    "BuildOptions",
+    "Built",
+    "Claim",
+    "Direction",
+    "Draft",
+    "EncodedMission",
+    "Experience",
+    "Fix",
+    "Header",
+    "Kind",
+    "Landmark",
+    "Message",
+    "Mission",
+    "Node",
+    "Observable",
+    "OpenWay",
+    "Opened",
+    "Order",
+    "Outcome",
+    "Phase",
+    "PlainWay",
+    "Position",
+    "Previous",
+    "Profile",
+    "Reason",
+    "Sensor",
+    "StartKey",
+    "State",
+    "Time",
+    "Walker",
+    "admit",
+    "allowed",
+    "build",
+    "canonical",
+    "check_signature",
+    "opens",
+    "parse_claim",
+    "parse_mission",
+    "parse_start_key",
+    "plain_mission",
+    "public_key",
+    "shows",
+    "sign",
+]

@@ -1,0 +1,140 @@
+"""Claims: how an auditor checks a decode without the search, and without learning what the node opens.
+
+A robot that says it decoded a node shows what it hashed. One hash or one KDF tells whether that opens the node; whether
+the reading that the robot kept shows it is told by making the same canonical bytes from the reading again. A robot can
+pretend not to have seen a landmark; it cannot pretend to have seen one.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from phalanx.config.mission import MissionConfig
+from phalanx.errors import TooLarge
+
+from . import paper, sealed
+from .canonical import Shape, canonical, parse_shape, place_bytes
+from .observable import Cell, Experience, Offset
+from .reader import Reader
+from .records import ROAM, START, EncodedMission, Profile
+from .route import Map
+from .search import as_seen, cell_seen, distance_m, rings_of, turns_of, variants
+
+CLAIM_LIMIT = 16_384
+_FIXED = struct.Struct("<IBHhhhhiihi")
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A decoded node, as an auditor is shown it.
+
+    Args:
+        offset: of the cells; in the sealed profile the robot's word, off by at most half a cell.
+        cell: that matched.
+        observed: the canonical bytes that were hashed.
+        salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
+    """
+
+    node: int
+    alias: int
+    shape: Shape
+    offset: Offset
+    cell: Cell
+    observed: bytes
+    salt: bytes = b""
+
+    def encode(self) -> bytes:
+        """As sent to an auditor."""
+        fixed = _FIXED.pack(self.node, self.alias, self.shape.code, *self.offset, *self.cell)
+        return fixed + bytes([len(self.salt)]) + self.salt + self.observed
+
+
+def parse_claim(raw: bytes) -> Claim:
+    """The claim in these bytes, of whatever robot sent them.
+
+    Raises: TooLarge, MalformedMission.
+    """
+    if len(raw) > CLAIM_LIMIT:
+        raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
+    reader = Reader(raw)
+    node, alias, code, *rest = reader.unpack(_FIXED)
+    salt = reader.short()
+    return Claim(node, alias, parse_shape(code), Offset(*rest[:4]), Cell(*rest[4:]), reader.take(reader.left), salt)
+
+
+def allowed(mission: EncodedMission, opened: Collection[int], node: int) -> bool:
+    """Whether the graph lets a robot that opened these nodes, and no others, open this one: none is skipped.
+
+    Args:
+        mission: that is walked.
+        opened: earlier claims' nodes.
+        node: of this claim.
+    """
+    if not 0 <= node < len(mission.nodes):
+        return False
+    if mission.header.flags & ROAM:
+        return True
+    if not opened:
+        return bool(mission.nodes[node].flags & START)
+    graph = Map(mission)
+    return any(before in opened for before in graph.before[node]) and graph.may_enter(node, opened)
+
+
+def opens(mission: EncodedMission, claim: Claim) -> bool:
+    """Whether what is claimed opens the node: one hash, or one KDF."""
+    if not 0 <= claim.node < len(mission.nodes) or not 0 <= claim.alias < len(mission.nodes[claim.node].aliases):
+        return False
+    alias = mission.nodes[claim.node].aliases[claim.alias]
+    if mission.header.profile is Profile.PAPER:
+        return alias.offset == claim.offset and paper.node_hash(claim.observed) == alias.mark
+    return sealed.try_observation(mission.header, claim.observed, claim.salt)[0] == alias.mark
+
+
+def shows(
+    mission: EncodedMission,
+    config: MissionConfig,
+    claim: Claim,
+    seen: Experience,
+    heard: tuple[bytes, ...] = (),
+    released: bytes = b"",
+) -> bool:
+    """Whether a search in this experience would have come upon the claimed bytes.
+
+    Args:
+        mission: that is walked.
+        config: of the robot.
+        claim: by the robot.
+        seen: made from the reading that the robot kept.
+        heard: messages that had come (paper profile).
+        released: H of the node before, for chained nodes (paper profile).
+    """
+    coding = mission.header.coding
+    half_mm = coding.delta_mm // 2 + 1
+    if max(abs(claim.offset.x), abs(claim.offset.y)) > half_mm or not 0 <= claim.node < len(mission.nodes):
+        return False
+    shape, reach_dm = claim.shape, mission.nodes[claim.node].reach_dm
+    is_paper = mission.header.profile is Profile.PAPER
+    rings = rings_of(config, coding, 1 << 40) if shape.place else 0
+    for turn in (0.0, *turns_of(config)):
+        for variant in variants(shape, coding, seen, heard if is_paper else (b"",) * shape.messages):
+            landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
+            if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
+                continue
+            if shape.place:
+                at = cell_seen(shape, coding, claim.offset, seen, landmark)
+                near = max(abs(at.x - claim.cell.x), abs(at.y - claim.cell.y)) <= rings
+                if not near or (at.bin, at.area) != (claim.cell.bin, claim.cell.area):
+                    continue
+            again = canonical(
+                place_bytes(shape, claim.cell, landmark.text if landmark else None),
+                sensors=variant.sensors,
+                action=variant.action,
+                window=variant.window,
+                messages=variant.messages if is_paper else (),
+                previous=released if shape.previous else None,
+            )
+            if again == claim.observed:
+                return True
+    return False

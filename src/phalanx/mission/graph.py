@@ -1,0 +1,282 @@
+"""A mission in plain words: what an operator writes, before it is encoded.
+
+Nodes are states, ways lead from one to the next. `Draft` is the small API with which missions are written as code; a
+YAML file (see `authoring`) goes through the same calls.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
+
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import UsageError
+
+from .canonical import action_bytes, shape_of
+from .observable import Action, Landmark, Observable, Position
+
+NODE_LIMIT = 1 << 20
+ALIAS_LIMIT = 255
+WAY_LIMIT = 4096  # out of one node
+REACH_LIMIT_M = 25.5
+TIMEOUT_LIMIT_S = 65_535
+SEND_LIMIT = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One state of a mission.
+
+    Args:
+        name: for people; sealed into the payload, absent from the paper profile.
+        see: the ways to experience it, each a conjunction of observables; one is enough.
+        do: what the robot shall do once it is there.
+        start: the robot may begin here.
+        final: the mission is complete here.
+        join: every predecessor must have been decoded before.
+        chained: what the node before released is part of the conjunction (sealed nodes always are).
+        within_m: a landmark counts only from so near; 0 from anywhere.
+        timeout_s: until the next validation, before the robot goes back; 0 is the robot's own.
+        send: names of messages released here.
+        wait: names of messages that are part of the conjunction.
+        part: which robot's half of the mission this is.
+        width_m: of a doorway, for `audit` alone.
+    """
+
+    name: str
+    see: tuple[tuple[Observable, ...], ...]
+    do: Action | None = None
+    start: bool = False
+    final: bool = False
+    join: bool = False
+    chained: bool = False
+    within_m: float = 0.0
+    timeout_s: int = 0
+    send: tuple[str, ...] = ()
+    wait: tuple[str, ...] = ()
+    part: str = ""
+    width_m: float | None = None
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Where the node is, map frame: the middle of its aliases' places."""
+        places = [thing for alias in self.see for thing in alias if isinstance(thing, Landmark | Position)]
+        if not places:
+            return None
+        return sum(p.x_m for p in places) / len(places), sum(p.y_m for p in places) / len(places)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlainWay:
+    """A way from one node to another.
+
+    Args:
+        direction_rad: map frame; None is straight from place to place, if both have one.
+        do: an action that leads there; None is to drive.
+    """
+
+    source: str
+    target: str
+    direction_rad: float | None = None
+    do: Action | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mission:
+    """A plain mission, checked: every name exists once, every way leads somewhere.
+
+    Args:
+        area_m: x0, y0, x1, y1 of the map, for `audit` and `draw`; None is the box around all places.
+        roam: nodes may be decoded in any order (paper profile only: exploration, Fig. 9).
+        repeatable: a robot may start it more than once.
+    Raises: UsageError.
+    """
+
+    name: str
+    nodes: tuple[Node, ...]
+    ways: tuple[PlainWay, ...]
+    coding: CodingConfig | None = None
+    area_m: tuple[float, float, float, float] | None = None
+    roam: bool = False
+    repeatable: bool = False
+    floor_plan: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.nodes) <= NODE_LIMIT:
+            raise UsageError(f"a mission of {len(self.nodes)} nodes", f"1 to {NODE_LIMIT}")
+        names = {node.name: node for node in self.nodes}
+        if len(names) < len(self.nodes):
+            twice = next(node.name for i, node in enumerate(self.nodes) if names[node.name] is not self.nodes[i])
+            raise UsageError(f"two nodes are called {twice!r}", "a name belongs to one node")
+        for node in self.nodes:
+            _check_node(node)
+        for part in self.parts:
+            if not any(node.start for node in self.nodes if node.part == part):
+                raise UsageError(
+                    f"no node{f' of part {part!r}' if part else ''} is marked as a start", "start: true on one node"
+                )
+        _check_ways(self.ways, names)
+        self._check_messages()
+
+    def _check_messages(self) -> None:
+        senders: dict[str, str] = {}
+        for node in self.nodes:
+            for name in node.send:
+                if name in senders:
+                    raise UsageError(f"message {name!r} is sent twice", "one node releases a message")
+                senders[name] = node.name
+        sorter: TopologicalSorter[str] = TopologicalSorter()
+        for node in self.nodes:
+            sorter.add(node.name, *(senders[name] for name in node.wait if name in senders))
+        try:
+            sorter.prepare()
+        except CycleError as error:
+            raise UsageError(
+                f"nodes wait for each other's messages: {', '.join(error.args[1])}", "somebody has to be first"
+            ) from error
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The halves of the mission; one without a name, if it was not divided."""
+        return tuple(dict.fromkeys(node.part for node in self.nodes))
+
+    @property
+    def box_m(self) -> tuple[float, float, float, float]:
+        """x0, y0, x1, y1 of the map."""
+        if self.area_m is not None:
+            return self.area_m
+        places = [node.place for node in self.nodes if node.place is not None] or [(0.0, 0.0)]
+        xs, ys = [x for x, _ in places], [y for _, y in places]
+        return min(xs), min(ys), max(xs), max(ys)
+
+
+def _check_node(node: Node) -> None:  # noqa: C901  # one limit after the other
+    if not 0 < len(node.name.encode("utf-8", "replace")) <= 100 or not node.name.isprintable():
+        raise UsageError(f"a node called {node.name!r}", "1 to 100 bytes that can be printed")
+    if not 0 < len(node.see) <= ALIAS_LIMIT:
+        raise UsageError(f"node {node.name!r} can be experienced in {len(node.see)} ways", f"1 to {ALIAS_LIMIT}")
+    for alias in node.see:
+        if not alias and not node.wait:
+            raise UsageError(f"node {node.name!r} has nothing to experience", "see: a landmark, a position, ...")
+        shape = shape_of(alias)
+        if len(node.wait) + shape.messages > 3:
+            raise UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "at most 3")
+        if node.do is not None and shape.action:
+            raise UsageError(f"node {node.name!r} sees one action and does another", "one of the two")
+    if node.do is not None:
+        action_bytes(node.do)
+    if not 0 <= node.within_m <= REACH_LIMIT_M:
+        raise UsageError(f"node {node.name!r} counts within {node.within_m} m", f"0 to {REACH_LIMIT_M}")
+    if not 0 <= node.timeout_s <= TIMEOUT_LIMIT_S:
+        raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"0 to {TIMEOUT_LIMIT_S}")
+    if len(node.send) > SEND_LIMIT:
+        raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"at most {SEND_LIMIT}")
+
+
+def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
+    seen: set[tuple[str, str]] = set()
+    out: dict[str, int] = {}
+    for way in ways:
+        for end in (way.source, way.target):
+            if end not in names:
+                raise UsageError(f"a way leads to {end!r}, which is no node", "check the names under ways")
+        if (way.source, way.target) in seen or way.source == way.target:
+            raise UsageError(f"a second way, or one in place, from {way.source!r} to {way.target!r}", "leave it out")
+        if names[way.source].part != names[way.target].part:
+            raise UsageError(f"the way from {way.source!r} to {way.target!r} joins two parts", "send a message instead")
+        if way.direction_rad is not None and not math.isfinite(way.direction_rad):
+            raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "degrees or radians")
+        seen.add((way.source, way.target))
+        out[way.source] = out.get(way.source, 0) + 1
+        if out[way.source] > WAY_LIMIT:
+            raise UsageError(f"more than {WAY_LIMIT} ways lead out of {way.source!r}", "divide the node")
+
+
+@dataclass(slots=True)
+class Draft:
+    """A mission being written.
+
+    >>> from phalanx.mission import Draft, Landmark, Position
+    >>> draft = Draft("fetch")
+    >>> draft.node("dock", Position(3.0, 1.5), start=True)
+    >>> draft.node("store", Landmark("doorway", 9.0, 12.0, 0.0), final=True)
+    >>> draft.way("dock", "store")
+    >>> mission = draft.mission()
+    """
+
+    name: str
+    coding: CodingConfig | None = None
+    area_m: tuple[float, float, float, float] | None = None
+    roam: bool = False
+    repeatable: bool = False
+    floor_plan: str = ""
+    nodes: list[Node] = field(default_factory=list)
+    ways: list[PlainWay] = field(default_factory=list)
+
+    def node(
+        self,
+        name: str,
+        *see: Observable | tuple[Observable, ...],
+        do: Action | None = None,
+        start: bool = False,
+        final: bool = False,
+        join: bool = False,
+        chained: bool = False,
+        within_m: float = 0.0,
+        timeout_s: int = 0,
+        send: tuple[str, ...] = (),
+        wait: tuple[str, ...] = (),
+        part: str = "",
+        width_m: float | None = None,
+    ) -> None:
+        """Add a node; every argument after the name is one way to experience it. For the rest see `Node`."""
+        aliases = tuple(alias if isinstance(alias, tuple) else (alias,) for alias in see)
+        self.nodes.append(
+            Node(
+                name=name,
+                see=aliases or ((),),
+                do=do,
+                start=start,
+                final=final,
+                join=join,
+                chained=chained,
+                within_m=within_m,
+                timeout_s=timeout_s,
+                send=send,
+                wait=wait,
+                part=part,
+                width_m=width_m,
+            )
+        )
+
+    def way(
+        self,
+        source: str,
+        target: str,
+        *,
+        both: bool = False,
+        direction_rad: float | None = None,
+        do: Action | None = None,
+    ) -> None:
+        """Add a way; with `both` also the one back, in the opposite direction."""
+        self.ways.append(PlainWay(source=source, target=target, direction_rad=direction_rad, do=do))
+        if both:
+            back = None if direction_rad is None else direction_rad + math.pi
+            self.ways.append(PlainWay(source=target, target=source, direction_rad=back, do=do))
+
+    def mission(self) -> Mission:
+        """What was written, checked.
+
+        Raises: UsageError.
+        """
+        return Mission(
+            name=self.name,
+            nodes=tuple(self.nodes),
+            ways=tuple(self.ways),
+            coding=self.coding,
+            area_m=self.area_m,
+            roam=self.roam,
+            repeatable=self.repeatable,
+            floor_plan=self.floor_plan,
+        )

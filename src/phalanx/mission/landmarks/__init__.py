@@ -1,0 +1,19 @@
+"""What a robot's sensors show of the world, as landmarks: from lidar scans, from camera pictures, from floor plans."""
+
+from .features import Features, extract
+from .floorplan import FloorPlan, WallCode, floorplan_of_yaml
+from .gridmap import floorplan_of_map
+from .scan import LaserScan
+from .sites import Site, landmarks_of
+
+__all__ = [
+    "Features",
+    "FloorPlan",
+    "LaserScan",
+    "Site",
+    "WallCode",
+    "extract",
+    "floorplan_of_map",
+    "floorplan_of_yaml",
+    "landmarks_of",
+]

@@ -1,0 +1,168 @@
+"""QR codes in a picture: their texts (by zxing) and their corners to a fraction of a pixel; and the bytes of that.
+
+Pictures are not replayed: what a robot is held to is the reading, the texts and the corners.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+import zxingcpp
+from numpy.typing import NDArray
+
+from phalanx.errors import BadPayload, UsageError
+
+# How far from zxing's corner, in pixels and as a part of the code's edge, the border is looked for.
+REACH_PX = 3.0
+REACH_PART = 0.04
+SAMPLES = 48
+# Corners are told in this part of a pixel.
+PART_PX = 1 / 64
+CODES_MAX = 64
+_CODE = struct.Struct("<H8i")
+_RISE = 12.0  # grey values from dark to light that are a border
+_STEP_PX = 0.5
+_QR = zxingcpp.BarcodeFormats(zxingcpp.BarcodeFormat.QRCode)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenCode:
+    """A code in a picture.
+
+    Args:
+        text: what it says.
+        corners_px: (4, 2) top left, top right, bottom right, bottom left, as the code is read; whole PART_PX.
+    """
+
+    text: str
+    corners_px: NDArray[np.float64]
+
+
+def codes_to_bytes(codes: tuple[SeenCode, ...]) -> bytes:
+    """A camera's reading, as it is logged: the first CODES_MAX codes."""
+    parts = []
+    for code in codes[:CODES_MAX]:
+        text = code.text.encode()
+        parts.append(_CODE.pack(len(text), *np.rint(code.corners_px.ravel() / PART_PX).astype(int).tolist()) + text)
+    return b"".join(parts)
+
+
+def codes_from_bytes(data: bytes) -> tuple[SeenCode, ...]:
+    """The reading that a peer sent.
+
+    Raises: BadPayload: these are not the bytes of one.
+    """
+    codes: list[SeenCode] = []
+    at = 0
+    while at < len(data):
+        if len(codes) == CODES_MAX or len(data) - at < _CODE.size:
+            raise BadPayload(f"a reading of {len(data)} bytes")
+        length, *corners = _CODE.unpack_from(data, at)
+        at += _CODE.size
+        if len(data) - at < length:
+            raise BadPayload(f"a text of {length} bytes in {len(data) - at}")
+        try:
+            text = data[at : at + length].decode()
+        except UnicodeDecodeError as error:
+            raise BadPayload("a text that is not UTF-8") from error
+        codes.append(SeenCode(text, np.array(corners, np.float64).reshape(4, 2) * PART_PX))
+        at += length
+    return tuple(codes)
+
+
+def read_codes(picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:
+    """The QR codes in a grey picture, (height, width), from left to right.
+
+    Raises: UsageError: that is no grey picture.
+    """
+    if picture.ndim != 2 or picture.dtype != np.uint8 or 0 in picture.shape:
+        raise UsageError(f"a picture of shape {picture.shape}, {picture.dtype}", "(height, width), uint8")
+    codes = []
+    for code in zxingcpp.read_barcodes(picture, formats=_QR):
+        if not code.valid:
+            continue
+        place = code.position
+        corners = np.array(
+            [(p.x, p.y) for p in (place.top_left, place.top_right, place.bottom_right, place.bottom_left)], np.float64
+        )
+        sharp = np.rint(_sharpened(picture, corners) / PART_PX) * PART_PX
+        codes.append(SeenCode(code.text, sharp))
+    return tuple(sorted(codes, key=lambda code: (code.corners_px[:, 0].mean(), code.text)))
+
+
+def _sharpened(picture: NDArray[np.uint8], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The corners where lines through the code's dark border cross; those given where no border is found."""
+    middle = corners.mean(0)
+    lines = []
+    for i in range(4):
+        line = _border(picture, corners[i], corners[(i + 1) % 4], middle)
+        if line is None:
+            return corners
+        lines.append(line)
+    out = np.empty((4, 2))
+    for i in range(4):
+        (p, along), (q, other) = lines[i - 1], lines[i]
+        cross = along[0] * other[1] - along[1] * other[0]
+        if abs(cross) < 0.1:
+            return corners
+        out[i] = p + along * (((q[0] - p[0]) * other[1] - (q[1] - p[1]) * other[0]) / cross)
+    edge = np.hypot(*(corners[1] - corners[0]))
+    return out if np.max(np.hypot(*(out - corners).T)) < REACH_PX + 2 * REACH_PART * edge else corners
+
+
+def _border(
+    picture: NDArray[np.uint8], a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """(a point, unit direction) of the line at which the code ends between corners a and b."""
+    length = float(np.hypot(*(b - a)))
+    if length < 8:
+        return None
+    along = (b - a) / length
+    out = np.array([along[1], -along[0]])
+    if out @ (middle - a) > 0:
+        out = -out
+    reach = REACH_PX + REACH_PART * length
+    at = np.linspace(0.03, 0.97, SAMPLES) * length
+    off = np.arange(-reach, reach + _STEP_PX, _STEP_PX)
+    where = a + at[:, None, None] * along + off[None, :, None] * out
+    rise = np.diff(_grey(picture, where), axis=1)
+    # The outermost steep rise from dark to light: outside of it there is only the quiet zone.
+    steep = rise > np.maximum(_RISE * _STEP_PX, 0.5 * rise.max(axis=1, initial=0.0)[:, None])
+    rows = np.flatnonzero(steep.any(axis=1))
+    if len(rows) < SAMPLES // 4:
+        return None
+    last = steep.shape[1] - 1 - np.argmax(steep[rows, ::-1], axis=1)
+    peak = np.array([_peak(rise[row], column) for row, column in zip(rows, last, strict=True)])
+    border = off[0] + (peak + 0.5) * _STEP_PX
+    x = at[rows]
+    keep = np.abs(border - np.median(border)) < max(1.5, 0.5 * REACH_PART * length)
+    for _ in range(4):
+        if keep.sum() < SAMPLES // 6:
+            return None
+        slope, level = np.polyfit(x[keep], border[keep], 1)
+        rest = np.abs(border - (slope * x + level))
+        keep = rest < max(0.3, 2.0 * float(np.median(rest[keep])))
+    direction = along + slope * out
+    return a + level * out, direction / np.hypot(*direction)
+
+
+def _peak(rise: NDArray[np.float64], column: int) -> float:
+    """Middle of the rise around its maximum near `column`."""
+    low, high = max(0, column - 3), min(len(rise), column + 3)
+    weight = np.maximum(rise[low:high], 0.0)
+    return float(low + (weight @ np.arange(high - low)) / weight.sum())
+
+
+def _grey(picture: NDArray[np.uint8], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Bilinear samples at (..., 2) pixels; the middle of the first pixel is (0, 0)."""
+    height, width = picture.shape
+    x = np.clip(at[..., 0], 0, width - 1.001)
+    y = np.clip(at[..., 1], 0, height - 1.001)
+    column, row = x.astype(np.int64), y.astype(np.int64)
+    fx, fy = x - column, y - row
+    top = (1 - fx) * picture[row, column] + fx * picture[row, column + 1]
+    low = (1 - fx) * picture[row + 1, column] + fx * picture[row + 1, column + 1]
+    out: NDArray[np.float64] = (1 - fy) * top + fy * low
+    return out

@@ -1,0 +1,218 @@
+"""Corners → doorways and rooms, in the robot's frame.
+
+A doorway is two concave corners the right distance apart, in one line with the walls beside them, with nothing but
+free rays between. A room is three consecutive convex corners, joined by two walls seen from end to end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from phalanx.kernel import kernel
+
+from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y
+from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, Bools, Floats, Ints
+
+# Hits so near to a jamb are the jamb's: its inner face, or its edge with the sensor's noise.
+JAMB_M = 0.1
+# Jambs are found to within so much: a door exactly as narrow as the limit is one.
+WIDTH_SLACK_M = 0.05
+# Columns of an array of doorways: middle, a unit vector along the wall, distance of the jambs, thickness of the wall.
+DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
+
+
+@kernel
+def _is_open(
+    ranges: Floats,
+    cosines: Floats,
+    sines: Floats,
+    from_beam: int,
+    to_beam: int,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    clear_m: float,
+) -> bool:
+    """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
+
+    Nothing may be hit before the line of the jambs, nor behind it up to `clear_m`: a closed door, an alcove.
+    """
+    n = len(ranges)
+    along_x, along_y = bx - ax, by - ay
+    width = math.sqrt(along_x * along_x + along_y * along_y)
+    along_x, along_y = along_x / width, along_y / width
+    robot = ay * along_x - ax * along_y
+    said, asked = 0, 0
+    k = from_beam
+    while True:
+        asked += 1
+        if not np.isnan(ranges[k]):
+            said += 1
+        # A miss hits nothing.
+        if np.isfinite(ranges[k]):
+            dx, dy = ranges[k] * cosines[k] - ax, ranges[k] * sines[k] - ay
+            at = dx * along_x + dy * along_y
+            behind = dy * along_x - dx * along_y
+            if robot < 0.0:
+                behind = -behind
+            if behind < -JAMB_M or (behind < clear_m and JAMB_M < at < width - JAMB_M):
+                return False
+        if k == to_beam:
+            return 2 * said >= asked
+        k = (k + 1) % n
+
+
+@kernel
+def _depth_behind(
+    x: Floats,
+    y: Floats,
+    new_run: Bools,
+    i: int,
+    step: int,
+    jamb_x: float,
+    jamb_y: float,
+    along_x: float,
+    along_y: float,
+    limit_m: float,
+) -> float:
+    """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none."""
+    robot = jamb_x * along_y - jamb_y * along_x
+    deepest = 0.0
+    while 0 <= i + step < len(x) and not new_run[max(i, i + step)]:
+        i += step
+        dx, dy = x[i] - jamb_x, y[i] - jamb_y
+        off = dx * along_y - dy * along_x
+        if robot < 0.0:
+            off = -off
+        if abs(dx * along_x + dy * along_y) > JAMB_M:
+            return deepest
+        if off > limit_m:
+            # A wall that begins at the jamb: how thick the other one is cannot be seen.
+            return 0.0
+        deepest = max(deepest, off)
+    return deepest
+
+
+@kernel
+def _point_at(beam: Ints, at: float) -> int:
+    """The first point whose beam is past `at`."""
+    low, high = 0, len(beam)
+    while low < high:
+        middle = (low + high) // 2
+        if beam[middle] > at:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel
+def doorways_of(
+    ranges: Floats,
+    cosines: Floats,
+    sines: Floats,
+    full_turn: bool,
+    x: Floats,
+    y: Floats,
+    beam: Ints,
+    new_run: Bools,
+    walls: Floats,
+    corners: Floats,
+    door_min_m: float,
+    door_max_m: float,
+    bend_cosine: float,
+    depth_max_m: float,
+    clear_m: float,
+) -> tuple[Floats, Bools]:
+    """(d, 6) doorways, and which corners are jambs.
+
+    Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0030.
+    """
+    doors = np.empty((len(corners), 6))
+    is_jamb = np.zeros(len(corners), np.bool_)
+    n = len(ranges)
+    found = 0
+    for i in range(len(corners)):
+        # The wall ends at jamb i, then comes the opening, and at jamb j the wall goes on.
+        if corners[i, CONVEX] != 0.0 or corners[i, BEFORE] < 0.0:
+            continue
+        before = int(corners[i, BEFORE])
+        for j in range(len(corners)):
+            if corners[j, CONVEX] != 0.0 or corners[j, AFTER] < 0.0 or not (j > i or (full_turn and j < i)):
+                continue
+            after = int(corners[j, AFTER])
+            ax, ay, bx, by = corners[i, CORNER_X], corners[i, CORNER_Y], corners[j, CORNER_X], corners[j, CORNER_Y]
+            dx, dy = bx - ax, by - ay
+            width = math.sqrt(dx * dx + dy * dy)
+            if not door_min_m - WIDTH_SLACK_M <= width <= door_max_m + WIDTH_SLACK_M:
+                continue
+            if (
+                walls[before, ALONG_X] * dx + walls[before, ALONG_Y] * dy < bend_cosine * width
+                or walls[after, ALONG_X] * dx + walls[after, ALONG_Y] * dy < bend_cosine * width
+            ):
+                continue
+            from_beam = int(corners[i, BEAM] + 1.0) % n
+            to_beam = int(corners[j, BEAM] + n) % n
+            if not _is_open(ranges, cosines, sines, from_beam, to_beam, ax, ay, bx, by, clear_m):
+                continue
+            # The walls are longer than the opening, and so give its direction better than the jambs.
+            first = _length(walls, before)
+            second = _length(walls, after)
+            along_x = first * walls[before, ALONG_X] + second * walls[after, ALONG_X]
+            along_y = first * walls[before, ALONG_Y] + second * walls[after, ALONG_Y]
+            length = math.sqrt(along_x * along_x + along_y * along_y)
+            along_x, along_y = along_x / length, along_y / length
+            middle_x, middle_y = 0.5 * (ax + bx), 0.5 * (ay + by)
+            last = _point_at(beam, corners[i, BEAM]) - 1
+            first_after = _point_at(beam, corners[j, BEAM])
+            depth = max(
+                _depth_behind(x, y, new_run, last, 1, ax, ay, along_x, along_y, depth_max_m) if last >= 0 else 0.0,
+                _depth_behind(x, y, new_run, first_after, -1, bx, by, along_x, along_y, depth_max_m)
+                if first_after < len(beam)
+                else 0.0,
+            )
+            # Away from the robot, to the middle of the wall.
+            side = 0.5 * depth if middle_x * along_y - middle_y * along_x >= 0.0 else -0.5 * depth
+            doors[found, DOOR_X] = middle_x + side * along_y
+            doors[found, DOOR_Y] = middle_y - side * along_x
+            doors[found, DOOR_ALONG_X], doors[found, DOOR_ALONG_Y] = along_x, along_y
+            doors[found, WIDTH], doors[found, DEPTH] = width, depth
+            found += 1
+            is_jamb[i] = True
+            is_jamb[j] = True
+            break
+    return doors[:found], is_jamb
+
+
+@kernel
+def _length(walls: Floats, w: int) -> float:
+    dx, dy = walls[w, TO_X] - walls[w, FROM_X], walls[w, TO_Y] - walls[w, FROM_Y]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def rooms_of(corners: Floats, room_min_m2: float) -> Floats:
+    """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
+
+    Source: Encoded graphs Alg. 1, Eq. 3.
+    """
+    rooms = np.empty((len(corners), 3))
+    found = 0
+    for i in range(len(corners) - 2):
+        chained = True
+        for j in range(i, i + 3):
+            if corners[j, CONVEX] != 1.0 or (j > i and corners[j, BEFORE] != corners[j - 1, AFTER]):
+                chained = False
+        if not chained:
+            continue
+        ax, ay = corners[i, CORNER_X], corners[i, CORNER_Y]
+        bx, by = corners[i + 1, CORNER_X], corners[i + 1, CORNER_Y]
+        cx, cy = corners[i + 2, CORNER_X], corners[i + 2, CORNER_Y]
+        area = 0.5 * abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+        if area >= room_min_m2:
+            rooms[found, 0], rooms[found, 1], rooms[found, 2] = (ax + bx + cx) / 3.0, (ay + by + cy) / 3.0, area
+            found += 1
+    return rooms[:found]

@@ -1,0 +1,204 @@
+"""A scan's walls, corners, doorways and rooms, in the robot's frame; and as landmarks, where a pose puts them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.kernel import kernel
+from phalanx.mission.observable import Landmark
+
+from .angles import HALF_PI, PI, atan2, sin_cos, wrap
+from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
+from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
+from .scan import LaserScan
+from .walls import ALONG_X, ALONG_Y, Bools, Floats, breaks_of, points_of, walls_of
+
+# Instead of a corner's wall that is not seen.
+UNSEEN = -1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """What a scan shows; all in the robot's frame, metres and radians, in the order of the bearings.
+
+    Args:
+        walls: (w, 8): a point on it, unit direction (robot on the left), first end, last end.
+        corners: (c, 6): position, beam, wall before, wall after (-1: not seen), 1 if convex.
+        is_jamb: (c,) whether the corner belongs to a doorway.
+        doorways: (d, 6): middle, unit vector along the wall, width, thickness of the wall as far as it was seen.
+        rooms: (r, 3): centroid and area of three consecutive convex corners.
+    """
+
+    walls: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    is_jamb: NDArray[np.bool_]
+    doorways: NDArray[np.float64]
+    rooms: NDArray[np.float64]
+
+    def landmarks(self, x_m: float, y_m: float, heading_rad: float) -> tuple[Landmark, ...]:
+        """The features as landmarks in the map frame, if the robot is where it believes to be.
+
+        A concave corner comes once for each wall of it that is seen, with that wall's normal: from another side
+        another one is seen. A convex corner has the direction halfway between its walls' normals.
+        """
+        pose = float(x_m), float(y_m), float(heading_rad)
+        rows = _placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose)
+        return tuple(
+            Landmark(_TYPES[int(kind)], x, y, None if kind == _ROOM else turn, area if kind == _ROOM else None)
+            for kind, x, y, turn, area in rows.tolist()
+        )
+
+
+_TYPES = ("doorway", "corner_convex", "corner_concave", "room")
+_ROOM = 3
+
+
+def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
+    """The features of a scan; none of it is refused, an empty scan shows nothing.
+
+    Source: Encoded graphs Alg. 1.
+    """
+    config = config or ExtractionConfig()
+    ranges, (cosines, sines) = scan.ranges_m, scan.beams
+    if scan.full_turn:
+        seam = _seam(ranges)
+        ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
+    return Features(
+        *_extract(
+            ranges,
+            cosines,
+            sines,
+            scan.full_turn,
+            scan.angle_increment_rad,
+            scan.range_max_m,
+            min(config.feature_range_m, scan.range_max_m),
+            _thresholds(config),
+        )
+    )
+
+
+def _thresholds(config: ExtractionConfig) -> tuple[float, ...]:
+    corner_sine, _ = sin_cos(config.corner_min_rad)
+    graze_sine, graze_cosine = sin_cos(config.graze_rad)
+    _, bend_cosine = sin_cos(config.door_bend_rad)
+    return (
+        config.split_m,
+        config.line_m,
+        config.wall_min_m,
+        float(config.wall_min_points),
+        corner_sine,
+        config.corner_gap_m,
+        config.jump_m,
+        graze_cosine / graze_sine,
+        graze_sine,
+        config.edge_error_m,
+        config.door_min_m,
+        config.door_max_m,
+        bend_cosine,
+        config.door_depth_m,
+        config.door_clear_m,
+        config.room_min_m2,
+    )
+
+
+@kernel
+def _seam(ranges: Floats) -> int:
+    """Where to cut a full turn open: at the largest step of the range, so that no wall is cut."""
+    n = len(ranges)
+    best, at = -1.0, 0
+    for k in range(n):
+        a, b = ranges[k - 1], ranges[k]
+        if np.isfinite(a) and np.isfinite(b):
+            step = abs(b - a)
+        elif np.isfinite(a) or np.isfinite(b):
+            step = 1e6
+        else:
+            step = 0.0
+        if step > best:
+            best, at = step, k
+    return at
+
+
+@kernel
+def _extract(
+    ranges: Floats,
+    cosines: Floats,
+    sines: Floats,
+    full_turn: bool,
+    step_rad: float,
+    range_max_m: float,
+    feature_range_m: float,
+    thresholds: tuple[float, ...],
+) -> tuple[Floats, Floats, Bools, Floats, Floats]:
+    (split_m, line_m, wall_min_m, min_points, corner_sine, corner_gap_m, jump_m, graze_slope, graze_sine,
+     edge_error_m, door_min_m, door_max_m, bend_cosine, depth_max_m, clear_m, room_min_m2) = thresholds  # fmt: skip
+    x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
+    new_run = breaks_of(ranges, beam, step_rad, jump_m, graze_slope)
+    walls, spans = walls_of(x, y, new_run, split_m, line_m, wall_min_m, int(min_points))
+    corners = corners_of(
+        ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run, walls, spans,
+        corner_sine, corner_gap_m, line_m, jump_m, graze_sine, edge_error_m,
+    )  # fmt: skip
+    doorways, is_jamb = doorways_of(
+        ranges, cosines, sines, full_turn, x, y, beam, new_run, walls, corners,
+        door_min_m, door_max_m, bend_cosine, depth_max_m, clear_m,
+    )  # fmt: skip
+    return walls, corners, is_jamb, doorways, rooms_of(corners, room_min_m2)
+
+
+@kernel
+def _placed(
+    walls: Floats,
+    corners: Floats,
+    is_jamb: Bools,
+    doorways: Floats,
+    rooms: Floats,
+    x_m: float,
+    y_m: float,
+    heading_rad: float,
+) -> Floats:
+    """(k, 5): type, x, y, orientation and area of each landmark, map frame; doorways first."""
+    sine, cosine = sin_cos(heading_rad)
+    rows = np.zeros((len(doorways) + 2 * len(corners) + len(rooms), 5))
+    found = 0
+    for i in range(len(doorways)):
+        rows[found, 0] = 0.0
+        rows[found, 1], rows[found, 2] = doorways[i, DOOR_X], doorways[i, DOOR_Y]
+        turn = wrap(atan2(doorways[i, DOOR_ALONG_Y], doorways[i, DOOR_ALONG_X]) + heading_rad)
+        # The same from both sides: modulo half a turn.
+        rows[found, 3] = turn + PI if turn < 0.0 else turn
+        found += 1
+    for i in range(len(corners)):
+        if is_jamb[i]:
+            continue
+        normal_x, normal_y = 0.0, 0.0
+        for side in (BEFORE, AFTER):
+            if corners[i, side] == UNSEEN:
+                continue
+            # The robot is on the left of a wall's direction.
+            w = int(corners[i, side])
+            if corners[i, CONVEX] == 1.0:
+                normal_x -= walls[w, ALONG_Y]
+                normal_y += walls[w, ALONG_X]
+                if side == BEFORE:
+                    continue
+                turn = atan2(normal_y, normal_x)
+            else:
+                turn = atan2(walls[w, ALONG_Y], walls[w, ALONG_X]) + HALF_PI
+            rows[found, 0] = 1.0 if corners[i, CONVEX] == 1.0 else 2.0
+            rows[found, 1], rows[found, 2] = corners[i, CORNER_X], corners[i, CORNER_Y]
+            rows[found, 3] = wrap(turn + heading_rad)
+            found += 1
+    for i in range(len(rooms)):
+        rows[found, 0] = 3.0
+        rows[found, 1], rows[found, 2], rows[found, 4] = rooms[i, 0], rooms[i, 1], rooms[i, 2]
+        found += 1
+    for i in range(found):
+        x, y = rows[i, 1], rows[i, 2]
+        rows[i, 1] = x_m + (cosine * x - sine * y)
+        rows[i, 2] = y_m + (sine * x + cosine * y)
+    return rows[:found]

@@ -1,0 +1,220 @@
+"""A floor plan: the walls of a building as line segments, and the outlines that a robot in it can walk along.
+
+From a YAML file of ours, metres and radians in the map frame; maps of ROS's map_server come from `gridmap`.
+
+    name: an_office
+    size: [40.0, 40.0]            # of the space; walls are not seen from outside of it
+    origin: [0.0, 0.0]            # its lower left corner
+    start_pose: [3.0, 1.5, 1.57]  # where robots begin; what cannot be reached from there has no landmarks
+    walls: [[0, 0, 2, 0], ...]    # x, y of both ends
+    codes: [{text: a, at: [x, y, z], facing: 0.0, edge: 0.12}, ...]   # QR codes on the walls
+Other words are for other readers, and not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from phalanx.errors import UsageError
+from phalanx.kernel import kernel
+
+from .outlines import Outline, outlines_of
+
+FILE_MAX_BYTES = 4_000_000
+# Outlines of plain walls are found by looking at every pair.
+WALLS_MAX = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class WallCode:
+    """A square QR code on a wall.
+
+    Args:
+        text: what it says.
+        x_m, y_m, z_m: its middle, map frame; z above the floor.
+        facing_rad: direction that it is read from, away from the wall.
+        size_m: its edge, without the quiet zone.
+    """
+
+    text: str
+    x_m: float
+    y_m: float
+    z_m: float
+    facing_rad: float
+    size_m: float = 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorPlan:
+    """Walls, and what follows from them.
+
+    Args:
+        name: of the map.
+        walls: (n, 4) ends of segments, metres, map frame.
+        outlines: the walls as a robot inside passes them, free space on the left.
+        bounds: x and y of the lower left and the upper right corner, metres.
+        start: x, y, heading where robots begin, or None.
+        codes: QR codes on the walls.
+    """
+
+    name: str
+    walls: NDArray[np.float64]
+    outlines: tuple[Outline, ...]
+    bounds: tuple[float, float, float, float]
+    start: tuple[float, float, float] | None = None
+    codes: tuple[WallCode, ...] = ()
+
+    def clearance_m(self, x_m: float, y_m: float) -> float:
+        """Distance to the nearest wall; +inf where there are none."""
+        return _clearance(self.walls, float(x_m), float(y_m))
+
+    def inside(self, x_m: float, y_m: float) -> bool:
+        """Whether the place is free: within the bounds, and on the free side of the nearest outlines."""
+        x0, y0, x1, y1 = self.bounds
+        return x0 <= x_m <= x1 and y0 <= y_m <= y1 and all(o.has_on_free_side(x_m, y_m) for o in self.outlines)
+
+    def sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
+        """Whether no wall lies between two places; walls that only reach up to one of them do not count."""
+        p, q = np.array(a), np.array(b)
+        way = q - p
+        length = math.hypot(*way)
+        if length < 1e-9:
+            return True
+        margin = min(0.01 / length, 0.25)
+        ends, along = self.walls[:, :2], self.walls[:, 2:] - self.walls[:, :2]
+        cross = way[0] * along[:, 1] - way[1] * along[:, 0]
+        to = ends - p
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at_way = (to[:, 0] * along[:, 1] - to[:, 1] * along[:, 0]) / cross
+            at_wall = (to[:, 0] * way[1] - to[:, 1] * way[0]) / cross
+        between = (at_way > margin) & (at_way < 1 - margin) & (at_wall >= 0) & (at_wall <= 1)
+        return not bool(np.any(between))
+
+    def is_clear(
+        self, a: tuple[float, float], b: tuple[float, float], side_m: float, near_m: float, far_m: float
+    ) -> bool:
+        """Whether no wall enters a rectangle on the right of the way from a to b.
+
+        It begins and ends `side_m` inside of a and b, and reaches from `near_m` to `far_m` on the right.
+        """
+        width = math.hypot(b[0] - a[0], b[1] - a[1])
+        x, y = (b[0] - a[0]) / width, (b[1] - a[1]) / width
+        to = self.walls.reshape(-1, 2, 2) - np.array(a)
+        along, right = to @ np.array([x, y]), to @ np.array([y, -x])
+        # Clip every wall to the rectangle (Liang and Barsky): what is left of its length, from `first` to `last`.
+        first, last = np.zeros(len(to)), np.ones(len(to))
+        for start, stop, low, high in (
+            (along[:, 0], along[:, 1], side_m, width - side_m),
+            (right[:, 0], right[:, 1], near_m, far_m),
+        ):
+            step = np.where(start == stop, 1e-12, stop - start)
+            enter, leave = (low - start) / step, (high - start) / step
+            enter, leave = np.minimum(enter, leave), np.maximum(enter, leave)
+            first, last = np.maximum(first, enter), np.minimum(last, leave)
+        return not bool(np.any(first < last))
+
+
+@kernel
+def _clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
+    nearest = np.inf
+    for i in range(len(walls)):
+        along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]
+        to_x, to_y = x - walls[i, 0], y - walls[i, 1]
+        squared = along_x * along_x + along_y * along_y
+        at = (to_x * along_x + to_y * along_y) / squared if squared > 0.0 else 0.0
+        at = min(1.0, max(0.0, at))
+        to_x, to_y = to_x - at * along_x, to_y - at * along_y
+        nearest = min(nearest, to_x * to_x + to_y * to_y)
+    return math.sqrt(nearest)
+
+
+def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
+    """The floor plan that a YAML file describes.
+
+    Args:
+        data: the file.
+        name: if the file does not tell one.
+    Raises: UsageError: it does not describe one; the message says where.
+    """
+    words = read_yaml(data, name)
+    walls = np.array(
+        [numbers(wall, f"{name}: wall {i + 1}", 4) for i, wall in enumerate(_list(words.get("walls"), name, "walls"))]
+    ).reshape(-1, 4)
+    if len(walls) > WALLS_MAX:
+        raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
+    if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
+        raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
+    start = None
+    if "start_pose" in words:
+        x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
+        start = (x, y, heading)
+    x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
+    if "size" in words:
+        width, height = numbers(words["size"], f"{name}: size", 2)
+        bounds = (x0, y0, x0 + width, y0 + height)
+    elif len(walls):
+        xs, ys = walls[:, ::2], walls[:, 1::2]
+        bounds = (float(xs.min()), float(ys.min()), float(xs.max()), float(ys.max()))
+    else:
+        raise UsageError(f"{name} has neither walls nor a size", "size: [width, height] in metres")
+    codes = tuple(
+        _code(code, f"{name}: code {i + 1}") for i, code in enumerate(_list(words.get("codes"), name, "codes"))
+    )
+    outlines = outlines_of(walls, bounds, None if start is None else start[:2])
+    walls.setflags(write=False)
+    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes)
+
+
+def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
+    """A YAML file's mapping.
+
+    Raises: UsageError: it is none.
+    """
+    if len(data) > FILE_MAX_BYTES:
+        raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
+    try:
+        words = yaml.safe_load(data)
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise UsageError(f"{name} is not YAML: {' '.join(str(error).split())[:200]}") from error
+    if not isinstance(words, dict):
+        raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
+    return words
+
+
+def _list(value: Any, name: str, word: str) -> list[Any]:
+    if value is None:
+        return []
+    if not isinstance(value, list):
+        raise UsageError(f"{name}: {word} is not a list")
+    return value
+
+
+def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
+    """So many numbers from a file.
+
+    Raises: UsageError: they are something else.
+    """
+    if (
+        not isinstance(value, list)
+        or len(value) != count
+        or any(isinstance(item, bool) or not isinstance(item, int | float) or not abs(item) < 1e5 for item in value)
+    ):
+        raise UsageError(f"{where} is {value!r:.80}", f"{count} numbers, metres and radians")
+    return tuple(float(item) for item in value)
+
+
+def _code(value: Any, where: str) -> WallCode:
+    if not isinstance(value, dict) or not isinstance(value.get("text"), str):
+        raise UsageError(f"{where} has no text", "{text: ..., at: [x, y, z], facing: radians}")
+    x, y, z = numbers(value.get("at"), f"{where}: at", 3)
+    (facing,) = numbers([value.get("facing")], f"{where}: facing", 1)
+    (size,) = numbers([value.get("edge", 0.12)], f"{where}: edge", 1)
+    if not 0.01 <= size <= 2:
+        raise UsageError(f"{where}: an edge of {size} m", "0.01 to 2")
+    return WallCode(value["text"], x, y, z, facing, size)

@@ -1,0 +1,268 @@
+"""Maps of ROS's map_server (a PGM picture and a YAML file) → floor plans.
+
+What is not free stops a laser: walls, also softly drawn ones between both thresholds, and what nobody has seen. The
+contour of all that is followed along the edges of the cells, with what is free on the left, and cut into straight
+pieces by the same split and merge as a scan. Landmarks come only from where the contour is a wall's.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.errors import UsageError
+from phalanx.kernel import kernel
+
+from .floorplan import FloorPlan, numbers, read_yaml
+from .outlines import Outline, ways_around
+from .walls import Bools, Floats, Ints, fit_line, split_run
+
+CELLS_MAX = 50_000_000
+FREE, UNKNOWN, WALL = 0, 1, 2
+# map_saver draws what it does not know in this grey.
+UNKNOWN_GREY = 205
+# Deviation from a straight wall, in cells: a wall drawn at an angle steps by one.
+SPLIT_CELLS = 1.5
+# Specks of a few cells are noise of whoever made the map: they stop rays, but have no corners.
+SPECK_CELLS = 8
+_PGM = re.compile(
+    rb"P([25])\s(?:\s*#[^\n]*\n)*\s*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,6})\s+(?:#[^\n]*\n\s*)*(\d{1,5})\s"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MapWords:
+    """A map_server YAML file.
+
+    Args:
+        image: name of the picture, beside the file.
+        resolution_m: edge of a cell.
+        origin: x, y, turn of the lower left cell, map frame.
+        negate: bright is occupied.
+        occupied, free: thresholds of the probability that a cell is occupied.
+        start: x, y, heading where robots begin (a word of ours, start_pose), or None.
+    """
+
+    image: str
+    resolution_m: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied: float
+    free: float
+    start: tuple[float, float, float] | None = None
+
+
+def map_words(data: bytes, name: str) -> MapWords:
+    """What a map_server YAML file says.
+
+    Raises: UsageError: it does not describe a map.
+    Source: ROS map_server, nav2_map_server.
+    """
+    words = read_yaml(data, name)
+    image = words.get("image")
+    if not isinstance(image, str) or not image:
+        raise UsageError(f"{name} names no image", "image: FILE.pgm")
+    (resolution,) = numbers([words.get("resolution")], f"{name}: resolution", 1)
+    (occupied,) = numbers([words.get("occupied_thresh", 0.65)], f"{name}: occupied_thresh", 1)
+    (free,) = numbers([words.get("free_thresh", 0.196)], f"{name}: free_thresh", 1)
+    if not 0.001 <= resolution <= 10 or not 0 <= free < occupied <= 1:
+        raise UsageError(f"{name}: resolution {resolution}, thresholds {free} and {occupied}", "metres; 0 to 1")
+    x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
+    start = None
+    if "start_pose" in words:
+        start_x, start_y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
+        start = (start_x, start_y, heading)
+    return MapWords(image, resolution, (x, y, turn), bool(words.get("negate", 0)), occupied, free, start)
+
+
+def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
+    """(height, width) grey values 0..255, the first row on top.
+
+    Raises: UsageError: not a PGM picture (P5 or P2).
+    Source: netpbm's pgm(5).
+    """
+    head = _PGM.match(data)
+    if head is None:
+        raise UsageError(f"{name} is not a PGM picture", "P5 or P2, as map_server saves it")
+    width, height, top = int(head[2]), int(head[3]), int(head[4])
+    if not 0 < width * height <= CELLS_MAX or not 0 < top < 65536:
+        raise UsageError(f"{name} is {width} x {height} with values up to {top}", f"up to {CELLS_MAX} cells")
+    body = data[head.end() :]
+    if head[1] == b"2":
+        try:
+            values = np.array(body.split()[: width * height], dtype=np.int64)
+        except (ValueError, OverflowError) as error:
+            raise UsageError(f"{name} has a value that is no number") from error
+    else:
+        values = np.frombuffer(
+            body, ">u2" if top > 255 else "u1", count=min(width * height, len(body) // (1 + (top > 255)))
+        )
+    if len(values) < width * height:
+        raise UsageError(f"{name} ends after {len(values)} of {width * height} cells")
+    if values.min() < 0 or values.max() > top:
+        raise UsageError(f"{name} has values beyond its {top}")
+    grey = values.astype(np.float64) * (255.0 / top)
+    return np.rint(grey).astype(np.uint8).reshape(height, width)
+
+
+def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
+    """(height + 2, width + 2) of FREE, UNKNOWN, WALL; the first row at the bottom, as y grows, a border all around."""
+    occupied = (grey if words.negate else 255 - grey.astype(np.int64)) / 255.0
+    cells = np.full(grey.shape, WALL, np.uint8)
+    cells[(grey == UNKNOWN_GREY) & (occupied <= words.occupied)] = UNKNOWN
+    cells[occupied < words.free] = FREE
+    # A border of solid cells, so that every contour is closed.
+    return np.pad(cells[::-1], 1, constant_values=UNKNOWN)
+
+
+def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str) -> FloorPlan:
+    """The floor plan of a map_server map.
+
+    Raises: UsageError: one of the files is wrong; the message says how.
+    """
+    words = map_words(yaml_data, name)
+    cells = cells_of(read_pgm(pgm_data, words.image), words)
+    height, width = cells.shape[0] - 2, cells.shape[1] - 2
+    points, starts, of_wall = _contours(cells)
+    outlines = []
+    for first, stop in pairwise(starts.tolist()):
+        corners, seen = _straight(points[first:stop], of_wall[first:stop])
+        outlines.append(Outline(_to_map(corners - 1.0, words), seen))
+    walls = [np.hstack([outline.points, np.roll(outline.points, -1, axis=0)]) for outline in outlines]
+    frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
+    (x0, y0), (x1, y1) = frame.min(0).tolist(), frame.max(0).tolist()
+    return FloorPlan(
+        name, np.vstack([np.zeros((0, 4)), *walls]), _of_one_space(outlines, words), (x0, y0, x1, y1), words.start
+    )
+
+
+def _of_one_space(outlines: list[Outline], words: MapWords) -> tuple[Outline, ...]:
+    """The outlines of the start's space, or of the largest; not of pockets that no robot comes to, nor of specks."""
+    speck_m2 = SPECK_CELLS * words.resolution_m * words.resolution_m
+    large = {id(outline.points): outline for outline in outlines if abs(outline.area_m2) > speck_m2}
+    rooms = [outline for outline in large.values() if outline.area_m2 > 0]
+    if words.start is not None:
+        x, y, _ = words.start
+        home = min((room for room in rooms if room.has_on_free_side(x, y)), key=lambda o: o.area_m2, default=None)
+    else:
+        home = max(rooms, key=lambda o: o.area_m2, default=None)
+    if home is None:
+        return ()
+    kept = ways_around([outline.points for outline in large.values()], home.points)
+    return tuple(large[id(points)] for points in kept)
+
+
+def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]:
+    x, y, turn = words.origin
+    cosine, sine = math.cos(turn), math.sin(turn)
+    scaled = points * words.resolution_m
+    return np.stack(
+        [x + cosine * scaled[:, 0] - sine * scaled[:, 1], y + sine * scaled[:, 0] + cosine * scaled[:, 1]], 1
+    )
+
+
+@kernel
+def _contours(cells: NDArray[np.uint8]) -> tuple[Floats, Ints, Bools]:  # noqa: C901  # one walk
+    """The borders of all that is not free, walked with free space on the left: middles of cells' edges, in cells.
+
+    Returns: (n, 2) points, (contours + 1,) where each contour starts, (n,) whether a wall's cell is on the right.
+    """
+    height, width = cells.shape
+    # Directions: 0 +x, 1 +y, 2 -x, 3 -y. An edge leaves the lattice point (column, row) in a direction.
+    done = np.zeros((height + 1, width + 1, 4), np.bool_)
+    total = 0
+    for row in range(height):
+        for column in range(width):
+            if cells[row, column] != FREE:
+                total += 4
+    points = np.empty((total, 2))
+    of_wall = np.empty(total, np.bool_)
+    starts = np.empty(total // 4 + 2, np.int64)
+    count, contours = 0, 0
+    step_x, step_y = (1, 0, -1, 0), (0, 1, 0, -1)
+    # The solid cell on the right and the free one on the left of an edge, from its lattice point.
+    right_x, right_y = (0, 0, -1, -1), (-1, 0, 0, -1)
+    left_x, left_y = (0, -1, -1, 0), (0, 0, -1, -1)
+    for row in range(height):
+        for column in range(width):
+            # Every contour has an edge below a solid cell, walked towards -x.
+            if cells[row, column] == FREE or row == 0 or cells[row - 1, column] != FREE:
+                continue
+            x, y, way = column + 1, row, 2
+            if done[y, x, way]:
+                continue
+            starts[contours] = count
+            contours += 1
+            while not done[y, x, way]:
+                done[y, x, way] = True
+                points[count, 0] = x + 0.5 * step_x[way]
+                points[count, 1] = y + 0.5 * step_y[way]
+                of_wall[count] = cells[y + right_y[way], x + right_x[way]] == WALL
+                count += 1
+                x += step_x[way]
+                y += step_y[way]
+                # Cells that touch at a corner are one wall: turn left where it can be, else go on, else turn right.
+                for turn in (1, 0, 3):
+                    onward = (way + turn) % 4
+                    if (
+                        cells[y + right_y[onward], x + right_x[onward]] != FREE
+                        and cells[y + left_y[onward], x + left_x[onward]] == FREE
+                    ):
+                        way = onward
+                        break
+    starts[contours] = count
+    return points[:count], starts[: contours + 1], of_wall[:count]
+
+
+def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Corners of one contour, in cells: where the lines fitted to its straight pieces cross; and which are walls."""
+    # Begin at a corner: the point farthest from the middle is one.
+    away = points - points.mean(0)
+    order = np.roll(np.arange(len(points)), -int(np.argmax((away * away).sum(1))))
+    order = np.append(order, order[0])
+    return _pieces(points[order, 0].copy(), points[order, 1].copy(), of_wall[order])
+
+
+@kernel
+def _pieces(x: Floats, y: Floats, of_wall: Bools) -> tuple[Floats, Bools]:
+    """Corners of a closed contour whose last point is its first, and whether the piece after each is a wall."""
+    last = len(x) - 1
+    starts = np.empty(len(x) + 1, np.int64)
+    # A closed chord has no direction: cut at the point farthest from the first.
+    middle, worst = 0, -1.0
+    for i in range(len(x)):
+        away = (x[i] - x[0]) * (x[i] - x[0]) + (y[i] - y[0]) * (y[i] - y[0])
+        if away > worst:
+            middle, worst = i, away
+    pieces = split_run(x, y, 0, middle, SPLIT_CELLS, starts)
+    pieces += split_run(x, y, middle, last, SPLIT_CELLS, starts[pieces:])
+    starts[pieces] = last
+    corners = np.empty((pieces, 2))
+    seen = np.empty(pieces, np.bool_)
+    lines = np.empty((pieces, 4))
+    for p in range(pieces):
+        first, end = starts[p], starts[p + 1]
+        trim = 2 if end - first >= 10 else (1 if end - first >= 6 else 0)
+        lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3] = fit_line(x, y, first + trim, end - trim)
+        bordering = 0
+        for i in range(first, end):
+            if of_wall[i]:
+                bordering += 1
+        seen[p] = 2 * bordering > end - first
+    for p in range(pieces):
+        i = starts[p]
+        corners[p, 0], corners[p, 1] = x[i], y[i]
+        ax, ay, bx, by = lines[p - 1, 2], lines[p - 1, 3], lines[p, 2], lines[p, 3]
+        sine = ax * by - ay * bx
+        if abs(sine) < 0.3:
+            continue
+        s = ((lines[p, 0] - lines[p - 1, 0]) * by - (lines[p, 1] - lines[p - 1, 1]) * bx) / sine
+        meet_x, meet_y = lines[p - 1, 0] + s * ax, lines[p - 1, 1] + s * ay
+        if abs(meet_x - x[i]) + abs(meet_y - y[i]) < 2.0:
+            corners[p, 0], corners[p, 1] = meet_x, meet_y
+    return corners, seen

@@ -1,0 +1,124 @@
+"""One sweep of a 2-D lidar, in ROS's conventions, and its bytes.
+
+Metres and radians, x forward, counter-clockwise. A miss (nothing within `range_max_m`) is +inf; a beam that says
+nothing (dropped, too close, broken) is NaN. The difference matters: through a miss a robot sees that the way is free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.errors import BadPayload, UsageError
+
+from .angles import TWO_PI, sin_cos
+
+BEAMS_MAX = 8192
+# On the wire a range is a whole number of millimetres.
+MM_PER_M = 1000
+_SILENT = 0
+_MISS = 0xFFFF
+_HEADER = np.dtype([("beams", "<u2"), ("first", "<i4"), ("step", "<i4"), ("min", "<u2"), ("max", "<u2")])
+_ANGLE_UNIT_RAD = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserScan:
+    """A sweep; valid by construction.
+
+    Args:
+        ranges_m: (n,) float64, n of 2..8192; finite and within the limits, +inf or NaN.
+        angle_min_rad: of the first beam, robot frame.
+        angle_increment_rad: from one beam to the next; positive, at most one turn in all.
+        range_min_m, range_max_m: outside of these the sensor knows nothing.
+    Raises: UsageError: a value is out of range. Ranges are never refused: what is no range becomes NaN.
+    Source: sensor_msgs/LaserScan, REP 117.
+    """
+
+    ranges_m: NDArray[np.float64]
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float = 0.02
+    range_max_m: float = 30.0
+
+    def __post_init__(self) -> None:
+        ranges = np.array(self.ranges_m, dtype=np.float64)
+        if ranges.ndim != 1 or not 2 <= len(ranges) <= BEAMS_MAX:
+            raise UsageError(f"a scan of shape {ranges.shape}", f"2 to {BEAMS_MAX} beams")
+        turn = self.angle_increment_rad * len(ranges)
+        if not (self.angle_increment_rad > 0 and turn <= TWO_PI * 1.01 and abs(self.angle_min_rad) <= TWO_PI):
+            raise UsageError(
+                f"{len(ranges)} beams from {self.angle_min_rad} rad in steps of {self.angle_increment_rad} rad",
+                "counter-clockwise, one turn at most",
+            )
+        if not 0 <= self.range_min_m < self.range_max_m <= _MISS - 1:
+            raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "0 <= min < max, finite")
+        with np.errstate(invalid="ignore"):
+            ranges[ranges > self.range_max_m] = np.inf
+            ranges[ranges < self.range_min_m] = np.nan
+        ranges.setflags(write=False)
+        object.__setattr__(self, "ranges_m", ranges)
+
+    @property
+    def beams(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(cosines, sines) of the beams' bearings, each (n,)."""
+        return beam_table(self.angle_min_rad, self.angle_increment_rad, len(self.ranges_m))
+
+    @property
+    def full_turn(self) -> bool:
+        """The last beam is the first one's neighbour."""
+        return self.angle_increment_rad * (len(self.ranges_m) + 0.5) > TWO_PI
+
+    def to_bytes(self) -> bytes:
+        """The scan in millimetres; `from_bytes` gives what an auditor works on, so a robot extracts from that, too."""
+        header = np.zeros(1, _HEADER)
+        header["beams"] = len(self.ranges_m)
+        header["first"] = round(self.angle_min_rad / _ANGLE_UNIT_RAD)
+        header["step"] = round(self.angle_increment_rad / _ANGLE_UNIT_RAD)
+        header["min"] = min(_MISS - 1, round(self.range_min_m * MM_PER_M))
+        header["max"] = min(_MISS - 1, round(self.range_max_m * MM_PER_M))
+        ranges = np.full(len(self.ranges_m), _SILENT, "<u2")
+        ranges[np.isposinf(self.ranges_m)] = _MISS
+        seen = np.isfinite(self.ranges_m)
+        ranges[seen] = np.clip(np.rint(self.ranges_m[seen] * MM_PER_M), 1, _MISS - 1)
+        return header.tobytes() + ranges.tobytes()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> LaserScan:
+        """The scan that a peer sent.
+
+        Raises: BadPayload: these are not the bytes of a scan.
+        """
+        if len(data) < _HEADER.itemsize:
+            raise BadPayload(f"a scan of {len(data)} bytes")
+        header = np.frombuffer(data, _HEADER, 1)[0]
+        if len(data) != _HEADER.itemsize + 2 * int(header["beams"]):
+            raise BadPayload(f"a scan of {header['beams']} beams in {len(data)} bytes")
+        raw = np.frombuffer(data, "<u2", offset=_HEADER.itemsize)
+        ranges = raw / float(MM_PER_M)
+        ranges[raw == _SILENT] = np.nan
+        ranges[raw == _MISS] = np.inf
+        try:
+            return cls(
+                ranges,
+                int(header["first"]) * _ANGLE_UNIT_RAD,
+                int(header["step"]) * _ANGLE_UNIT_RAD,
+                int(header["min"]) / MM_PER_M,
+                int(header["max"]) / MM_PER_M,
+            )
+        except UsageError as error:
+            raise BadPayload(str(error)) from error
+
+
+@lru_cache(maxsize=64)
+def beam_table(first_rad: float, step_rad: float, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(cosines, sines) of the bearings of `count` beams."""
+    cosines, sines = np.empty(count), np.empty(count)
+    for i in range(count):
+        sines[i], cosines[i] = sin_cos(first_rad + i * step_rad)
+    cosines.setflags(write=False)
+    sines.setflags(write=False)
+    return cosines, sines

@@ -1,0 +1,219 @@
+"""The landmarks of a floor plan: what a robot that walks there will take its doorways, corners and rooms for.
+
+The same rules as for a scan (`corners`, `doorways`), on outlines instead of beams.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.mission.observable import Landmark
+
+from .floorplan import FloorPlan
+from .outlines import Outline
+
+# Jambs may be so slanted: where a map's walls are two cells thick, their ends are.
+FACE_M = 0.25
+# Two sides of one wall show the same doorway.
+SAME_M = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """One landmark, with all the ways it can be seen.
+
+    Args:
+        aliases: any one of them is the landmark; of a corner one for each wall, of a room one for each three
+            consecutive corners.
+        width_m: of a doorway, else 0.
+    """
+
+    aliases: tuple[Landmark, ...]
+    width_m: float = 0.0
+
+    @property
+    def type(self) -> str:
+        """The type of the landmark."""
+        return self.aliases[0].type
+
+
+@dataclass(frozen=True, slots=True)
+class _Corner:
+    """A corner of an outline: where it is, both walls' unit directions, lengths, and whether they are seen."""
+
+    at: tuple[float, float]
+    before: tuple[float, float]
+    after: tuple[float, float]
+    before_m: float
+    after_m: float
+    before_seen: bool
+    after_seen: bool
+    sine: float
+    cosine: float
+
+
+def landmarks_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Site, ...]:
+    """The landmarks of a floor plan: doorways, rooms, concave corners that are no jambs, convex corners.
+
+    Source: Encoded graphs §V-A; docs/spec/mission.md.
+    """
+    config = config or ExtractionConfig()
+    chains = [list(_corners(outline)) for outline in plan.outlines]
+    everywhere = [corner for chain in chains for corner in chain]
+    concave = [corner for corner in everywhere if _is_concave(corner, config)]
+    doors, jambs = _doorways(plan, concave, config)
+    rooms = [room for chain in chains for room in _rooms(plan, chain, config)]
+    ends = [_concave_site(corner, config) for corner in concave if corner.at not in jambs]
+    convex = [_convex_site(corner) for corner in everywhere if _is_convex(corner, config)]
+    codes = [Site((Landmark("qr", code.x_m, code.y_m, code.facing_rad, text=code.text),)) for code in plan.codes]
+    return tuple(site for site in (*doors, *rooms, *_merged(ends), *convex, *codes) if site.aliases)
+
+
+def _corners(outline: Outline) -> Iterator[_Corner]:
+    points, count = outline.points, len(outline.points)
+    for i in range(count):
+        before = points[i] - points[i - 1]
+        after = points[(i + 1) % count] - points[i]
+        before_m, after_m = max(math.hypot(*before), 1e-9), max(math.hypot(*after), 1e-9)
+        (bx, by), (ax, ay) = before / before_m, after / after_m
+        yield _Corner(
+            (float(points[i, 0]), float(points[i, 1])),
+            (float(bx), float(by)),
+            (float(ax), float(ay)),
+            before_m,
+            after_m,
+            bool(outline.seen[i - 1]),
+            bool(outline.seen[i]),
+            float(bx * ay - by * ax),
+            float(bx * ax + by * ay),
+        )
+
+
+def _is_convex(corner: _Corner, config: ExtractionConfig) -> bool:
+    return (
+        corner.sine >= math.sin(config.corner_min_rad)
+        and corner.before_seen
+        and corner.after_seen
+        and min(corner.before_m, corner.after_m) >= config.wall_min_m
+    )
+
+
+def _is_concave(corner: _Corner, config: ExtractionConfig) -> bool:
+    turns_right = corner.sine <= -math.sin(config.corner_min_rad)
+    # The end of a wall without thickness: the outline turns back.
+    turns_back = abs(corner.sine) < math.sin(config.corner_min_rad) and corner.cosine < 0
+    return (turns_right or turns_back) and (corner.before_seen or corner.after_seen)
+
+
+def _doorways(
+    plan: FloorPlan, concave: list[_Corner], config: ExtractionConfig
+) -> tuple[list[Site], set[tuple[float, float]]]:
+    """Doorways, and the corners that are their jambs."""
+    sites: list[Site] = []
+    jambs: set[tuple[float, float]] = set()
+    straight = math.cos(config.door_bend_rad)
+    places = np.array([corner.at for corner in concave]).reshape(-1, 2)
+    for a in concave:
+        if not a.before_seen or a.before_m < config.wall_min_m:
+            continue
+        away = np.hypot(places[:, 0] - a.at[0], places[:, 1] - a.at[1])
+        for j in np.flatnonzero((away >= config.door_min_m - 1e-9) & (away <= config.door_max_m + 1e-9)):
+            b = concave[j]
+            if not b.after_seen or b.after_m < config.wall_min_m:
+                continue
+            x, y, width = (b.at[0] - a.at[0]), (b.at[1] - a.at[1]), float(away[j])
+            if min(a.before[0] * x + a.before[1] * y, b.after[0] * x + b.after[1] * y) < straight * width:
+                continue
+            if not (plan.sees(a.at, b.at) and plan.is_clear(a.at, b.at, FACE_M, 0.0, config.door_clear_m)):
+                continue
+            depth = max(_face_depth(a.sine, a.after_m, config), _face_depth(b.sine, b.before_m, config))
+            along_x = a.before_m * a.before[0] + b.after_m * b.after[0]
+            along_y = a.before_m * a.before[1] + b.after_m * b.after[1]
+            length = math.hypot(along_x, along_y)
+            # Free space, and who sees it, is on the left; the middle of the wall on the right.
+            door = Landmark(
+                "doorway",
+                0.5 * (a.at[0] + b.at[0]) + 0.5 * depth * along_y / length,
+                0.5 * (a.at[1] + b.at[1]) - 0.5 * depth * along_x / length,
+                math.atan2(along_y, along_x) % math.pi,
+            )
+            jambs |= {a.at, b.at}
+            if not any(math.hypot(s.aliases[0].x_m - door.x_m, s.aliases[0].y_m - door.y_m) < SAME_M for s in sites):
+                sites.append(Site((door,), width))
+    return sites, jambs
+
+
+def _face_depth(sine: float, length_m: float, config: ExtractionConfig) -> float:
+    return length_m if sine <= -math.sin(config.corner_min_rad) and length_m <= config.door_depth_m else 0.0
+
+
+def _concave_site(corner: _Corner, config: ExtractionConfig) -> Site:
+    walls = (
+        (corner.before, corner.before_m, corner.before_seen),
+        (corner.after, corner.after_m, corner.after_seen),
+    )
+    return Site(
+        tuple(
+            Landmark("corner_concave", *corner.at, math.atan2(x, -y))
+            for (x, y), length, seen in walls
+            if seen and length >= config.wall_min_m
+        )
+    )
+
+
+def _merged(sites: list[Site]) -> list[Site]:
+    """One site for corners at one place: where two walls meet tip to tip, several outlines turn."""
+    merged: dict[tuple[float, float], Site] = {}
+    for site in sites:
+        if site.aliases:
+            at = (site.aliases[0].x_m, site.aliases[0].y_m)
+            known = merged.get(at, Site(()))
+            merged[at] = replace(known, aliases=(*known.aliases, *site.aliases))
+    return list(merged.values())
+
+
+def _convex_site(corner: _Corner) -> Site:
+    x = -corner.before[1] - corner.after[1]
+    y = corner.before[0] + corner.after[0]
+    return Site((Landmark("corner_convex", *corner.at, math.atan2(y, x)),))
+
+
+def _rooms(plan: FloorPlan, chain: list[_Corner], config: ExtractionConfig) -> Iterator[Site]:
+    """A room for each run of at least three convex corners."""
+    convex = [_is_convex(corner, config) for corner in chain]
+    if not chain or all(convex):
+        # Closed all around: nobody comes in, but whoever starts there sees it.
+        runs = [[*chain, *chain[:2]]] if chain else []
+    else:
+        first = convex.index(False)
+        turned = chain[first:] + chain[:first]
+        runs, run = [], []
+        for corner in [*turned, turned[0]]:
+            if _is_convex(corner, config):
+                run.append(corner)
+            else:
+                runs.append(run)
+                run = []
+    for run in runs:
+        aliases = [
+            alias
+            for i in range(len(run) - 2)
+            if (alias := _triangle(plan, run[i].at, run[i + 1].at, run[i + 2].at, config)) is not None
+        ]
+        if aliases:
+            yield Site(tuple(aliases))
+
+
+def _triangle(
+    plan: FloorPlan, a: tuple[float, float], b: tuple[float, float], c: tuple[float, float], config: ExtractionConfig
+) -> Landmark | None:
+    area = 0.5 * abs((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    middle = ((a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3)
+    if area < config.room_min_m2 or not all(plan.sees(middle, corner) for corner in (a, b, c)):
+        return None
+    return Landmark("room", *middle, area_m2=area)

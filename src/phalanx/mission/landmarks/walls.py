@@ -1,0 +1,215 @@
+"""Ranges → points → walls: split where the scan jumps or bends, merge what is straight, fit a line to each piece.
+
+Arrays of points and of walls are in the order of the bearings: counter-clockwise, the robot on the left-hand side of
+every wall's direction. Everything here is a kernel, so that an auditor who replays it gets the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+# Beams that may be silent between two neighbours on one wall.
+GAP_BEAMS = 4
+# Legs and columns make pieces shorter than this that look straight.
+ROUND_M = 0.6
+# Columns of an array of walls: a point on it, its unit direction, its first and its last point.
+X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
+
+
+@kernel
+def points_of(ranges: Floats, cosines: Floats, sines: Floats, range_m: float) -> tuple[Floats, Floats, Ints]:
+    """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
+    count = 0
+    for k in range(len(ranges)):
+        if ranges[k] <= range_m:
+            count += 1
+    x, y, beam = np.empty(count), np.empty(count), np.empty(count, np.int64)
+    i = 0
+    for k in range(len(ranges)):
+        if ranges[k] <= range_m:
+            x[i] = ranges[k] * cosines[k]
+            y[i] = ranges[k] * sines[k]
+            beam[i] = k
+            i += 1
+    return x, y, beam
+
+
+@kernel
+def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_slope: float) -> Bools:
+    """For each point, whether it begins a new run: not on one surface with the point before it.
+
+    `graze_slope` is the cotangent of the smallest angle at which a wall counts as one surface: its range then grows by
+    so many times the distance between two beams.
+
+    Source: none (adaptive break points after Borges and Aldon).
+    """
+    count = len(beam)
+    new_run = np.empty(count, np.bool_)
+    for i in range(count):
+        if i == 0 or beam[i] - beam[i - 1] > GAP_BEAMS:
+            new_run[i] = True
+            continue
+        near, far = ranges[beam[i - 1]], ranges[beam[i]]
+        if near > far:
+            near, far = far, near
+        gap = beam[i] - beam[i - 1]
+        new_run[i] = far - near > jump_m + graze_slope * near * step_rad * gap
+        for k in range(beam[i - 1] + 1, beam[i]):
+            # A miss, or something out of the range of features: in any case not this surface.
+            if not np.isnan(ranges[k]):
+                new_run[i] = True
+    return new_run
+
+
+@kernel
+def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[int, float]:
+    chord_x, chord_y = x[last] - x[first], y[last] - y[first]
+    length = math.sqrt(chord_x * chord_x + chord_y * chord_y)
+    worst, at = -1.0, first
+    for i in range(first + 1, last):
+        dx, dy = x[i] - x[first], y[i] - y[first]
+        distance = abs(chord_x * dy - chord_y * dx) / length if length > 1e-9 else math.sqrt(dx * dx + dy * dy)
+        if distance > worst:
+            worst, at = distance, i
+    return at, worst
+
+
+@kernel
+def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, starts: Ints) -> int:
+    """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
+
+    A piece ends where the next one starts. Source: none (iterative end-point fit).
+    """
+    stack = np.empty((last - first + 2, 2), np.int64)
+    stack[0, 0], stack[0, 1] = first, last
+    depth, count = 1, 0
+    while depth > 0:
+        depth -= 1
+        a, b = stack[depth, 0], stack[depth, 1]
+        at, distance = _farthest_from_chord(x, y, a, b)
+        if distance > split_m:
+            # The left half is taken off the stack first, so that pieces come in order.
+            stack[depth, 0], stack[depth, 1] = at, b
+            stack[depth + 1, 0], stack[depth + 1, 1] = a, at
+            depth += 2
+        else:
+            starts[count] = a
+            count += 1
+    return count
+
+
+@kernel
+def fit_line(x: Floats, y: Floats, first: int, last: int) -> tuple[float, float, float, float]:
+    """(x, y, along_x, along_y): the line with the least squared distances, from `first` towards `last`."""
+    n = last - first + 1
+    sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(first, last + 1):
+        dx, dy = x[i] - x[first], y[i] - y[first]
+        sum_x += dx
+        sum_y += dy
+        sum_xx += dx * dx
+        sum_xy += dx * dy
+        sum_yy += dy * dy
+    mean_x, mean_y = sum_x / n, sum_y / n
+    xx, xy, yy = sum_xx - sum_x * mean_x, sum_xy - sum_x * mean_y, sum_yy - sum_y * mean_y
+    # The eigenvector of the larger eigenvalue, from whichever row of the matrix gives the longer one.
+    root = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)
+    if xx >= yy:
+        along_x, along_y = 0.5 * (xx - yy + root), xy
+    else:
+        along_x, along_y = xy, 0.5 * (yy - xx + root)
+    length = math.sqrt(along_x * along_x + along_y * along_y)
+    if length < 1e-12:
+        along_x, along_y, length = 1.0, 0.0, 1.0
+    if along_x * (x[last] - x[first]) + along_y * (y[last] - y[first]) < 0.0:
+        length = -length
+    return x[first] + mean_x, y[first] + mean_y, along_x / length, along_y / length
+
+
+@kernel
+def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool:
+    """Whether a point of first..last is farther than `split_m` from the line through them all."""
+    cx, cy, ax, ay = fit_line(x, y, first, last)
+    for i in range(first, last + 1):  # noqa: SIM110  # numba knows no generators
+        if abs(ax * (y[i] - cy) - ay * (x[i] - cx)) > split_m:
+            return True
+    return False
+
+
+@kernel
+def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
+    """How far the middle third stands out of the line of both ends: 0 for a wall, not for a leg or a column."""
+    cx, cy, ax, ay = line
+    third = (last - first + 1) // 3
+    middle, ends = 0.0, 0.0
+    for i in range(first, last + 1):
+        off = ax * (y[i] - cy) - ay * (x[i] - cx)
+        if first + third <= i <= last - third:
+            middle += off
+        else:
+            ends += off
+    return abs(middle / (last - first + 1 - 2 * third) - ends / (2 * third))
+
+
+@kernel
+def walls_of(
+    x: Floats, y: Floats, new_run: Bools, split_m: float, line_m: float, wall_min_m: float, min_points: int
+) -> tuple[Floats, Ints]:
+    """The walls, (w, 8), and the (w, 2) first and last point of each.
+
+    Source: Encoded graphs Alg. 1, getF; none (split and merge).
+    """
+    count = len(x)
+    starts = np.empty(count + 1, np.int64)
+    walls = np.empty((count // min_points + 1, 8))
+    spans = np.empty((count // min_points + 1, 2), np.int64)
+    found = 0
+    run = 0
+    while run < count:
+        end = run + 1
+        while end < count and not new_run[end]:
+            end += 1
+        if end - run < min_points:
+            run = end
+            continue
+        pieces = split_run(x, y, run, end - 1, split_m, starts)
+        starts[pieces] = end - 1
+        a = 0
+        while a < pieces:
+            b = a + 1
+            # Noise splits what is straight: put together what one line fits.
+            while b < pieces and not _strays(x, y, starts[a], starts[b + 1], split_m):
+                b += 1
+            first, last = starts[a], starts[b]
+            a = b
+            dx, dy = x[last] - x[first], y[last] - y[first]
+            points = last - first + 1
+            if points < min_points or dx * dx + dy * dy < wall_min_m * wall_min_m:
+                continue
+            # The outermost points may belong to the next wall.
+            trim = 2 if points >= 12 else (1 if points >= 8 else 0)
+            line = fit_line(x, y, first + trim, last - trim)
+            short = dx * dx + dy * dy < ROUND_M * ROUND_M
+            if short and _bow(x, y, first + trim, last - trim, line) > 0.3 * line_m:
+                continue
+            walls[found, X], walls[found, Y], walls[found, ALONG_X], walls[found, ALONG_Y] = line
+            spans[found, 0], spans[found, 1] = first, last
+            found += 1
+        run = end
+    for w in range(found):
+        cx, cy, ax, ay = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
+        for end in range(2):
+            i = spans[w, end]
+            s = ax * (x[i] - cx) + ay * (y[i] - cy)
+            walls[w, FROM_X + 2 * end] = cx + s * ax
+            walls[w, FROM_Y + 2 * end] = cy + s * ay
+    return walls[:found], spans[:found]

@@ -1,0 +1,225 @@
+"""What a robot can experience, and the canonical bytes of it: the only thing that is ever hashed.
+
+A node of a mission is a conjunction of observables. Their bytes are integers behind tags and lengths, never formatted
+floats and never bare concatenation: "1" + "12" would be "11" + "2". All values that a robot measures are put into cells
+counted from an offset that the compiler chose, so that what was encoded lies in the middle of its cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import UsageError
+
+from .angles import TWO_PI, wrap_rad
+
+LANDMARK_TYPES = ("doorway", "corner_convex", "corner_concave", "room", "qr")
+# A doorway looks the same from both sides.
+HALF_TURN_TYPES = ("doorway",)
+MM_PER_M = 1000
+OFFSET_RAD = 1e-4  # unit of an orientation's offset
+OFFSET_M2 = 1e-2  # unit of an area's offset
+CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
+
+
+@dataclass(frozen=True, slots=True)
+class Landmark:
+    """Something that stays where it is.
+
+    Args:
+        type: one of LANDMARK_TYPES; "corner_concave" is the paper's word for a reflex corner (jambs, pillars, wall
+            ends), "corner_convex" for the corner of a room.
+        x_m, y_m: map frame; when observed, as the robot's estimated pose puts it.
+        orientation_rad: map frame, or None; a doorway's counts modulo half a turn.
+        area_m2: of a room's triangle, or None.
+        text: of a QR code, or None.
+    Raises: UsageError: no such type, or a number that is none.
+    Source: Encoded graphs §IV-A, §V-B, Eq. 1-3.
+    """
+
+    type: str
+    x_m: float
+    y_m: float
+    orientation_rad: float | None = None
+    area_m2: float | None = None
+    text: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.type not in LANDMARK_TYPES:
+            raise UsageError(f"there is no landmark type {self.type!r}", f"one of {', '.join(LANDMARK_TYPES)}")
+        numbers = (self.x_m, self.y_m, self.orientation_rad or 0.0, self.area_m2 or 0.0)
+        if not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
+            raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "metres and radians, below a million")
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """The robot itself is there; map frame."""
+
+    x_m: float
+    y_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A sensor says exactly this: a text, a colour's name, bytes."""
+
+    value: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Something out of the robot's pool of actions.
+
+    Args:
+        name: as the robot's pool has it.
+        args: sorted by name; numbers are rounded to thousandths when they are encoded.
+    """
+
+    name: str
+    args: tuple[tuple[str, float | str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Time:
+    """The mission's clock is in the window around `t_s`; the window's length is in the file."""
+
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """An encoded message has come: from a controller or another robot."""
+
+    value: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """A sector of the full turn, counted from the map's x axis, counter-clockwise."""
+
+    sector: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
+class Previous:
+    """What the node before released."""
+
+    secret: bytes
+
+
+Observable = Landmark | Position | Sensor | Action | Direction | Time | Message | Previous
+
+
+@dataclass(frozen=True, slots=True)
+class Experience:
+    """All that a robot can try at one moment.
+
+    Args:
+        t_s: the mission's clock; never runs backwards.
+        x_m, y_m, heading_rad: the robot's estimated pose, map frame: odometry since the last fix.
+        travelled_m: path length by odometry since the start.
+        landmarks: seen at this moment, put into the map frame by the estimated pose.
+        sensors: other readings, as bytes.
+        actions: what the robot can do (or has just done): the pool that is searched.
+        messages: encoded messages that came since the last experience.
+        blocked: the way that the robot was told to take is blocked.
+    """
+
+    t_s: float
+    x_m: float
+    y_m: float
+    heading_rad: float
+    travelled_m: float = 0.0
+    landmarks: tuple[Landmark, ...] = ()
+    sensors: tuple[bytes, ...] = ()
+    actions: tuple[Action, ...] = ()
+    messages: tuple[bytes, ...] = ()
+    blocked: bool = False
+
+
+class Offset(NamedTuple):
+    """Where the middle of a cell lies, for one alias of one node; whole numbers, as they are stored.
+
+    x and y in mm within ± half a cell; the orientation in 1e-4 rad and the area in 0.01 m2, likewise.
+    """
+
+    x: int = 0
+    y: int = 0
+    orientation: int = 0
+    area: int = 0
+
+
+class Cell(NamedTuple):
+    """A measured thing in whole numbers. -1 where there is no orientation or no area."""
+
+    x: int
+    y: int
+    bin: int = -1
+    area: int = -1
+
+
+def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing: Landmark | None = None) -> Cell:
+    """The cell of a position, with the orientation's bin and the area's if `thing` has them.
+
+    Source: Encoded graphs §IV-A; docs/spec/mission.md (round((x - offset) / delta)).
+    """
+    delta_m = coding.delta_mm / MM_PER_M
+    x = round((x_m - offset.x / MM_PER_M) / delta_m)
+    y = round((y_m - offset.y / MM_PER_M) / delta_m)
+    limited = (max(-CELL_LIMIT, min(CELL_LIMIT, x)), max(-CELL_LIMIT, min(CELL_LIMIT, y)))
+    if thing is None:
+        return Cell(*limited)
+    orientation, area = -1, -1
+    if thing.orientation_rad is not None:
+        orientation = round((thing.orientation_rad - offset.orientation * OFFSET_RAD) / coding.bin_rad)
+        orientation %= bins_of(coding, thing.type)
+    if thing.area_m2 is not None:
+        area = max(0, min(CELL_LIMIT, round((thing.area_m2 - offset.area * OFFSET_M2) / coding.area_m2)))
+    return Cell(*limited, orientation, area)
+
+
+def bins_of(coding: CodingConfig, landmark_type: str) -> int:
+    """How many bins an orientation can fall into: half as many where front and back look alike."""
+    return coding.heading_bins // 2 if landmark_type in HALF_TURN_TYPES else coding.heading_bins
+
+
+def offset_of(coding: CodingConfig, thing: Landmark | Position) -> Offset:
+    """The offset that puts `thing` in the middle of its cell, to the mm, 1e-4 rad and 0.01 m2."""
+
+    def rest(value: float, step: float, unit: float) -> int:
+        return round((value - round(value / step) * step) / unit)
+
+    delta_m = coding.delta_mm / MM_PER_M
+    x, y = rest(thing.x_m, delta_m, 1 / MM_PER_M), rest(thing.y_m, delta_m, 1 / MM_PER_M)
+    if isinstance(thing, Position):
+        return Offset(x, y)
+    return Offset(
+        x,
+        y,
+        0 if thing.orientation_rad is None else rest(thing.orientation_rad, coding.bin_rad, OFFSET_RAD),
+        0 if thing.area_m2 is None else rest(thing.area_m2, coding.area_m2, OFFSET_M2),
+    )
+
+
+def middle_of(coding: CodingConfig, offset: Offset, cell: Cell) -> tuple[float, float, float | None]:
+    """(x_m, y_m, orientation_rad or None) of a cell's middle: what a match says about the world."""
+    x_m = (cell.x * coding.delta_mm + offset.x) / MM_PER_M
+    y_m = (cell.y * coding.delta_mm + offset.y) / MM_PER_M
+    if cell.bin < 0:
+        return x_m, y_m, None
+    return x_m, y_m, wrap_rad(cell.bin * coding.bin_rad + offset.orientation * OFFSET_RAD)
+
+
+def sector_of(direction_rad: float, sectors: int) -> int:
+    """The sector that a direction lies in; sector 0 is centred on the map's x axis."""
+    return round(direction_rad / TWO_PI * sectors) % sectors
+
+
+def window_of(coding: CodingConfig, t_s: float) -> int:
+    """The window of time that `t_s` lies in."""
+    return math.floor(t_s * MM_PER_M / coding.window_ms)

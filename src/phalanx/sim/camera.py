@@ -1,0 +1,205 @@
+"""A robot's camera in a building whose walls carry QR codes: grey pictures, and what is read in them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+import segno
+from numpy.typing import NDArray
+
+from phalanx.errors import UsageError
+from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
+from phalanx.mission.landmarks.codes import SeenCode, read_codes
+from phalanx.mission.observable import Landmark
+
+from .odometry import Pose
+
+_NOBODY = np.zeros((0, 3))
+# White modules around a code, as the standard wants them.
+QUIET = 4
+# Rays per pixel on each axis, for small and for large codes: the edges of modules come out grey, as in a lens.
+FINE, COARSE, LARGE_PX = 3, 2, 100
+WALL_GREY, DARK, LIGHT = 150.0, 25.0, 235.0
+NEAR_M = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraConfig:
+    """A camera, and how good its pictures are.
+
+    Args:
+        intrinsics: of the lens; the default sees 60 degrees on 1280 x 720 pixels, as the paper's Logitech c270 does.
+        mount: where it sits.
+        noise_grey: standard deviation of a pixel, of 255.
+        exposure_s: while the robot turns, the picture is smeared over so long.
+        light: brightness of the left and of the right border of the picture; 1 is daylight.
+        range_m: codes farther away are not drawn; nobody reads them.
+    Source: Encoded graphs §V-B.
+    """
+
+    intrinsics: Intrinsics = field(
+        default_factory=lambda: Intrinsics(fx=1108.0, fy=1108.0, cx=639.5, cy=359.5, width=1280, height=720)
+    )
+    mount: Mount = field(default_factory=Mount)
+    noise_grey: float = 3.0
+    exposure_s: float = 0.005
+    light: tuple[float, float] = (1.0, 0.8)
+    range_m: float = 6.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.noise_grey <= 100 and 0 <= self.exposure_s <= 1 and 0 < self.range_m <= 100):
+            raise UsageError(
+                f"a camera with noise {self.noise_grey}, exposure {self.exposure_s} s, range {self.range_m} m"
+            )
+        if not all(0 <= side <= 4 for side in self.light):
+            raise UsageError(f"light of {self.light}", "0 to 4 on both sides, 1 is daylight")
+        if self.intrinsics.k1 or self.intrinsics.k2:
+            raise UsageError("the simulated lens does not bend", "k1 and k2 of 0")
+
+
+class Camera:
+    """A camera that sees the codes of a floor plan."""
+
+    def __init__(self, plan: FloorPlan, config: CameraConfig | None = None) -> None:
+        self.config = config or CameraConfig()
+        self._plan = plan
+        self._grain: NDArray[np.float32] | None = None
+        lens = self.config.intrinsics
+        self._light = np.linspace(*self.config.light, lens.width, dtype=np.float32)
+
+    def picture(
+        self,
+        pose: Pose,
+        random: np.random.Generator,
+        people: NDArray[np.float64] = _NOBODY,
+        turn_radps: float = 0.0,
+    ) -> NDArray[np.uint8]:
+        """(height, width) grey picture from a pose.
+
+        Args:
+            pose: of the robot: x, y in metres and heading in radians, map frame.
+            random: the noise is drawn from it.
+            people: (m, 3) centre and radius of discs that hide what is behind them.
+            turn_radps: the robot turns so fast.
+        """
+        lens = self.config.intrinsics
+        picture = np.full((lens.height, lens.width), WALL_GREY, np.float32)
+        for code in sorted(self._plan.codes, key=lambda code: -math.hypot(code.x_m - pose[0], code.y_m - pose[1])):
+            if self._in_sight(pose, code, people):
+                _draw(picture, code, self._corners(pose, code), lens)
+        smear = round(abs(turn_radps) * self.config.exposure_s * lens.fx)
+        if smear > 1:
+            sums = np.cumsum(np.pad(picture, ((0, 0), (smear, 0)), mode="edge"), axis=1, dtype=np.float64)
+            picture = ((sums[:, smear:] - sums[:, :-smear]) / smear).astype(np.float32)
+        picture *= self._light
+        if self.config.noise_grey:
+            picture += self._noise(random)
+        np.rint(picture, out=picture)
+        np.clip(picture, 0, 255, out=picture)
+        return picture.astype(np.uint8)
+
+    def _noise(self, random: np.random.Generator) -> NDArray[np.float32]:
+        # A million normal numbers take longer than all the rest: drawn once, they are shifted from picture to picture.
+        lens = self.config.intrinsics
+        if self._grain is None:
+            self._grain = np.float32(self.config.noise_grey) * random.standard_normal(
+                lens.height * lens.width, np.float32
+            )
+        return np.roll(self._grain, int(random.integers(len(self._grain)))).reshape(lens.height, lens.width)
+
+    def landmarks(self, seen: tuple[SeenCode, ...], estimate: Pose, size_m: float = 0.12) -> tuple[Landmark, ...]:
+        """The codes read in a picture, where the robot's estimated pose puts them; codes are `size_m` wide."""
+        landmarks = []
+        for code in seen:
+            pose = code_pose(code.corners_px, size_m, self.config.intrinsics)
+            if pose is not None:
+                landmarks.append(qr_landmark(code.text, pose, self.config.mount, *estimate))
+        return tuple(landmarks)
+
+    def read(self, picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:
+        """The codes in a picture."""
+        return read_codes(picture)
+
+    def _eye(self, pose: Pose) -> Pose:
+        x, y, heading = pose
+        mount = self.config.mount
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return (
+            x + cosine * mount.x_m - sine * mount.y_m,
+            y + sine * mount.x_m + cosine * mount.y_m,
+            heading + mount.yaw_rad,
+        )
+
+    def _in_sight(self, pose: Pose, code: WallCode, people: NDArray[np.float64]) -> bool:
+        x, y, _ = self._eye(pose)
+        to_x, to_y = code.x_m - x, code.y_m - y
+        away = math.hypot(to_x, to_y)
+        # From behind there is only wall.
+        if (
+            not NEAR_M < away < self.config.range_m
+            or to_x * math.cos(code.facing_rad) + to_y * math.sin(code.facing_rad) > 0
+        ):
+            return False
+        for person_x, person_y, radius in people.tolist():
+            along = max(0.0, min(1.0, ((person_x - x) * to_x + (person_y - y) * to_y) / (away * away)))
+            if math.hypot(person_x - x - along * to_x, person_y - y - along * to_y) < radius:
+                return False
+        side_x, side_y = -math.sin(code.facing_rad) * code.size_m / 2, math.cos(code.facing_rad) * code.size_m / 2
+        return all(self._plan.sees((x, y), (code.x_m + s * side_x, code.y_m + s * side_y)) for s in (-1, 0, 1))
+
+    def _corners(self, pose: Pose, code: WallCode) -> NDArray[np.float64]:
+        """(4, 3) corners of the code in the camera's frame: x right, y down, z forward, metres."""
+        x, y, heading = self._eye(pose)
+        # To the right of who stands before the wall.
+        right = np.array([-math.sin(code.facing_rad), math.cos(code.facing_rad)]) * code.size_m / 2
+        floor = np.array([code.x_m, code.y_m]) + np.array([-1, 1, 1, -1])[:, None] * right - (x, y)
+        up = code.z_m - self.config.mount.z_m + np.array([1, 1, -1, -1]) * code.size_m / 2
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return np.column_stack([floor @ (sine, -cosine), -up, floor @ (cosine, sine)])
+
+
+@lru_cache(maxsize=1024)
+def _modules(text: str) -> NDArray[np.float64]:
+    """(n, n) of a code with its quiet zone: grey of each module."""
+    try:
+        matrix = segno.make_qr(text, error="m").matrix
+    except segno.DataOverflowError as error:
+        raise UsageError(f"a text of {len(text)} characters fits no QR code") from error
+    dark = np.pad(np.array([list(row) for row in matrix], dtype=np.float64), QUIET)
+    return LIGHT + (DARK - LIGHT) * dark
+
+
+def _draw(picture: NDArray[np.float32], code: WallCode, corners: NDArray[np.float64], lens: Intrinsics) -> None:
+    """Puts a code into a picture, by asking for each ray through its pixels which module it meets."""
+    modules = _modules(code.text)
+    count = len(modules) - 2 * QUIET
+    origin = corners[0]
+    across, down = (corners[1] - corners[0]) / count, (corners[3] - corners[0]) / count
+    # Rays (u, v, 1) → modules, by the inverse of the plane's homography.
+    to_modules = np.linalg.pinv(np.column_stack([across, down, origin]))
+    rim = np.array([(-QUIET, -QUIET), (count + QUIET, -QUIET), (count + QUIET, count + QUIET), (-QUIET, count + QUIET)])
+    outer = origin + rim @ np.stack([across, down])
+    if outer[:, 2].min() < NEAR_M:
+        return
+    x, y = lens.cx + lens.fx * outer[:, 0] / outer[:, 2], lens.cy + lens.fy * outer[:, 1] / outer[:, 2]
+    left, right = max(0, math.floor(x.min())), min(lens.width - 1, math.ceil(x.max()))
+    top, bottom = max(0, math.floor(y.min())), min(lens.height - 1, math.ceil(y.max()))
+    if left > right or top > bottom:
+        return
+    rate = COARSE if max(right - left, bottom - top) > LARGE_PX else FINE
+    fine = (np.arange(rate) + 0.5) / rate - 0.5
+    u = ((np.arange(left, right + 1)[:, None] + fine).ravel() - lens.cx) / lens.fx
+    v = ((np.arange(top, bottom + 1)[:, None] + fine).ravel() - lens.cy) / lens.fy
+    a, b, c = (row[0] * u + row[1] * v[:, None] + row[2] for row in to_modules)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        column, row = np.floor(a / c) + QUIET, np.floor(b / c) + QUIET
+    on_code = (c > 0) & (column >= 0) & (column < len(modules)) & (row >= 0) & (row < len(modules))
+    column, row = np.where(on_code, column, 0).astype(np.int64), np.where(on_code, row, 0).astype(np.int64)
+    patch = picture[top : bottom + 1, left : right + 1]
+    under = np.repeat(np.repeat(patch, rate, axis=0), rate, axis=1)
+    rays = np.where(on_code, modules[row, column], under)
+    patch[:] = rays.reshape(len(patch), rate, -1, rate).mean(axis=(1, 3))

@@ -1,0 +1,67 @@
+"""A 2-D lidar in a world of walls and people: sweeps with noise, drop-outs and a range at which it misses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import LidarConfig
+from phalanx.mission.landmarks.scan import LaserScan, beam_table
+
+from .raycast import cast
+
+_NOBODY = np.zeros((0, 3))
+
+
+class Lidar:
+    """A lidar that sees `walls`, (n, 4) ends of segments in the map frame; one object serves any number of robots."""
+
+    def __init__(self, walls: NDArray[np.float64], config: LidarConfig | None = None) -> None:
+        self.config = config or LidarConfig()
+        self._walls = np.ascontiguousarray(walls, np.float64).reshape(-1, 4)
+        first, step = self.config.angle_min_rad, self.config.angle_increment_rad
+        self._beams = beam_table(first, step, self.config.beams)
+
+    def true_ranges(
+        self, pose: tuple[float, float, float], people: NDArray[np.float64] = _NOBODY
+    ) -> NDArray[np.float64]:
+        """(beams,) distances without noise; +inf is a miss."""
+        ranges = np.empty(self.config.beams)
+        config = self.config
+        cosines, sines = self._beams
+        first, step = config.angle_min_rad, config.angle_increment_rad
+        cast(
+            (float(pose[0]), float(pose[1]), float(pose[2])),
+            self._walls,
+            people,
+            first,
+            step,
+            cosines,
+            sines,
+            config.range_max_m,
+            ranges,
+        )
+        return ranges
+
+    def sweep(
+        self,
+        pose: tuple[float, float, float],
+        random: np.random.Generator,
+        people: NDArray[np.float64] = _NOBODY,
+    ) -> LaserScan:
+        """A scan from a pose.
+
+        Args:
+            pose: x, y in metres and heading in radians, map frame.
+            random: noise and drop-outs are drawn from it.
+            people: (m, 3) centre and radius in metres.
+        """
+        config = self.config
+        ranges = self.true_ranges(pose, people)
+        if config.noise_m:
+            ranges += config.noise_m * random.standard_normal(config.beams)
+        if config.drop_out:
+            ranges[random.random(config.beams) < config.drop_out] = np.nan
+        return LaserScan(
+            ranges, config.angle_min_rad, config.angle_increment_rad, config.range_min_m, config.range_max_m
+        )

@@ -1,0 +1,178 @@
+"""A mission run in a world: robots that know only the encoded graph, from their start until done, held or out of time.
+
+Robots do not hinder each other (each sees the building, not the others), and what is drawn for one depends on the seed
+and its number alone. So a run's digest is the same however many processes share the work.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from phalanx.errors import UsageError
+from phalanx.mission import Action, EncodedMission, StartKey, Walker
+from phalanx.mission.landmarks import FloorPlan
+
+from .mission_robot import TICK_S, MissionRobot, Report, World, meet
+from .odometry import OdometryNoise, Pose
+
+ROBOTS_MAX = 1000
+PROGRESS_TICKS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one robot is given: an encoded mission, the key that starts it, the pose it is put at."""
+
+    mission: EncodedMission
+    key: StartKey | None
+    start: Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionRun:
+    """All that decides a run.
+
+    Args:
+        plan: the world.
+        parts: of the mission; robot i gets part i modulo their number.
+        robots: how many.
+        noise: of their odometry.
+        seed: of all that is drawn.
+        begin_s: the mission's clock when it starts.
+        duration_s: robots that are not done by then have not completed.
+        pool: actions that the robots can do.
+        controller: messages that a controller has sent when the robots start.
+        meet_m: robots so near that see each other exchange what they decoded; 0 is never.
+        keep_trace: keep where robots were at every step.
+    Raises: UsageError: a value is out of range.
+    """
+
+    plan: FloorPlan
+    parts: tuple[Part, ...]
+    robots: int = 1
+    noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
+    seed: int = 0
+    begin_s: float = 0.0
+    duration_s: float = 1800.0
+    pool: tuple[Action, ...] = ()
+    controller: tuple[bytes, ...] = ()
+    meet_m: float = 0.0
+    keep_trace: bool = False
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.robots <= ROBOTS_MAX:
+            raise UsageError(f"{self.robots} robots", f"1 to {ROBOTS_MAX}")
+        if not 0 < self.duration_s <= 86_400:
+            raise UsageError(f"a run of {self.duration_s} s", "up to a day")
+        if self.seed < 0:
+            raise UsageError(f"seed {self.seed}", "0 or more")
+
+    @property
+    def alone(self) -> bool:
+        """Whether no robot can hear another."""
+        return not self.meet_m and not any(node.sends for part in self.parts for node in part.mission.nodes)
+
+
+def run_mission(
+    run: MissionRun, workers: int = 1, on_progress: Callable[[float], None] = lambda _share: None
+) -> list[Report]:
+    """What became of each robot.
+
+    Args:
+        run: what to run.
+        workers: processes that share robots which cannot hear each other.
+        on_progress: called with the share of the simulated time that has gone by; of the first process's robots.
+    """
+    workers = max(1, min(workers, run.robots)) if run.alone else 1
+    if workers == 1:
+        return _live(run, range(run.robots), on_progress)
+    shares = [range(k, run.robots, workers) for k in range(workers)]
+    with ProcessPoolExecutor(workers - 1, get_context("spawn")) as pool:
+        others = [pool.submit(_live, run, share) for share in shares[1:]]
+        reports = _live(run, shares[0], on_progress)
+        for other in others:
+            reports += other.result()
+    return sorted(reports, key=lambda report: report.robot)
+
+
+def _live(run: MissionRun, numbers: range, on_progress: Callable[[float], None] = lambda _share: None) -> list[Report]:
+    """The reports of these robots, all of which live tick by tick."""
+    world = World(run.plan)
+    walkers = [Walker(part.mission, part.key) for part in run.parts]
+    robots = [
+        MissionRobot(
+            number,
+            world,
+            walkers[number % len(walkers)],
+            run.parts[number % len(walkers)].start,
+            run.noise,
+            run.seed,
+            run.pool,
+            begin_s=run.begin_s,
+            keep_trace=run.keep_trace,
+        )
+        for number in numbers
+    ]
+    said = run.controller
+    ticks = round(run.duration_s / TICK_S)
+    for tick in range(ticks):
+        alive = [robot for robot in robots if not robot.over]
+        if not alive:
+            break
+        heard, said = said, ()
+        for robot in alive:
+            said += robot.step(heard)
+        if run.meet_m:
+            meet(robots, run.plan, run.meet_m)
+        if not tick % PROGRESS_TICKS:
+            on_progress(tick / ticks)
+    on_progress(1.0)
+    return [robot.finish() for robot in robots]
+
+
+def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
+    """A run in figures, as `phalanx mission run --json` prints them."""
+    search, extraction = _all(reports, "search_ms"), _all(reports, "extraction_ms")
+    pose, odometry = _all(reports, "pose_error_m"), _all(reports, "odometry_error_m")
+    sizes = [len(part.mission.nodes) for part in run.parts]
+    return {
+        "robots": run.robots,
+        "nodes": sum(sizes[report.robot % len(sizes)] for report in reports),
+        "decoded": sum(len(report.decoded) for report in reports),
+        "completed": sum(report.done for report in reports),
+        "hashes_tried": sum(report.hashes_tried for report in reports),
+        "search_ms_p50": _quantile(search, 0.5),
+        "search_ms_max": _quantile(search, 1.0),
+        "extraction_ms_p50": _quantile(extraction, 0.5),
+        "pose_error_m_p50": _quantile(pose, 0.5),
+        "pose_error_m_max": _quantile(pose, 1.0),
+        "odometry_error_m_max": _quantile(odometry, 1.0),
+        "false_fixes": sum(report.false_fixes for report in reports),
+        "not_validated": [
+            {"robot": report.robot + 1, "t_s": round(t_s, 1), "reason": reason}
+            for report in reports
+            for t_s, reason in report.not_validated
+        ],
+        "actions": [
+            {"robot": report.robot + 1, "t_s": round(t_s, 1), "action": action}
+            for report in reports
+            for t_s, action in report.actions
+        ],
+        "t_s": round(max(report.t_s for report in reports), 1),
+        "digest": hashlib.sha256("".join(report.digest for report in reports).encode()).hexdigest(),
+    }
+
+
+def _all(reports: list[Report], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.concatenate([np.array(getattr(report, name), np.float64) for report in reports])
+
+
+def _quantile(values: np.ndarray[Any, np.dtype[np.float64]], share: float) -> float | None:
+    return round(float(np.quantile(values, share)), 4) if len(values) else None

@@ -1,0 +1,151 @@
+"""Whatever bytes an auditor is shown: a verdict, soon, and no token for another past than the trusted nodes chained."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+
+import numpy as np
+import pytest
+from caught import meaning, quiet_run
+
+from phalanx.bti import request
+from phalanx.bti.fleet import Fleet
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import node
+
+MUTATED = 10_000
+HUGE = (0xFF, 0x7F, 0x80, 0x00, 0xFE)
+
+
+@pytest.fixture(scope="module", params=["bound", "paper"])
+def caught(request):
+    return quiet_run(request.param, 22)
+
+
+def entries(q: bytes) -> list[tuple[int, int]]:
+    """(at, length) of the segment's parts, marks among them."""
+    segment = int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little")
+    at, found = len(q) - segment, []
+    while at < len(q):
+        size = 1 if q[at] & 0x80 else 7 + int.from_bytes(q[at + 5 : at + 7], "little")
+        found.append((at, size))
+        at += size
+    return found
+
+
+def flip_bits(q, dice):
+    made = bytearray(q)
+    for _ in range(int(dice.integers(1, 9))):
+        made[int(dice.integers(len(made)))] ^= 1 << int(dice.integers(8))
+    return bytes(made)
+
+
+def flip_bits_of_the_head(q, dice):
+    made = bytearray(q)
+    made[int(dice.integers(request.HEAD_BYTES))] ^= 1 << int(dice.integers(8))
+    return bytes(made)
+
+
+def cut(q, dice):
+    return q[: int(dice.integers(len(q)))]
+
+
+def lengthen(q, dice):
+    return q + dice.bytes(int(dice.integers(1, 3000)))
+
+
+def random_bytes(q, dice):
+    return dice.bytes(int(dice.integers(0, 2 * len(q))))
+
+
+def random_behind_the_head(q, dice):
+    return q[: request.HEAD_BYTES] + dice.bytes(len(q) - request.HEAD_BYTES)
+
+
+def huge_lengths(q, dice):
+    made = bytearray(q)
+    places = [request.AT_TOKENS, request.AT_CHECKPOINT_LEN, request.AT_SEGMENT_LEN, request.AT_SEGMENT_LEN + 3]
+    places += [at + 5 for at, size in entries(q) if size > 1] + [at + 6 for at, size in entries(q) if size > 1]
+    made[places[int(dice.integers(len(places)))]] = HUGE[int(dice.integers(len(HUGE)))]
+    return bytes(made)
+
+
+def swap_entries(q, dice):
+    parts = entries(q)
+    a, b = sorted(int(k) for k in dice.choice(len(parts), 2, replace=False))
+    (at, size), (bt, bize) = parts[a], parts[b]
+    return q[:at] + q[bt : bt + bize] + q[at + size : bt] + q[at : at + size] + q[bt + bize :]
+
+
+def drop_or_double_an_entry(q, dice):
+    at, size = entries(q)[int(dice.integers(len(entries(q))))]
+    again = dice.integers(2)
+    made = bytearray(q[:at] + q[at : at + size] * 2 * int(again) + q[at + size :])
+    segment = int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little") + (size if again else -size)
+    made[request.AT_SEGMENT_LEN : request.AT_SEGMENT_LEN + 4] = segment.to_bytes(4, "little")
+    return bytes(made)
+
+
+MUTATIONS = (
+    flip_bits, flip_bits_of_the_head, cut, lengthen, random_bytes, random_behind_the_head, huge_lengths, swap_entries,
+    drop_or_double_an_entry,
+)  # fmt: skip
+
+
+def mutated(caught, count: int, seed: int = 0):
+    dice = np.random.default_rng(seed)
+    for k in range(count):
+        tee, tor, q = caught.requests[int(dice.integers(len(caught.requests)))]
+        yield tee, tor, q, MUTATIONS[k % len(MUTATIONS)](q, dice)
+
+
+def test_unchanged_requests_pass(caught):
+    assert len(caught.requests) > 30
+    assert {caught.judge(*each)[0] for each in caught.requests} == {0}
+
+
+def test_of_ten_thousand_mutated_requests_none_earns_a_token(caught):
+    reasons, slowest_s = Counter(), 0.0
+    for tee, tor, q, made in mutated(caught, MUTATED):
+        began = time.perf_counter()
+        refused, _ = caught.judge(tee, tor, made)
+        slowest_s = max(slowest_s, time.perf_counter() - began)
+        reasons[Refusal(refused).name] += 1
+        assert refused or meaning(made) == meaning(q)
+    assert reasons["NONE"] < MUTATED / 20
+    assert len(reasons) >= 8, reasons
+    assert slowest_s < 0.25  # a whole log is replayed in a millisecond
+
+
+def test_uncompiled_where_an_index_out_of_bounds_would_show_the_verdicts_are_the_same(caught, tmp_path):
+    asked = [(tee, tor, made) for tee, tor, _, made in mutated(caught, 60, seed=1)]
+    here = [caught.judge(*each)[0] for each in asked]
+    assert len(set(here)) > 5
+    assert [refused for refused, _ in caught.judge.elsewhere(asked, tmp_path)] == here
+
+
+def test_another_robot_cannot_use_a_request(caught):
+    tee, tor, q = caught.requests[0]
+    assert caught.judge((tee + 1) % 10, tor, q)[0] == Refusal.NOT_THE_SENDER
+    assert caught.judge(tee, next(i for i in range(10) if i not in (tee, tor)), q)[0] == Refusal.REQUEST_INVALID
+
+
+def test_fragments_of_any_bytes_do_no_harm(caught):
+    """Through the radio's door: heads that make no sense, and true heads with any numbers in them."""
+    f, w = caught.judge.fleet, caught.judge.work
+    dice = np.random.default_rng(5)
+    now = 100_000_000
+    sizes = [getattr(f, name).nbytes for name in Fleet._fields]
+    for k in range(3000):
+        length = int(dice.choice([1, 5, 6, 10, 11, 20, 60, 2048]))
+        frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
+        frame[0] |= request.AUDIT
+        if k % 4 and length > 10:
+            request.audit_head(frame, int(dice.integers(0, 12)), 1, int(dice.integers(0, 4)))
+            frame[8], frame[9] = int(dice.choice([0, 1, 5, 62, 63, 255])), int(dice.choice([0, 1, 2, 6, 63, 64, 255]))
+        told = node.hear(f, 0, w, now + k * 7, frame, length)
+        assert told in (node.NOTHING, node.REPLY) or told < 0
+        if told == node.REPLY:
+            assert w.told[node.TOLD_REFUSAL] != 0
+    assert [getattr(f, name).nbytes for name in Fleet._fields] == sizes

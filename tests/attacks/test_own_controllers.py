@@ -1,0 +1,91 @@
+"""A researcher's controller in plain Python is protected like a bundled one."""
+
+from __future__ import annotations
+
+import random
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from trials import run, scenario
+
+from phalanx.bti.refusal import Refusal
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_controller.py"
+
+
+def advanced(made, controller) -> Run:
+    running = Run(made, controller)
+    running.advance(made.duration_s)
+    return running
+
+
+def test_the_example_stops_its_liar_and_nobody_else():
+    child = subprocess.run([sys.executable, str(EXAMPLE)], capture_output=True, text=True, timeout=120)
+    assert child.returncode == 0, child.stderr
+    lied, others = child.stdout.splitlines()
+    began_s, stopped_s = (float(word) for word in re.findall(r"\d+\.\d+", lied))
+    assert 10.0 <= began_s < stopped_s <= began_s + 10.101
+    assert others == "honest robots stopped: []"
+    assert len(EXAMPLE.read_text().splitlines()) < 60
+
+
+def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
+    """Logged, audited and replayed in Python, attack included."""
+    made = scenario("bound", AttackSpec(name="hijack", at_s=8.0), end_s=22, robots=10)
+    own = advanced(made, compiled(dispatch.Kind.FLOCK, flock_params(made.flock)))
+    bundled = run(made)
+    np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
+    assert own.summary()["compromised"] == bundled.summary()["compromised"]
+    assert own.summary()["correct_in_safe_mode"] == []
+
+
+class Plain(Controller):
+    """Stands still."""
+
+    def encode(self):
+        return b""
+
+    def decode(self, encoding):
+        assert not encoding
+
+    def on_recv(self, t_ms, frame):
+        pass
+
+    def on_input(self, step, t_ms, reading):
+        return [Act(bytes(19))]
+
+
+class Chancy(Plain):
+    def on_input(self, step, t_ms, reading):
+        return [Send(bytes([1, random.randrange(256)]))]
+
+
+def test_a_controller_that_uses_chance_is_refused_to_the_last_robot():
+    ended = advanced(scenario("bound", robots=6, end_s=12), Chancy)
+    reasons = Counter(why for *_, why in ended.new_verdicts())
+    assert set(reasons) == {Refusal.OUTPUT_WRONG}
+    assert ended.in_safe_mode.all()
+
+
+def test_a_controller_that_raises_on_a_log_refuses_it_and_no_more():
+    made = scenario("bound", robots=6, end_s=9)
+    caught = advanced(made, Plain)
+    assert {why for *_, why in caught.new_verdicts()} == {Refusal.NONE}
+    for cnode in caught.robots.values():
+        cnode.make_controller = Raising
+    caught.advance(12)
+    assert {why for *_, why in caught.new_verdicts()} == {Refusal.CONTROLLER_FAILED}
+
+
+class Raising(Plain):
+    def on_input(self, step, t_ms, reading):
+        raise ZeroDivisionError

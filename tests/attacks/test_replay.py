@@ -1,0 +1,67 @@
+"""Replay is exact: the same verdicts and the same bytes compiled and not, in another process, from every checkpoint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from caught import Caught, length_of
+from trials import run, scenario
+
+from phalanx.bti import request
+from phalanx.bti.refusal import Refusal
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec, Scenario
+
+FLIGHT_S = 150.0
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """25 robots from their grid to the goal, without liars: all requests that were the last of their round."""
+    return Caught(Run(Scenario(name="flight", seed=7)), FLIGHT_S)
+
+
+def starts(flight, robot: int) -> set[bytes]:
+    """The checkpoints at which a robot's logs began."""
+    found = set()
+    for tee, _, q in flight.requests:
+        if tee == robot:
+            row = np.frombuffer(q, np.uint8)
+            segment = int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little")
+            at = request.HEAD_BYTES + request.TOKEN_BYTES * q[request.AT_TOKENS]
+            found.add(q[at : length_of(row) - segment])
+    return found
+
+
+def test_every_log_of_a_whole_flight_replays(flight):
+    assert len(flight.requests) > 25 * FLIGHT_S / 4 * 0.9
+    assert {flight.judge(*each)[0] for each in flight.requests} == {Refusal.NONE}
+
+
+def test_from_every_checkpoint_of_a_robot_uncompiled_and_elsewhere_the_same_state_comes_out(flight, tmp_path):
+    robot = 12
+    of_one = [each for each in flight.requests if each[0] == robot]
+    assert len(starts(flight, robot)) > 30
+    here = [flight.judge(*each) for each in of_one]
+    assert len({state for _, state in here}) == len(of_one)
+    elsewhere = flight.judge.elsewhere(of_one, tmp_path)
+    assert elsewhere == [(refused, state.hex()) for refused, state in here]
+
+
+def test_a_bit_of_a_command_is_found_compiled_and_not(flight, tmp_path):
+    """With chains and authenticators as they are, so that the first check to fail may be another."""
+    forged = []
+    for tee, tor, q in flight.requests[200:208]:
+        made = bytearray(q)
+        made[-20] ^= 1
+        forged.append((tee, tor, bytes(made)))
+    here = [flight.judge(*each)[0] for each in forged]
+    assert 0 not in here
+    assert [refused for refused, _ in flight.judge.elsewhere(forged, tmp_path)] == here
+
+
+@pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+def test_the_same_seed_gives_the_same_bytes_and_another_others(defence):
+    liar = AttackSpec(name="spoof", at_s=5.0)
+    digests = [run(scenario(defence, liar, end_s=20, seed=seed)).summary()["digest"] for seed in (4, 4, 5)]
+    assert digests[0] == digests[1] != digests[2]

@@ -1,0 +1,119 @@
+"""Each attack does what it says under no defence, under the paper's and under ours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from trials import AT_S, F_MAX, attacked, check, honest, run, scenario
+
+from phalanx.bti.refusal import Refusal
+from phalanx.robot.attacks import ATTACKS
+from phalanx.sim.scenario import DEFENCES, AttackSpec
+
+# Why auditors refuse, where the attack is about what they are shown.
+REFUSED_FOR = {
+    "spoof": Refusal.OUTPUT_UNCALLED,
+    "false-state": Refusal.OUTPUT_UNCALLED,
+    "omit-sends": Refusal.OUTPUT_LATE,
+    "hijack": Refusal.OUTPUT_WRONG,
+    "drop-entries": Refusal.A_CHAIN,
+    "alter-entries": Refusal.S_CHAIN,
+    "reorder-entries": Refusal.A_CHAIN,
+    "insert-entries": Refusal.A_CHAIN,
+    "truncate-log": Refusal.S_CHAIN,
+    "forge-checkpoint": Refusal.TOKEN_INVALID,
+    "swap-nodes": Refusal.REQUEST_INVALID,
+    "stale-log": Refusal.REQUEST_INVALID,
+    "starve-sensors": Refusal.INPUT_MISSING,
+    "request-flood": Refusal.MALFORMED,
+}
+HOLES_OF_THE_PAPER = {
+    "stale-log", "zero-key", "request-flood", "frame-flood", "covert-talk", "ghost-auditors", "interleave",
+    "starve-sensors", "log-flood",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("defence", DEFENCES)
+@pytest.mark.parametrize("name", ATTACKS)
+def test_the_attack_comes_to_what_it_declares(name, defence):
+    trial = attacked(name, defence)
+    check(trial, ATTACKS[name].verdicts[defence])
+    if defence == "bound" and name in REFUSED_FOR:
+        assert trial.refusals[REFUSED_FOR[name]] > 0
+    if defence == "bound" and name == "interleave":  # which of them depends on when others spoke
+        assert trial.refusals[Refusal.INPUT_OFF_GRID] + trial.refusals[Refusal.OUT_OF_ORDER] > 0
+
+
+def test_the_holes_of_the_printed_protocol_are_open_in_it_and_closed_in_ours():
+    for name in HOLES_OF_THE_PAPER:
+        assert ATTACKS[name].verdicts["paper"] == "bites"
+        assert ATTACKS[name].verdicts["bound"] in ("stopped", "limited")
+    assert {name for name, kind in ATTACKS.items() if kind.verdicts["paper"] == "bites"} == HOLES_OF_THE_PAPER
+
+
+def test_the_strong_spoof_holds_the_flock_further_away_than_the_plain_one():
+    plain, strong = attacked("spoof", "none"), attacked("spoof", "none", strong=1)
+    assert strong.harm > 1.1 * plain.harm
+
+
+@pytest.mark.parametrize("defence", ["paper", "bound"])
+def test_with_an_a_node_nobody_can_be_addressed_alone(defence):
+    assert attacked("spoof", defence, strong=1).summary["digest"] != attacked("spoof", defence).summary["digest"]
+    trial = attacked("equivocate", defence)
+    assert trial.run.world.air.counts[trial.liars[0].i, 1].sum() == 0, "no unicast but of AUDIT frames"
+
+
+@pytest.mark.parametrize("name", ["forge-tokens", "share-tokens", "self-issue"])
+@pytest.mark.parametrize("defence", ["paper", "bound"])
+def test_no_token_comes_of_guessing_sharing_or_asking_oneself(name, defence):
+    assert attacked(name, defence).liars[0].gained == 0
+
+
+def test_an_old_token_is_taken_and_does_not_help():
+    assert attacked("replay-tokens", "bound").liars[0].gained > 0
+
+
+def test_requests_to_one_that_refuses_are_in_vain():
+    assert attacked("refuse-to-audit", "bound").liars[0].gained > 0
+
+
+def test_one_accomplice_more_than_f_max_and_the_bound_is_gone():
+    """So the bound is not met for another reason."""
+    crowd = [AttackSpec(name="collude", at_s=AT_S, robot=rob_id) for rob_id in range(1, F_MAX + 3)]
+    free = run(scenario("bound", *crowd)).summary()
+    assert all(told["safe_mode_s"] is None for told in free["compromised"])
+    stopped = run(scenario("bound", *crowd[:F_MAX])).summary()
+    assert all(told["safe_mode_s"] is not None for told in stopped["compromised"])
+
+
+@pytest.mark.parametrize("name", ["request-flood", "frame-flood", "slot-squat", "log-flood", "refuse-to-audit"])
+def test_f_max_of_them_starve_nobody(name):
+    """Three flooders once used up what auditors take, and three squatters all places for requests under way."""
+    for seed in range(3):
+        liars = [AttackSpec(name=name, at_s=AT_S) for _ in range(F_MAX)]
+        summary = run(scenario("bound", *liars, robots=25, seed=seed)).summary()
+        assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+
+
+def test_a_robot_that_polls_no_sensor_from_boot_on_is_stopped_too():
+    summary = run(scenario("bound", AttackSpec(name="starve-sensors", at_s=0.0), end_s=15)).summary()
+    assert summary["compromised"][0]["safe_mode_s"] == pytest.approx(10.0, abs=0.2)
+
+
+def test_misbehaviour_in_the_time_of_grace_ends_with_it():
+    summary = run(scenario("bound", AttackSpec(name="hijack", at_s=0.0), end_s=15)).summary()
+    assert summary["compromised"][0]["safe_mode_s"] == pytest.approx(10.0, abs=0.2)
+
+
+def test_an_attack_that_is_over_before_an_audit_is_found_all_the_same():
+    brief = AttackSpec(name="hijack", at_s=AT_S, until_s=AT_S + 0.3)
+    summary = run(scenario("bound", brief)).summary()
+    assert summary["compromised"][0]["safe_mode_s"] is not None
+
+
+@pytest.mark.parametrize("defence", DEFENCES)
+def test_before_it_lies_a_liar_is_an_honest_robot(defence):
+    """Python events and compiled ones give the same bytes."""
+    never = run(scenario(defence, AttackSpec(name="hijack", at_s=1000.0)))
+    assert never.summary()["compromised"][0]["first_deviation_s"] is None
+    np.testing.assert_array_equal(never.positions_m, honest(defence).positions_m)

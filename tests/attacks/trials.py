@@ -1,0 +1,155 @@
+"""One attack on a small swarm, beside the same swarm in which nobody lies; and what its verdict means in numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cache
+
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks.harm import STARVED
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.setup import limits_of
+
+AT_S, END_S = 12.0, 36.0
+F_MAX = 3
+
+
+def scenario(defence: str, *attacks: AttackSpec, robots: int = 12, end_s: float = END_S, seed: int = 1) -> Scenario:
+    """Near enough to each other that neighbours push, and near the goal, so that lies about the way there matter."""
+    return Scenario(
+        name="trial",
+        robots=robots,
+        grid_step_m=16.0,
+        goal_m=(150.0, 150.0),
+        duration_s=end_s,
+        defence=defence,
+        seed=seed,
+        bti=BtiConfig(f_max=F_MAX),
+        attacks=attacks,
+    )
+
+
+def run(made: Scenario) -> Run:
+    """To its end."""
+    running = Run(made)
+    running.advance(made.duration_s)
+    return running
+
+
+@cache
+def honest(defence: str) -> Run:
+    """The same swarm, and nobody lies."""
+    return run(scenario(defence))
+
+
+@dataclass
+class Trial:
+    """An attack's run, and its liars."""
+
+    run: Run
+    beside: Run
+
+    def __post_init__(self):
+        self.summary = self.run.summary()
+        self.liars = [robot for _, robot in sorted(self.run.robots.items()) if isinstance(robot, Attack)]
+        self.kind = type(self.liars[0])
+        verdicts = [verdict for verdict in self.run.new_verdicts() if verdict[2] in self.run.compromised]
+        self.refusals = Counter(why for _, _, _, why in verdicts)
+
+    @property
+    def harm(self) -> float:
+        """Of the liar that did the most."""
+        return max(liar.harm.of(liar, self.run, self.beside) for liar in self.liars)
+
+    @property
+    def bounds_s(self) -> list[float | None]:
+        """P1's, of each liar."""
+        return [stop_bound_s(self.run.scenario, output_missing=liar.output_missing) for liar in self.liars]
+
+    def stopped_after_s(self) -> list[float | None]:
+        """From the first deviation to Safe Mode; None for a liar that was not stopped."""
+        return [
+            None if told["safe_mode_s"] is None else told["safe_mode_s"] - told["first_deviation_s"]
+            for told in self.summary["compromised"]
+        ]
+
+
+def attacked(name: str, defence: str, *, robot: int | None = None, **options: float) -> Trial:
+    """The attack with as many liars as it takes, from 12 s on."""
+    kind = ATTACKS[name]
+    specs = [AttackSpec(name=name, at_s=AT_S, options=options, robot=robot) for _ in range(kind.liars)]
+    return Trial(run(scenario(defence, *specs)), honest(defence))
+
+
+def check(trial: Trial, verdict: str) -> None:
+    """The verdict is true of the trial."""
+    CHECKS[verdict](trial)
+    for told in trial.summary["compromised"]:
+        assert told["first_deviation_s"] is None or told["first_deviation_s"] >= AT_S, "it was honest before"
+
+
+def stopped(trial: Trial) -> None:
+    assert all(told["first_deviation_s"] is not None for told in trial.summary["compromised"])
+    for after_s, bound_s in zip(trial.stopped_after_s(), trial.bounds_s):
+        assert after_s is not None
+        assert 0 <= after_s <= bound_s
+    assert nobody_else_stopped(trial)
+
+
+def bites(trial: Trial) -> None:
+    assert trial.harm >= trial.kind.bites_from
+    # Whoever starves others has done its harm when it is stopped itself.
+    assert trial.run.scenario.defence == "none" or trial.kind.harm is STARVED or goes_on(trial)
+
+
+def goes_on(trial: Trial) -> bool:
+    """A liar is alive long after it should not be, and still lies; or it never deviated in what a log shows."""
+    return any(
+        told["safe_mode_s"] is None
+        and (liar.first_deviation_ms is None or liar.last_deviation_ms - liar.first_deviation_ms > 1000 * bound_s)
+        for told, liar, bound_s in zip(trial.summary["compromised"], trial.liars, trial.bounds_s)
+    )
+
+
+def harmless(trial: Trial) -> None:
+    assert trial.harm < trial.kind.bites_from
+    assert nobody_else_stopped(trial)
+
+
+def limited(trial: Trial) -> None:
+    """On the air no longer than its buckets say, each frame tried as often as a radio tries; and nobody starves."""
+    made = trial.run.scenario
+    limits = limits_of(made.bti, made.radio)
+    lied_s = END_S - AT_S
+    most_s = (limits.audit_capacity_us + limits.audit_us_per_s * lied_s) / 1e6
+    most_s += (limits.send_capacity_us + limits.send_us_per_s * lied_s) / 1e6
+    before = run(scenario(made.defence, end_s=AT_S))
+    for liar in trial.liars:
+        spent_s = trial.run.airtime_s[liar.i] - before.airtime_s[liar.i]
+        assert 0 < spent_s <= made.radio.tries * most_s
+    assert nobody_else_stopped(trial)
+
+
+def not_covered(trial: Trial) -> None:
+    assert trial.harm >= trial.kind.bites_from
+    assert all(told["first_deviation_s"] is None for told in trial.summary["compromised"])
+    assert all(told["safe_mode_s"] is None for told in trial.summary["compromised"])
+    assert not {why for why in trial.refusals if why != Refusal.NONE}
+
+
+def nobody_else_stopped(trial: Trial) -> bool:
+    return trial.summary["correct_in_safe_mode"] == [] and trial.summary["without_quorum"] == []
+
+
+CHECKS = {
+    "stopped": stopped,
+    "bites": bites,
+    "harmless": harmless,
+    "limited": limited,
+    "not covered": not_covered,
+}

@@ -1,0 +1,213 @@
+"""What a robot makes of one scan."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from landmark_world import ROOM, away, look, seen
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.errors import UsageError
+from phalanx.mission.landmarks import LaserScan, extract
+from phalanx.sim.floorplan import load_floorplan
+
+AHEAD = (2.5, 1.9, 0.0)
+
+
+class TestDoorways:
+    def test_a_doorway_lies_between_its_jambs_along_the_wall(self):
+        (door,) = seen(ROOM, AHEAD, "doorway")
+        assert away(door, 6, 1.9) < 0.02
+        assert door.orientation_rad == pytest.approx(math.pi / 2, abs=0.01)
+
+    @pytest.mark.parametrize("heading", [-1.0, 0.4, 1.2])
+    def test_it_lies_there_whichever_way_the_robot_looks(self, heading):
+        (door,) = seen(ROOM, (2.5, 1.5, heading), "doorway", noise=0.01, drop_out=0.002)
+        assert away(door, 6, 1.9) < 0.05
+        assert door.orientation_rad == pytest.approx(math.pi / 2, abs=0.05)
+
+    def test_it_is_the_same_from_both_sides(self):
+        (inside,), (outside,) = seen(ROOM, AHEAD, "doorway"), seen(ROOM, (9, 2.5, math.pi), "doorway")
+        assert away(inside, outside.x_m, outside.y_m) < 0.02
+        assert inside.orientation_rad == pytest.approx(outside.orientation_rad, abs=0.02)
+
+    def test_a_shut_door_is_none(self):
+        assert not seen([*ROOM, (6.1, 1.2, 6.1, 2.6)], AHEAD, "doorway")
+
+    def test_an_alcove_is_none(self):
+        alcove = [(6, 1.2, 6.4, 1.2), (6.4, 1.2, 6.4, 2.6), (6.4, 2.6, 6, 2.6)]
+        assert not seen([*ROOM, *alcove], AHEAD, "doorway")
+
+    def test_a_person_in_it_hides_it_and_one_beside_it_does_not(self):
+        assert not seen(ROOM, AHEAD, "doorway", people=np.array([[5.5, 1.9, 0.25]]))
+        assert seen(ROOM, AHEAD, "doorway", people=np.array([[3.5, 3.2, 0.25]]))
+
+    @pytest.mark.parametrize(("width", "found"), [(1.0, 0), (1.2, 1), (1.6, 1), (2.5, 1), (2.8, 0)])
+    def test_only_openings_of_the_papers_widths_count(self, width, found):
+        walls = [(6, -3, 6, 2 - width / 2), (6, 2 + width / 2, 6, 7), (14, -5, 14, 9)]
+        assert len(seen(walls, (2, 2, 0), "doorway")) == found
+
+    def test_the_widths_are_a_setting(self):
+        walls = [(6, -3, 6, 1.55), (6, 2.45, 6, 7), (14, -5, 14, 9)]
+        assert len(seen(walls, (2, 2, 0), "doorway", config=ExtractionConfig(door_min_m=0.8))) == 1
+
+    @pytest.mark.parametrize("pose", [(3.0, 2.0, 0.0), (3.5, 0.2, 0.3), (9.5, 3.0, math.pi)])
+    def test_in_a_thick_wall_it_is_in_the_middle_of_the_wall(self, pose):
+        thick = [
+            *[(6, -3, 6, 1.2), (6, 1.2, 6.3, 1.2), (6.3, 1.2, 6.3, -3)],
+            *[(6, 7, 6, 2.8), (6, 2.8, 6.3, 2.8), (6.3, 2.8, 6.3, 7)],
+            (14, -5, 14, 9),
+            (-2, -5, -2, 9),
+        ]
+        (door,) = seen(thick, pose, "doorway", noise=0.005)
+        assert away(door, 6.15, 2) < 0.06
+
+    def test_a_wall_behind_the_jamb_is_no_thickness(self):
+        """The office's D1: half a metre behind its jamb another wall begins."""
+        office = load_floorplan("office_40x40").walls
+        doors = [
+            door
+            for seed in range(20)
+            for door in seen(office, (5.64, 6.2, 1.07), "doorway", noise=0.01, seed=seed)
+            if away(door, 9, 12) < 0.6
+        ]
+        assert len(doors) > 3
+        assert max(away(door, 9, 12) for door in doors) < 0.05
+
+    def test_a_wall_seen_too_flat_gives_no_jamb(self):
+        walls = [(2, 0, 5, 0), (6.5, 0, 12, 0), (0, 8, 20, 8)]
+        assert seen(walls, (3, -3, 1.0), "doorway")
+        assert not seen(walls, (1, -0.2, 0.0), "doorway")
+
+
+class TestCorners:
+    def test_room_corners_are_convex_and_look_inwards(self):
+        corners = seen(ROOM, (2.5, 1.9, math.pi), "corner_convex")
+        assert len(corners) == 2
+        for corner, (x, y, facing) in zip(
+            sorted(corners, key=lambda c: c.y_m), [(0, 0, math.pi / 4), (0, 4, -math.pi / 4)], strict=True
+        ):
+            assert away(corner, x, y) < 0.01
+            assert corner.orientation_rad == pytest.approx(facing, abs=0.01)
+
+    def test_a_pillar_has_concave_corners_with_the_normals_of_its_seen_faces(self):
+        pillar = [(4, 1, 5, 1), (5, 1, 5, 2), (5, 2, 4, 2), (4, 2, 4, 1), (9, -9, 9, 9)]
+        corners = seen(pillar, (2, 0, 0.5), "corner_concave")
+        near = [corner for corner in corners if away(corner, 4, 1) < 0.02]
+        assert sorted(round(corner.orientation_rad, 1) for corner in near) in ([-3.1, -1.6], [-1.6, 3.1])
+        assert {round(corner.orientation_rad, 1) for corner in corners if away(corner, 5, 1) < 0.05} == {-1.6}
+
+    def test_jambs_are_no_corners_of_their_own(self):
+        assert not seen(ROOM, AHEAD, "corner_concave")
+
+    def test_a_wall_that_ends_behind_a_person_has_no_corner_there(self):
+        wall = [(6, -3, 6, 7)]
+        assert not seen(wall, (2, 2, 0), "corner_concave", people=np.array([[4.0, 2.0, 0.3]]), range_max_m=4.5)
+
+    def test_people_have_no_walls_and_no_corners(self):
+        crowd = np.array([[3.0, 1.0, 0.25], [3.0, -1.0, 0.3], [1.5, 0.2, 0.2]])
+        features = look(np.zeros((0, 4)), (0, 0, 0), noise=0.01, people=crowd)
+        assert len(features.walls) == 0
+        assert len(features.corners) == 0
+
+    def test_where_the_range_ends_the_wall_does_not(self):
+        assert not seen([(-40, 3, 40, 3)], (0, 0, math.pi / 2), "corner_concave", range_max_m=10.0)
+
+    def test_a_dropped_beam_at_the_edge_moves_it_by_less_than_a_beam(self):
+        walls = [(6, -3, 6, 1.0), (14, -60, 14, 60)]
+        for seed in range(20):
+            corners = seen(walls, (2, 1, 0), "corner_concave", drop_out=0.05, seed=seed, range_max_m=30.0)
+            assert all(min(away(corner, 6, 1), away(corner, 6, -3)) < 0.06 for corner in corners)
+
+
+class TestRooms:
+    def test_three_corners_in_a_row_are_a_room(self):
+        rooms = seen(ROOM, (3.0, 3.0, -2.4), "room")
+        assert rooms
+        for room in rooms:
+            assert room.area_m2 == pytest.approx(12, rel=0.02)
+            assert min(away(room, 2, 4 / 3), away(room, 2, 8 / 3), away(room, 4, 4 / 3)) < 0.05
+
+    def test_a_doorway_between_breaks_the_row(self):
+        assert not seen(ROOM, (1.0, 2.0, 0.0), "room", fov_rad=2.0)
+
+
+class TestWhateverComes:
+    @given(
+        st.lists(
+            st.one_of(st.floats(0, 12), st.just(math.inf), st.just(math.nan), st.floats()), min_size=2, max_size=400
+        ),
+        st.booleans(),
+    )
+    @settings(max_examples=200, deadline=None)
+    def test_any_scan_gives_finite_features(self, ranges, around):
+        step = 2 * math.pi / len(ranges) if around else 0.01
+        features = extract(LaserScan(np.array(ranges), -math.pi, step, 0.05, 10.0))
+        for rows in (features.walls, features.corners, features.doorways, features.rooms):
+            assert np.isfinite(rows).all()
+        assert all(math.isfinite(landmark.x_m) for landmark in features.landmarks(1.0, 2.0, 3.0))
+
+    @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
+    def test_an_empty_scan_shows_nothing(self, value):
+        features = extract(LaserScan(np.full(1080, value), -2.3, 0.0043, 0.1, 30.0))
+        assert features.landmarks(0, 0, 0) == ()
+
+    def test_one_point_everywhere_shows_nothing(self):
+        assert extract(LaserScan(np.full(1080, 0.1), 0.0, 1e-9, 0.1, 30.0)).landmarks(0, 0, 0) == ()
+
+    def test_a_full_turn_has_no_seam(self):
+        whole = {"fov_rad": 2 * math.pi, "beams": 1440}
+        for heading in np.linspace(-math.pi, math.pi, 16):
+            pose = (2.5, 1.9, float(heading))
+            assert len(seen(ROOM, pose, "doorway", **whole)) == 1
+            assert len(seen(ROOM, pose, "corner_convex", **whole)) == 4
+
+    def test_farther_than_the_feature_range_nothing_is_used(self):
+        assert not seen(ROOM, AHEAD, "doorway", config=ExtractionConfig(feature_range_m=3.0))
+        assert seen(ROOM, (4.5, 1.9, 0), "doorway", config=ExtractionConfig(feature_range_m=3.0))
+
+    def test_settings_out_of_range_are_refused(self):
+        for wrong in ({"door_min_m": 3.0, "door_max_m": 2.0}, {"split_m": 0.0}, {"line_m": math.nan}):
+            with pytest.raises(UsageError):
+                ExtractionConfig(**wrong)
+
+
+DIGEST = """
+import hashlib, numpy as np
+from phalanx.config.lidar import LidarConfig
+from phalanx.mission.landmarks import LaserScan, extract
+from phalanx.sim.floorplan import load_floorplan
+digest = hashlib.sha256()
+random = np.random.default_rng(7)
+for n in range(8):
+    walls = random.uniform(0.5, 8, 12).repeat(40) + 0.01 * random.standard_normal(480)
+    walls[random.random(480) < 0.02] = np.nan
+    scan = LaserScan(walls if n % 2 else np.cumsum(random.standard_normal(480)) * 0.02 + 5, -2.0, 0.008, 0.1, 30.0)
+    features = extract(scan)
+    for rows in (features.walls, features.corners, features.doorways, features.rooms):
+        digest.update(rows.tobytes())
+    digest.update(repr(features.landmarks(1.5, -2.5, 0.7)).encode())
+    digest.update(str(len(features.corners)).encode())
+print(digest.hexdigest())
+"""
+
+
+def test_compiled_and_plain_extraction_give_the_same_bits():
+    digests = [
+        subprocess.run(
+            [sys.executable, "-c", DIGEST],
+            env={**os.environ, "NUMBA_DISABLE_JIT": plain},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for plain in ("0", "1")
+    ]
+    assert digests[0] == digests[1]

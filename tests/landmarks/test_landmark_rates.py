@@ -1,0 +1,77 @@
+"""How well single scans show the landmarks of the office: the numbers that docs/adr/0030 promises, with some room."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
+from phalanx.mission.landmarks import extract
+from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.lidar import Lidar
+from phalanx.sim.walkers import Walkers, free_place
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"
+
+
+def test_doorways_corners_and_rooms_are_found_and_nothing_else(monkeypatch, capsys):
+    spec = importlib.util.spec_from_file_location("landmark_rates", SCRIPT)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    monkeypatch.setattr(sys, "argv", ["landmark_rates", "office_40x40", "400"])
+    script.main()
+    out = capsys.readouterr().out
+    rows = {row.split("  ")[0]: row.split()[-6:] for row in out.splitlines()[2:]}
+    for kind in ("doorway", "corner_concave", "corner_convex", "room"):
+        precision, _, p95_cm, centred, anywhere = map(float, rows[kind][1:])
+        assert precision > 0.995
+        assert p95_cm < 3.5
+        assert centred > 0.97
+        assert anywhere > 0.88
+    assert float(re.search(r"doorways in view: .* shown ([\d.]+)", out)[1]) > 0.93
+
+
+@pytest.mark.parametrize("noise_m", [0.02, 0.03])
+def test_settings_for_a_noisier_sensor_find_the_doorways_too(noise_m):
+    plan, random = load_floorplan("office_40x40"), np.random.default_rng(5)
+    lidar, config = Lidar(plan.walls, LidarConfig(noise_m=noise_m)), ExtractionConfig().for_noise(noise_m)
+    doors = np.array([[(j[0] + k[0]) / 2, (j[1] + k[1]) / 2] for j, k in _jambs()])
+    counts = {"for noise": [], "for 1 cm": []}
+    for _ in range(150):
+        pose = (*free_place(plan, 0.3, random), random.uniform(-math.pi, math.pi))
+        scan = lidar.sweep(pose, random)
+        for name, settings in (("for noise", config), ("for 1 cm", ExtractionConfig())):
+            seen = [mark for mark in extract(scan, settings).landmarks(*pose) if mark.type == "doorway"]
+            counts[name] += [np.hypot(*(doors - (mark.x_m, mark.y_m)).T).min() for mark in seen]
+    assert len(counts["for noise"]) > 150
+    assert len(counts["for noise"]) > 1.1 * len(counts["for 1 cm"])
+    assert max(counts["for noise"]) < 0.15
+
+
+def test_people_hide_doorways_and_make_no_false_ones():
+    plan, random = load_floorplan("office_40x40"), np.random.default_rng(4)
+    doors = np.array([[(j[0] + k[0]) / 2, (j[1] + k[1]) / 2] for j, k in _jambs()])
+    lidar, walkers, seen, false = Lidar(plan.walls), Walkers(plan, 40, random), 0, 0
+    for _ in range(300):
+        walkers.step(1.0)
+        pose = (*free_place(plan, 0.3, random), random.uniform(-math.pi, math.pi))
+        for landmark in extract(lidar.sweep(pose, random, walkers.discs)).landmarks(*pose):
+            if landmark.type == "doorway":
+                seen += 1
+                false += np.hypot(*(doors - (landmark.x_m, landmark.y_m)).T).min() > 0.3
+    assert seen > 200
+    assert false <= 0.005 * seen
+
+
+def _jambs():
+    import yaml
+
+    from phalanx.sim.floorplan import MAPS
+
+    return [door["jambs"] for door in yaml.safe_load((MAPS / "office_40x40.yaml").read_text())["doors"]]

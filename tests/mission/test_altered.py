@@ -1,0 +1,262 @@
+"""Altered files: a bit, a record, a header; whatever is done to a mission, nobody acts on it."""
+
+from __future__ import annotations
+
+import random
+import tracemalloc
+from dataclasses import replace
+
+import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from worlds import BOTH, CHEAP, at, built, cheap, corridor, decoded_of, walk, walker_of
+
+from phalanx.errors import NotAuthentic, PeerError, TooLarge
+from phalanx.mission import (
+    Draft,
+    Experience,
+    Landmark,
+    Position,
+    Profile,
+    State,
+    admit,
+    check_signature,
+    parse_mission,
+    parse_start_key,
+    public_key,
+    sign,
+)
+from phalanx.mission.records import FILE_LIMIT
+from phalanx.mission.refused import AlreadyStarted, MalformedMission, NotForUs, OutsideWindow, Unsigned
+
+OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
+
+
+def honest(mission, one):
+    return decoded_of(walk(mission, walker_of(one), steps_each=4))
+
+
+def walked(mission, raw: bytes, one) -> list | None:
+    """What an altered file decodes to along the honest path, or None if it is refused."""
+    try:
+        walker = walker_of(replace(one, mission=parse_mission(raw)))
+    except PeerError:
+        return None
+    return decoded_of(walk(mission, walker, steps_each=4))
+
+
+def spare(one, byte: int) -> bool:
+    """Whether nobody on the path looks at a byte: the signature (which is not checked here), and in the paper profile
+    the binding of one alias of several, without which the node is recognised by the others."""
+    header = one.mission.header
+    at_byte = len(header.encode())
+    if byte < at_byte:
+        return False
+    for node in one.mission.nodes:
+        bound, end = at_byte + len(node.core(header.profile)), at_byte + len(node.encode(header.profile))
+        if byte < end:
+            return header.profile is Profile.PAPER and byte >= bound and len(node.aliases) > 1
+        at_byte = end
+    return True
+
+
+@st.composite
+def missions(draw):
+    """A chain of random landmarks with what the format has: aliases, offsets, actions, flags."""
+    coding = CHEAP if draw(st.booleans()) else replace(CHEAP, delta_mm=100)
+    draft = Draft("any", coding=coding)
+    draft.node("0", Position(draw(st.floats(-5, 5)), 0.0), start=True)
+    count = draw(st.integers(2, 4))
+    for i in range(1, count):
+        kind = draw(st.sampled_from(["doorway", "corner_concave", "qr"]))
+        text = draw(st.sampled_from([None, "shelf"])) if kind == "qr" else None
+        x = 8.0 * i + draw(st.floats(-1, 1))
+        first = Landmark(kind, x, 1.0, draw(st.none() | st.floats(-3, 3)), None, text)
+        second = [replace(first, x_m=x + 2.5)] if draw(st.booleans()) else []
+        draft.node(str(i), first, *second, final=i == count - 1, within_m=draw(st.sampled_from([0.0, 5.0])))
+        draft.way(str(i - 1), str(i))
+    return draft.mission()
+
+
+@pytest.mark.parametrize("profile", BOTH)
+@settings(max_examples=25, deadline=None)
+@given(mission=missions(), data=st.data())
+def test_no_bit_can_be_changed_to_any_use(profile, mission, data):
+    one = built(mission, profile, 1)
+    expected = honest(mission, one)
+    assert len(expected) == len(mission.nodes)
+    raw = sign(one.mission, OPERATOR).encode()
+    for _ in range(12):
+        bit = data.draw(st.integers(0, 8 * len(raw) - 1))
+        altered = bytearray(raw)
+        altered[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(PeerError):
+            check_signature(parse_mission(bytes(altered)), [public_key(OPERATOR)])
+        got = walked(mission, bytes(altered), one)
+        if got is None:
+            continue
+        # Not refused, and nobody looked at the signature: what decodes is the honest beginning, and no more.
+        assert got == expected[: len(got)]
+        if not spare(one, bit // 8):
+            assert len(got) < len(expected), "a changed record or header was walked through"
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_every_byte_of_a_mission_counts(profile):
+    mission = cheap(corridor(3), profile)
+    one = built(mission, profile)
+    expected = honest(mission, one)
+    raw = one.mission.encode()
+    for bit in (8 * byte + byte % 8 for byte in range(len(raw))):
+        altered = bytearray(raw)
+        altered[bit // 8] ^= 1 << bit % 8
+        got = walked(mission, bytes(altered), one)
+        assert got is None or (got == expected[: len(got)] and len(got) < len(expected)), bit
+
+
+@pytest.mark.parametrize("profile", BOTH)
+@settings(max_examples=30, deadline=None)
+@given(mission=missions(), data=st.data())
+def test_no_two_records_can_change_places(profile, mission, data):
+    one = built(mission, profile, 2)
+    expected = honest(mission, one)
+    nodes = list(one.mission.nodes)
+    a, b = data.draw(st.lists(st.integers(0, len(nodes) - 1), min_size=2, max_size=2, unique=True))
+    what = data.draw(st.sampled_from(["nodes", "aliases", "first alias", "ways", "payload"]))
+    if what == "nodes":
+        nodes[a], nodes[b] = nodes[b], nodes[a]
+    elif what == "aliases":
+        if len(nodes[a].aliases) < 2:
+            return
+        nodes[a] = replace(nodes[a], aliases=nodes[a].aliases[::-1])
+    elif what == "first alias":
+        one_, two = nodes[a].aliases[0], nodes[b].aliases[0]
+        nodes[a] = replace(nodes[a], aliases=(two, *nodes[a].aliases[1:]))
+        nodes[b] = replace(nodes[b], aliases=(one_, *nodes[b].aliases[1:]))
+    elif what == "ways":
+        nodes[a], nodes[b] = replace(nodes[a], ways=nodes[b].ways), replace(nodes[b], ways=nodes[a].ways)
+    else:
+        swapped = (
+            replace(nodes[a], payload=nodes[b].payload, bindings=nodes[b].bindings),
+            replace(nodes[b], payload=nodes[a].payload, bindings=nodes[a].bindings),
+        )
+        nodes[a], nodes[b] = swapped
+    altered = replace(sign(one.mission, OPERATOR), nodes=tuple(nodes))
+    with pytest.raises(NotAuthentic):
+        check_signature(altered, [public_key(OPERATOR)])
+    got = walked(mission, altered.encode(), one)
+    assert got is None or (got == expected[: len(got)] and len(got) < len(expected))
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_a_record_of_another_mission_does_not_decode(profile):
+    mission = cheap(corridor(4), profile)
+    one, other = built(mission, profile, 1), built(mission, profile, 2)
+    nodes = [*one.mission.nodes]
+    nodes[2] = other.mission.nodes[2]
+    got = walked(mission, replace(one.mission, nodes=tuple(nodes)).encode(), one)
+    assert [node for node, *_ in got] == [0, 1]
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.binary(max_size=400), st.booleans())
+def test_any_bytes_are_a_mission_or_refused(raw, with_magic):
+    for data in (raw, b"PHXM\x01" + raw) if with_magic else (raw,):
+        try:
+            mission = parse_mission(data)
+        except PeerError:
+            continue
+        assert mission.encode() == data
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=200), st.booleans())
+def test_any_bytes_are_a_start_key_or_refused(raw, with_magic):
+    data = b"PHXK\x01" + raw if with_magic else raw
+    try:
+        key = parse_start_key(data)
+    except PeerError:
+        return
+    assert parse_start_key(key.encode()) == key
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_a_file_that_ends_early_or_late_is_refused(profile):
+    raw = sign(built(cheap(corridor(3), profile), profile).mission, OPERATOR).encode()
+    assert parse_mission(raw).encode() == raw
+    for length in range(len(raw)):
+        with pytest.raises(PeerError):
+            parse_mission(raw[:length])
+    with pytest.raises(MalformedMission):
+        parse_mission(raw + b"\x00")
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_a_bomb_costs_no_more_than_its_bytes(profile):
+    one = built(cheap(corridor(3), profile), profile).mission
+    raw = bytearray(one.encode())
+    at_count = len(one.header.encode()) - 4
+    claims = [(at_count, 4), (at_count + 4 + 5, 1), (at_count + 4 + 6, 2)]
+    tracemalloc.start()
+    try:
+        for place, size in claims:
+            bomb = bytes(raw[:place]) + b"\xff" * size + bytes(raw[place + size :])
+            with pytest.raises(PeerError):
+                parse_mission(bomb)
+        two_to_the_31 = bytes(raw[:at_count]) + (1 << 31).to_bytes(4, "little") + bytes(1 << 20)
+        with pytest.raises(MalformedMission):
+            parse_mission(two_to_the_31)
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    finally:
+        tracemalloc.stop()
+    with pytest.raises(TooLarge):
+        parse_mission(bytes(FILE_LIMIT + 1))
+
+
+def test_many_empty_nodes_are_parsed_or_refused_in_proportion_to_their_bytes():
+    shuffled = random.Random(7).randbytes(1 << 20)
+    with pytest.raises(PeerError):
+        parse_mission(b"PHXM\x01\x00\x00" + shuffled)
+
+
+class TestAdmission:
+    def test_who_signed_counts(self):
+        mission = built(corridor(2), Profile.PAPER).mission
+        with pytest.raises(Unsigned):
+            check_signature(mission, None)
+        signed = sign(mission, OPERATOR)
+        check_signature(signed, None)
+        check_signature(parse_mission(signed.encode()), [public_key(OPERATOR)])
+        with pytest.raises(Unsigned, match="not trusted"):
+            check_signature(signed, [bytes(32)])
+        with pytest.raises(NotAuthentic):
+            check_signature(replace(signed, signer=bytes(32)), None)
+
+    def test_a_mission_of_another_robot_or_day_is_refused_and_one_starts_once(self):
+        mission = built(corridor(2), Profile.PAPER, robots=(3, 7), valid_from_s=100, valid_to_s=200).mission
+        admit(mission, 7, 100.0, ())
+        for now in (99.9, 200.0):
+            with pytest.raises(OutsideWindow):
+                admit(mission, 7, now, ())
+        with pytest.raises(NotForUs):
+            admit(mission, 8, 150.0, ())
+        with pytest.raises(AlreadyStarted):
+            admit(mission, 7, 150.0, [mission.header.mission_id])
+        again = built(corridor(2, repeatable=True), Profile.PAPER).mission
+        admit(again, 7, 150.0, [again.header.mission_id])
+
+    def test_two_builds_are_two_missions(self):
+        one, two = (built(corridor(2), Profile.PAPER, seed).mission for seed in (1, 2))
+        assert one.header.mission_id != two.header.mission_id
+
+
+def test_garbage_in_an_experience_does_no_harm():
+    mission = corridor(3)
+    walker = walker_of(built(mission, Profile.PAPER))
+    state = State()
+    nowhere = Experience(0.0, 1e9, -1e9, 0.0, landmarks=(Landmark("doorway", 9e5, -9e5, 3.0),))
+    for seen in (nowhere, replace(at(mission, 0, 0, 1.0), messages=(b"x" * 10_000,) * 50, sensors=(b"",) * 100)):
+        state, _ = walker.step(state, seen)
+    assert len(state.heard) <= walker.config.messages_kept
+    assert all(len(message) <= 32 for message in state.heard)

@@ -1,0 +1,232 @@
+"""Missions as YAML and as code: the same mission, and complaints that say where."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import yaml
+from worlds import BOTH, built, cheap, draws
+
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.errors import UsageError
+from phalanx.mission import (
+    Action,
+    BuildOptions,
+    Draft,
+    Landmark,
+    Position,
+    Profile,
+    Sensor,
+    Time,
+    build,
+    plain_mission,
+)
+
+EVERYTHING = """
+mission: everything
+map: office_40x40
+area: [0, 0, 40, 40]
+repeatable: true
+coding: {delta_mm: 200, kdf_log2_n: 1, kdf_r: 1}
+nodes:
+  start: {start: true, see: {position: [3.0, 1.5]}}
+  door: {see: {doorway: [9, 12], facing: 90}, width: 2.0, do: {pick: {shelf: 3, from: top}}, within_m: 2}
+  room: {see: [{room: [12.5, 3.5], area: 52.5}, {room: [16, 3.5], area: 52.5}], timeout_s: 30, send: lit}
+  code: {see: {qr: [1, 2], facing: -90, text: shelf 3}, do: stop}
+  noon: {see: {position: [5, 5], sensor: [red, warm], time: 1000}, wait: [go], final: true}
+ways:
+  - [start, door, room]
+  - {from: room, to: [code, noon], direction: 45}
+  - {from: code, to: noon, do: {lift: {floor: 2}}}
+"""
+
+
+def test_yaml_and_code_are_two_ways_to_write_one_mission():
+    draft = Draft(
+        "everything",
+        coding=CodingConfig(delta_mm=200, kdf_log2_n=1, kdf_r=1),
+        area_m=(0, 0, 40, 40),
+        repeatable=True,
+        floor_plan="office_40x40",
+    )
+    draft.node("start", Position(3.0, 1.5), start=True)
+    draft.node(
+        "door",
+        Landmark("doorway", 9, 12, math.pi / 2),
+        do=Action("pick", (("from", "top"), ("shelf", 3))),
+        within_m=2,
+        width_m=2.0,
+    )
+    draft.node(
+        "room",
+        Landmark("room", 12.5, 3.5, None, 52.5),
+        Landmark("room", 16, 3.5, None, 52.5),
+        timeout_s=30,
+        send=("lit",),
+    )
+    draft.node("code", Landmark("qr", 1, 2, -math.pi / 2, None, "shelf 3"), do=Action("stop"))
+    draft.node("noon", (Position(5, 5), Sensor(b"red"), Sensor(b"warm"), Time(1000)), wait=("go",), final=True)
+    draft.way("start", "door", both=True)
+    draft.way("door", "room", both=True)
+    for target in ("code", "noon"):
+        draft.way("room", target, direction_rad=math.radians(45))
+    draft.way("code", "noon", do=Action("lift", (("floor", 2),)))
+    assert plain_mission(yaml.safe_load(EVERYTHING)) == draft.mission()
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_all_that_can_be_written_can_be_built(profile):
+    mission = plain_mission(yaml.safe_load(EVERYTHING))
+    if profile is Profile.PAPER:
+        (one,) = build(mission, BuildOptions(profile=profile), draws())
+        assert one.mission.header.coding.delta_mm == 200
+    one = built(cheap(mission, profile), profile)
+    assert set(one.key.messages) == {"go"}, "nobody in the mission sends it: the controller does"
+
+
+@pytest.mark.parametrize(
+    "change, says",
+    [
+        ({"mission": None}, "mission is missing"),
+        ({"nodes": []}, "nodes is []"),
+        ({"nodes": {}}, "0 nodes"),
+        ({"colour": 1}, "'colour', which means nothing here"),
+        ({"area": [0, 0, 1]}, "area has 3 numbers"),
+        ({"coding": {"delta_mm": 0}}, "delta_mm is 0"),
+        ({"coding": {"delta_mm": 1.5}}, "delta_mm is 1.5"),
+        ({"coding": {"heading_bins": 25}}, "25 heading bins"),
+        ({"ways": [["start"]]}, "way 1 has 1 ends"),
+        ({"ways": [["start", "nowhere"]]}, "'nowhere', which is no node"),
+        ({"ways": [["start", "start"]]}, "in place"),
+        ({"ways": [{"from": "start", "to": "end", "direction": "north"}]}, "direction is 'north'"),
+        ({"ways": [["start", "end"], ["end", "start"]]}, "a second way"),
+        ({"roam": "yes"}, "roam is 'yes'"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused_with_the_place(change, says):
+    words = {
+        "mission": "m",
+        "nodes": {
+            "start": {"start": True, "see": {"position": [0, 0]}},
+            "end": {"final": True, "see": {"doorway": [1, 0]}},
+        },
+        "ways": [["start", "end"]],
+    }
+    plain_mission(words)
+    with pytest.raises(UsageError) as caught:
+        plain_mission(words | change)
+    assert says in str(caught.value)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    "node, says",
+    [
+        ({"see": {"doorway": [1, 0], "room": [1, 0]}}, "doorway and room"),
+        ({"see": {"doorway": [1, 0], "position": [1, 0]}}, "two places"),
+        ({"see": {"doorway": [1]}}, "1 numbers"),
+        ({"see": {"doorway": [1, float("nan")]}}, "is nan"),
+        ({"see": {"facing": 3}}, "belong to a landmark"),
+        ({"see": {"window": [1, 0]}}, "'window', which means nothing here"),
+        ({"see": {}}, "nothing to experience"),
+        ({}, "nothing to experience"),
+        ({"see": {"qr": [1, 0], "token": "1234"}}, "not a random token"),
+        ({"see": {"qr": [1, 0], "text": "a", "token": "0" * 32}}, "not a random token"),
+        ({"see": {"sensor": "red", "action": "a"}, "do": "b"}, "sees one action and does another"),
+        ({"see": {"sensor": ["a", "b", "c", "d"]}}, "too many observables"),
+        ({"see": {"sensor": [["a"]]}}, "sensor is ['a']"),
+        ({"see": {"sensor": "a"}, "part": []}, "part is []"),
+        ({"see": {"sensor": "a"}, "within_m": 26}, "within 26"),
+        ({"see": {"sensor": "a"}, "timeout_s": 1e6}, "times out"),
+        ({"see": {"sensor": "a"}, "do": {"a": 1, "b": 2}}, "a name with its arguments"),
+        ({"see": {"sensor": "a"}, "do": {"pick": {"x": [1]}}}, "pick: x is [1]"),
+        ({"see": {"sensor": "a"}, "do": "x" * 300}, "as a name or value"),
+        ({"see": {"sensor": "a"}, "do": {"go": {"far": 1e30}}}, "is 1e+30"),
+        ({"see": {"sensor": "a"}, "send": ["a"] * 2}, "sent twice"),
+        ({"see": {"sensor": "a"}, "wait": ["a", "b", "c", "d"]}, "waits for 4"),
+        ({"see": {"sensor": "a"}, "send": "x", "wait": "x"}, "wait for each other"),
+        ({"see": [{"sensor": "a"}] * 256}, "256 ways"),
+        ([1], "node bad is [1]"),
+        ("door", "node bad is 'door'"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_node_that_makes_no_sense_is_refused_with_its_name(node, says):
+    words = {"mission": "m", "nodes": {"start": {"start": True, "see": {"position": [0, 0]}}, "bad": node}}
+    with pytest.raises(UsageError) as caught:
+        plain_mission(words)
+    assert says in str(caught.value)
+
+
+def test_a_bomb_of_aliases_is_refused_before_it_goes_off():
+    bomb = ["lol"]
+    for _ in range(60):
+        bomb = [bomb] * 9
+    for node in ({"see": {"sensor": bomb}}, {"see": bomb}, {"see": {"doorway": bomb}}, bomb):
+        with pytest.raises(UsageError) as caught:
+            plain_mission({"mission": "m", "nodes": {"start": node}})
+        assert len(str(caught.value)) < 300
+
+
+def test_a_mission_without_a_start_or_with_two_nodes_of_a_name_is_refused():
+    draft = Draft("m")
+    draft.node("a", Position(0, 0))
+    with pytest.raises(UsageError, match="start"):
+        draft.mission()
+    draft.node("a", Position(1, 0), start=True)
+    with pytest.raises(UsageError, match="two nodes are called 'a'"):
+        draft.mission()
+
+
+def test_parts_are_joined_by_messages_alone():
+    draft = Draft("m")
+    for part in "ab":
+        draft.node(part, Position(0, 0), start=True, part=part)
+    draft.way("a", "b")
+    with pytest.raises(UsageError, match="joins two parts"):
+        draft.mission()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"robots": (70_000,)},
+        {"robots": tuple(range(300))},
+        {"valid_from_s": 5, "valid_to_s": 5},
+        {"valid_from_s": -1},
+        {"open_start": True, "profile": Profile.PAPER},
+    ],
+    ids=str,
+)
+def test_options_that_cannot_be_are_refused(options):
+    with pytest.raises(UsageError):
+        BuildOptions(**options)
+
+
+def test_what_one_profile_cannot_say_is_refused_with_the_other_as_a_hint():
+    draft = Draft("m", roam=True)
+    draft.node("a", Position(0, 0), start=True)
+    with pytest.raises(UsageError, match="roam"):
+        built(draft.mission(), Profile.SEALED)
+    chain = Draft("m")
+    chain.node("a", Position(0, 0), start=True, chained=True)
+    chain.node("b", Position(1, 0), chained=True)
+    chain.way("a", "b", both=True)
+    with pytest.raises(UsageError, match="circle") as caught:
+        built(chain.mission(), Profile.PAPER)
+    assert "seal it" in caught.value.hint
+    built(cheap(chain.mission(), Profile.SEALED), Profile.SEALED)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"tolerance_m": -1}, {"kdf_tries": 0}, {"timeout_s": math.nan}, {"heading_step_deg": 0.0}], ids=str
+)
+def test_a_bad_configuration_cannot_be_made(bad):
+    with pytest.raises(UsageError):
+        MissionConfig(**bad)
+
+
+def test_a_kdf_that_would_eat_a_robots_memory_cannot_be_asked_for():
+    with pytest.raises(UsageError, match="scrypt with N"):
+        CodingConfig(kdf_log2_n=15, kdf_r=16)

@@ -1,0 +1,115 @@
+"""The office, walked by robots whose odometry drifts and whose sensors are noisy: all of it decodes, nothing false."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from worlds import BOTH, built, cheap
+
+from phalanx.cli.mission_files import read_plain
+from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
+from phalanx.mission.landmarks.sites import landmarks_of
+from phalanx.sim.floorplan import load_floorplan
+
+RANGE_M = 12.0
+STEP_M, TURN_RAD = 0.05, 0.15
+NOISE_M, NOISE_RAD, NOISE_M2 = 0.02, 0.015, 0.3
+FALSE_M = 0.6
+
+
+class Robot:
+    """A point that sees landmarks over 270 degrees and drives as its order says; Stage's odometry (0.03, 0.05)."""
+
+    def __init__(self, plan, seed: int) -> None:
+        self.plan, self.rng = plan, random.Random(seed)
+        self.landmarks = [alias for site in landmarks_of(plan) for alias in site.aliases]
+        self.x, self.y, self.heading = plan.start
+        self.est_x, self.est_y, self.est_heading = plan.start
+        self.scale, self.turn_scale = (self.rng.uniform(-sigma / 2, sigma / 2) for sigma in (0.03, 0.05))
+        self.travelled = 0.0
+        self.leg, self.arrived = None, False
+
+    def sense(self, t_s: float) -> Experience:
+        seen = []
+        for truth in self.landmarks:
+            dx, dy = truth.x_m - self.x, truth.y_m - self.y
+            if math.hypot(dx, dy) > RANGE_M:
+                continue
+            ahead = math.cos(self.heading) * dx + math.sin(self.heading) * dy
+            left = math.cos(self.heading) * dy - math.sin(self.heading) * dx
+            if ahead < 0 and abs(left) < -ahead:
+                continue
+            if self.plan.sees((self.x, self.y), (truth.x_m - 0.02 * dx, truth.y_m - 0.02 * dy)):
+                seen.append(self._measured(truth, ahead, left))
+        return Experience(t_s, self.est_x, self.est_y, self.est_heading, self.travelled, tuple(seen))
+
+    def _measured(self, truth: Landmark, ahead: float, left: float) -> Landmark:
+        gauss = self.rng.gauss
+        ahead, left = ahead + gauss(0, NOISE_M), left + gauss(0, NOISE_M)
+        cosine, sine = math.cos(self.est_heading), math.sin(self.est_heading)
+        orientation, area = truth.orientation_rad, truth.area_m2
+        if orientation is not None:
+            orientation += self.est_heading - self.heading + gauss(0, NOISE_RAD)
+        return replace(
+            truth,
+            x_m=self.est_x + cosine * ahead - sine * left,
+            y_m=self.est_y + sine * ahead + cosine * left,
+            orientation_rad=orientation,
+            area_m2=None if area is None else area + gauss(0, NOISE_M2),
+        )
+
+    def believe(self, fix) -> None:
+        self.est_x, self.est_y, self.est_heading = fix.x_m, fix.y_m, fix.heading_rad
+
+    @property
+    def error_m(self) -> float:
+        return math.hypot(self.est_x - self.x, self.est_y - self.y)
+
+    def drive(self, order) -> None:
+        x, y = order.place_m
+        if self.leg != (order.target, order.place_m):
+            self.leg, self.arrived = (order.target, order.place_m), False
+        self.arrived = self.arrived or math.hypot(x - self.est_x, y - self.est_y) < 0.4
+        if order.toward_m:
+            x, y = order.toward_m
+        wanted = math.atan2(y - self.est_y, x - self.est_x)
+        if self.arrived and not order.toward_m:
+            along = order.direction_rad
+            off = (self.est_y - y) * math.cos(along) - (self.est_x - x) * math.sin(along)
+            wanted = along - max(-0.8, min(0.8, off))
+        error = (wanted - self.est_heading + math.pi) % (2 * math.pi) - math.pi
+        turn, step = max(-TURN_RAD, min(TURN_RAD, error)), STEP_M if abs(error) < 0.6 else 0.0
+        self.heading += turn
+        self.x, self.y = self.x + step * math.cos(self.heading), self.y + step * math.sin(self.heading)
+        self.est_heading += turn * (1 + self.turn_scale)
+        step *= 1 + self.scale
+        self.est_x += step * math.cos(self.est_heading)
+        self.est_y += step * math.sin(self.est_heading)
+        self.travelled += step
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("profile", BOTH)
+def test_every_node_of_the_office_decodes_and_no_fix_is_false(profile, seed):
+    mission = cheap(read_plain("office"), profile)
+    one = built(mission, profile)
+    walker, state = Walker(one.mission, one.key), State()
+    robot = Robot(load_floorplan("office_40x40"), seed)
+    for i in range(6000):
+        state, outcome = walker.step(state, robot.sense(0.1 * i))
+        if outcome.fix:
+            robot.believe(outcome.fix)
+            assert robot.error_m < FALSE_M, i
+        if outcome.decoded and outcome.decoded.landmark:
+            truth = outcome.decoded.landmark
+            aliases = [alias[0] for alias in mission.nodes[outcome.decoded.node].see]
+            assert min(math.hypot(truth.x_m - a.x_m, truth.y_m - a.y_m) for a in aliases) < 2e-3
+        if outcome.order.kind is Kind.DONE:
+            break
+        if outcome.order.kind in (Kind.GO, Kind.BACK):
+            robot.drive(outcome.order)
+    assert state.phase is Phase.DONE
+    assert len(state.opened) == 33

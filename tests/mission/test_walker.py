@@ -1,0 +1,345 @@
+"""Walking: every modality of the paper, and which fixes are believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from worlds import (
+    BOTH,
+    STRAIGHT,
+    built,
+    cheap,
+    corridor,
+    draws,
+    fork,
+    truths,
+    until_decoded,
+    walk,
+    walker_for,
+    walker_of,
+)
+
+from phalanx.config.mission import MissionConfig
+from phalanx.mission import (
+    Action,
+    BuildOptions,
+    Draft,
+    Experience,
+    Kind,
+    Landmark,
+    Position,
+    Profile,
+    Reason,
+    Sensor,
+    State,
+    Time,
+    build,
+)
+
+both = pytest.mark.parametrize("profile", BOTH)
+DOOR = Landmark("doorway", 8.0, 1.0, 0.2)
+
+
+@both
+def test_a_chain_decodes_node_by_node_and_tells_what_to_do(profile):
+    mission = cheap(corridor(5), profile)
+    outcomes = [o for _, o in walk(mission, walker_of(built(mission, profile))) if o.decoded]
+    assert [o.decoded.node for o in outcomes] == [0, 1, 2, 3, 4]
+    assert [o.decoded.do for o in outcomes] == [node.do for node in mission.nodes]
+    assert [o.order.kind for o in outcomes] == [Kind.GO] * 4 + [Kind.DONE]
+    for outcome in outcomes[:-1]:
+        source, target = mission.nodes[outcome.decoded.node].place, mission.nodes[outcome.decoded.node + 1].place
+        true = math.atan2(target[1] - source[1], target[0] - source[0])
+        assert outcome.order.direction_rad == pytest.approx(true, abs=math.pi / 120)
+    assert [o.decoded.name for o in outcomes] == (["n0", "n1", "n2", "n3", "n4"] if profile else [""] * 5)
+
+
+@both
+def test_a_robot_that_only_saw_the_last_door_decodes_nothing(profile):
+    mission = cheap(corridor(5), profile)
+    walker = walker_of(built(mission, profile))
+    steps = list(walk(mission, walker, places=[mission.nodes[-1].place, mission.nodes[2].place], steps_each=20))
+    assert not [o for _, o in steps if o.decoded]
+    assert {o.order.kind for _, o in steps} == {Kind.WAIT}
+
+
+@both
+def test_a_fix_mends_drift_up_to_the_tolerance_and_trials_tell_how_much(profile):
+    draft = Draft("fix")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    trials = []
+    for drift in (0.0, 0.15, 0.29):
+        walker = walker_for(draft, profile)
+        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        turn = -0.1
+        seen = Experience(
+            1.0, 6 + drift, 0 - drift, turn, 5.0, (Landmark("doorway", 8 + drift, 1 - drift, 0.2 + turn),)
+        )
+        state, outcome = until_decoded(walker, state, seen)
+        assert outcome.decoded.node == 1
+        assert outcome.fix.heading_rad == pytest.approx(0.0, abs=2e-4)
+        # The landmark is where it is, and the robot where it sees it from.
+        x, y = outcome.fix.apply(seen, seen.landmarks[0])
+        assert (x, y) == (pytest.approx(8, abs=1e-3), pytest.approx(1, abs=1e-3))
+        trials.append(outcome.trials)
+    assert trials == sorted(trials)
+    assert trials[0] < trials[-1]
+
+
+def test_a_fix_that_the_robot_cannot_have_drifted_is_refused():
+    draft = Draft("fix")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    walker = walker_for(draft, Profile.PAPER)
+    state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    spoofed = Experience(1.0, 6, 0, 0.0, 0.0, (replace(DOOR, x_m=8.4),))
+    _, outcome = walker.step(state, spoofed)
+    assert outcome.decoded is None
+    assert outcome.reason is Reason.DRIFT
+    _, outcome = walker.step(state, replace(spoofed, travelled_m=5.0))
+    assert outcome.decoded
+
+
+def test_a_fix_that_other_landmarks_contradict_is_refused():
+    # Two doors are known; a third is seen where only a shift that the two contradict would put it.
+    draft = Draft("contradiction")
+    draft.node("start", Position(0, 0), start=True)
+    doors = [Landmark("doorway", 3, 2, 0.0), Landmark("doorway", 5, -2, 0.3), Landmark("doorway", 8, 1, 0.6)]
+    names = ["start"]
+    for i, door in enumerate(doors):
+        draft.node(f"d{i}", door)
+        draft.way(names[-1], f"d{i}")
+        names.append(f"d{i}")
+    walker = walker_for(draft, Profile.PAPER)
+    state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    for i in (0, 1):
+        state, outcome = walker.step(state, Experience(1.0 + i, 2, 0, 0, 2.0, tuple(doors[: i + 1])))
+        assert outcome.decoded.node == i + 1
+    moved = replace(doors[2], x_m=8.45)
+    _, outcome = walker.step(state, Experience(3.0, 2, 0, 0, 5.0, (doors[0], doors[1], moved)))
+    assert outcome.decoded is None
+    assert outcome.reason is Reason.CONTRADICTED
+    _, outcome = walker.step(state, Experience(3.0, 2, 0, 0, 5.0, tuple(doors)))
+    assert outcome.decoded.node == 3
+
+
+def test_a_turned_heading_counts_only_if_two_landmarks_say_so():
+    turn = math.radians(4.5)
+    doors = [Landmark("corner_concave", 8, 3), Landmark("corner_concave", 8, -3)]
+
+    def seen_by(robot_turn: float, *landmarks: Landmark) -> Experience:
+        cosine, sine = math.cos(-robot_turn), math.sin(-robot_turn)
+        turned = [replace(m, x_m=cosine * m.x_m - sine * m.y_m, y_m=sine * m.x_m + cosine * m.y_m) for m in landmarks]
+        return Experience(5.0, 0, 0, -robot_turn, 8.0, tuple(turned))
+
+    draft = Draft("turn")
+    draft.node("start", Position(0, 0), start=True)
+    for i, door in enumerate(doors):
+        draft.node(f"d{i}", door)
+        draft.way("start", f"d{i}")
+    config = MissionConfig(tolerance_m=0.1)
+    walker = walker_for(draft, Profile.PAPER, config)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    _, alone = walker.step(begun, seen_by(turn, doors[0]))
+    assert alone.decoded is None
+    assert alone.reason is Reason.CONTRADICTED
+    state, two = walker.step(begun, seen_by(turn, *doors))
+    assert two.decoded
+    assert two.fix.heading_rad == pytest.approx(0.0, abs=math.radians(1.5))
+    assert state.at is not None
+    # And not more than once a second: the search is dear.
+    tried, _ = walker.step(begun, seen_by(turn, doors[0]))
+    for t_s, well in ((5.5, False), (6.1, True)):
+        _, later = walker.step(tried, replace(seen_by(turn, *doors), t_s=t_s))
+        assert (later.decoded is not None) is well
+
+
+@both
+def test_time_is_part_of_what_is_experienced(profile):
+    draft = Draft("time")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("noon", (DOOR, Time(1000.0)), final=True)
+    draft.way("start", "noon")
+    walker = walker_for(draft, profile, replace(STRAIGHT, timeout_s=1000))
+    begun, _ = walker.step(State(), Experience(900, 0, 0, 0))
+    for t_s, well in ((930, False), (985, False), (995, True), (1005, True), (1015, True), (1025, False)):
+        _, outcome = until_decoded(walker, begun, Experience(t_s, 6, 0, 0, 6.0, (DOOR,)), 6)
+        assert (outcome.decoded is not None) is well, t_s
+
+
+@both
+def test_a_reading_and_a_place_must_come_together(profile):
+    draft = Draft("reading")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("red", (Position(5, 0), Sensor(b"red"), Sensor(b"warm")), final=True)
+    draft.way("start", "red")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    for x, sensors, well in (
+        (5, (b"red", b"warm"), True),
+        (5, (b"cold", b"warm", b"blue", b"red"), True),
+        (5, (b"red",), False),
+        (5, (b"red", b"red"), False),
+        (9, (b"red", b"warm"), False),
+    ):
+        _, outcome = until_decoded(walker, begun, Experience(1, x, 0, 0, 5.0, sensors=sensors), 6)
+        assert (outcome.decoded is not None) is well, (x, sensors)
+
+
+@both
+def test_an_event_of_the_controller_triggers_and_a_stale_one_does_not(profile):
+    draft = Draft("event")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("go", wait=("launch",), do=Action("launch"), final=True)
+    draft.way("start", "go")
+    one = built(cheap(draft.mission(), profile), profile)
+    yesterday = built(cheap(draft.mission(), profile), profile, seed="yesterday")
+    walker = walker_of(one)
+    begun, outcome = walker.step(State(), Experience(0, 0, 0, 0))
+    assert outcome.order.kind is Kind.WAIT
+    pool = (Action("launch"),)
+    stale = Experience(1, 0, 0, 0, messages=(yesterday.key.messages["launch"], b"launch"), actions=pool)
+    state, outcome = walker.step(begun, stale)
+    assert outcome.decoded is None
+    _, outcome = walker.step(state, replace(stale, t_s=2, messages=(one.key.messages["launch"],)))
+    assert outcome.decoded.do == Action("launch")
+
+
+@both
+def test_two_robots_hold_half_each_and_neither_goes_on_without_the_other(profile):
+    # Fig. 5: a decodes its door and sends; only that message opens b's door, and b's answer opens a's last.
+    draft = Draft("two")
+    for part, y in (("a", 0.0), ("b", 50.0)):
+        draft.node(f"{part}0", Position(0, y), start=True, part=part)
+        draft.node(
+            f"{part}2", Landmark("doorway", 9, y, 0.5), final=True, part=part, wait=("ba",) if part == "a" else ()
+        )
+    draft.node("a1", Landmark("doorway", 5, 0, 0.1), part="a", send=("ab",))
+    draft.node("b1", Landmark("doorway", 5, 50, 0.1), part="b", send=("ba",), wait=("ab",))
+    for part in "ab":
+        draft.way(f"{part}0", f"{part}1")
+        draft.way(f"{part}1", f"{part}2")
+    halves = build(cheap(draft.mission(), profile), BuildOptions(profile=profile), draws())
+    assert [half.part for half in halves] == ["a", "b"]
+    assert halves[0].mission.header.mission_id != halves[1].mission.header.mission_id
+    a, b = (walker_of(half) for half in halves)
+
+    def see(y: float, t_s: float, x: float, *messages: bytes) -> Experience:
+        doors = tuple(m for m in truths(draft.mission()) if m.y_m == y and abs(m.x_m - x) < 3)
+        return Experience(t_s, x, y, 0, x, doors, messages=messages)
+
+    state_a, _ = a.step(State(), see(0.0, 0, 0))
+    state_b, _ = b.step(State(), see(50.0, 0, 0))
+    _, early = until_decoded(b, state_b, see(50.0, 1, 4), 5)
+    assert early.decoded is None, "b has not heard from a"
+    state_a, told = until_decoded(a, state_a, see(0.0, 1, 4), 5)
+    (message,) = told.decoded.sends
+    assert len(message) == 32
+    _, own = until_decoded(a, state_a, see(0.0, 2, 8, message), 5)
+    assert own.decoded is None, "its own message means nothing to the sender"
+    state_b, answered = until_decoded(b, state_b, see(50.0, 2, 4, message), 5)
+    (answer,) = answered.decoded.sends
+    _, done = until_decoded(a, state_a, see(0.0, 3, 8, answer), 5)
+    assert done.order.kind is Kind.DONE
+    _, done = until_decoded(b, state_b, see(50.0, 3, 8), 5)
+    assert done.order.kind is Kind.DONE
+
+
+@both
+def test_a_join_opens_only_when_all_before_it_are_open(profile):
+    draft = fork()
+    draft.nodes[-1] = replace(draft.nodes[-1], join=True)
+    draft.way("left", "right", both=True)
+    mission = cheap(draft.mission(), profile)
+    places = {node.name: node.place for node in mission.nodes}
+
+    def decoded(*names: str) -> list[int]:
+        steps = walk(mission, walker_of(built(mission, profile)), places=[places[n] for n in names], range_m=1)
+        return [o.decoded.node for _, o in steps if o.decoded]
+
+    assert decoded("start", "left", "end") == [0, 1]
+    assert decoded("start", "left", "right", "end") == [0, 1, 2, 3]
+
+
+@both
+def test_one_door_seen_in_several_ways_is_one_node(profile):
+    draft = Draft("aliases")
+    draft.node("start", Position(0, 0), start=True)
+    aliases = [Landmark("room", 5, 2, None, 40.0), Landmark("room", 6, -2, None, 40.0)]
+    draft.node("room", *aliases, final=True)
+    draft.way("start", "room")
+    for alias in aliases:
+        walker = walker_for(draft, profile)
+        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        _, outcome = until_decoded(walker, state, Experience(1, 3, 0, 0, 3.0, (alias,)))
+        assert outcome.decoded.node == 1
+        assert outcome.decoded.landmark.x_m == pytest.approx(alias.x_m, abs=1e-3)
+
+
+@both
+def test_a_landmark_counts_only_from_as_near_as_the_author_said(profile):
+    draft = Draft("near")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True, within_m=2.0)
+    draft.way("start", "door")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    for x, well in ((5.0, False), (6.5, True)):
+        _, outcome = until_decoded(walker, begun, Experience(1, x, 1, 0, x, (DOOR,)))
+        assert (outcome.decoded is not None) is well
+
+
+@both
+def test_an_action_leads_on_where_the_way_says_so(profile):
+    draft = Draft("lift")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("up", Sensor(b"floor 2"), final=True)
+    draft.way("start", "up", do=Action("lift", (("floor", 2),)))
+    walker = walker_for(draft, profile)
+    pool = (Action("lift", (("floor", 1),)), Action("lift", (("floor", 2),)))
+    state, outcome = walker.step(State(), Experience(0, 0, 0, 0, actions=pool))
+    assert (outcome.order.kind, outcome.order.do) == (Kind.DO, Action("lift", (("floor", 2),)))
+    _, outcome = until_decoded(walker, state, Experience(1, 0, 0, 0, sensors=(b"floor 2",), actions=pool))
+    assert outcome.order.kind is Kind.DONE
+
+
+def test_a_chained_node_of_the_paper_needs_what_the_one_before_released():
+    draft = Draft("chain", roam=True)
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("first", Landmark("doorway", 5, 0, 0.1))
+    draft.node("second", Landmark("doorway", 9, 0, 0.3), chained=True, final=True)
+    draft.way("start", "first")
+    draft.way("first", "second")
+    walker = walker_for(draft, Profile.PAPER)
+    state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    second = Experience(1, 8, 0, 0, 8.0, (Landmark("doorway", 9, 0, 0.3),))
+    assert walker.step(state, second)[1].decoded is None
+    state, _ = walker.step(state, Experience(2, 4, 0, 0, 8.0, (Landmark("doorway", 5, 0, 0.1),)))
+    assert walker.step(state, replace(second, t_s=3))[1].decoded.node == 2
+
+
+@both
+def test_a_code_decodes_where_it_hangs_and_not_where_somebody_hung_it_or_a_copy(profile):
+    code = Landmark("qr", 6.0, 2.0, -1.57, None, "shelf 3")
+    draft = Draft("codes")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("shelf", code, do=Action("pick"), final=True)
+    draft.way("start", "shelf")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    cases = {
+        "as it hangs": (code, True),
+        "moved along the wall": (replace(code, x_m=7.2), False),
+        "cloned in another room": (replace(code, x_m=30.0, y_m=20.0), False),
+        "turned round": (replace(code, orientation_rad=1.57), False),
+        "another text in its place": (replace(code, text="shelf 4"), False),
+    }
+    for case, (seen, well) in cases.items():
+        experience = Experience(1, seen.x_m - 2, seen.y_m, 0, 5.0, (seen,), actions=(Action("pick"),))
+        _, outcome = until_decoded(walker, begun, experience, 8)
+        assert (outcome.decoded is not None) is well, case

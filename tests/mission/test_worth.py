@@ -1,0 +1,149 @@
+"""What a mission is worth: the numbers of the audit, and the brute force that is really run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from worlds import CHEAP, built, corridor
+
+from phalanx.config.mission import CodingConfig
+from phalanx.mission import Draft, Landmark, Position, Profile, Sensor
+from phalanx.mission.audit import OUT_OF_REACH, Rates, audit
+from phalanx.mission.cracking import crack_paper, crack_sealed
+
+BOX = (0.0, 0.0, 12.0, 10.0)
+
+
+def small(coding: CodingConfig, *, x: float = 4.0) -> Draft:
+    draft = Draft("small", coding=coding, area_m=BOX)
+    draft.node("start", Position(1.0, 1.0), start=True)
+    draft.node("door", Landmark("doorway", x, 2.17, 0.3))
+    draft.node("corner", Landmark("corner_concave", 9.03, 7.0, -2.0))
+    draft.way("start", "door")
+    draft.way("door", "corner")
+    return draft
+
+
+def rows(draft: Draft, profile: Profile, **more):
+    report = audit(draft.mission(), profile, **more)
+    return report, {row.name: row for row in report.nodes}
+
+
+class TestAudit:
+    def test_a_doorway_anywhere_on_a_map_is_as_many_candidates_as_the_page_says(self):
+        draft = Draft("one", area_m=(0, 0, 40, 40))
+        draft.node("door", Landmark("doorway", 3, 4, 0.0), start=True)
+        _, row = rows(draft, Profile.PAPER)
+        assert row["door"].candidates == pytest.approx(400 * 400 * 12)  # 1.9 M
+        assert row["door"].core_s == pytest.approx(400 * 400 * 12 / Rates().hash_core)
+
+    def test_what_the_node_before_reveals_narrows_the_next_to_a_corridor(self):
+        report, row = rows(small(CodingConfig()), Profile.PAPER)
+        everywhere = 120 * 100
+        assert row["start"].candidates == pytest.approx(everywhere * 3)
+        assert row["door"].candidates < 0.1 * everywhere * 12 * 3
+        # Costs along a walk add and never multiply.
+        assert report.core_s == pytest.approx(sum(r.core_s for r in report.nodes))
+
+    def test_without_its_start_key_a_sealed_mission_cannot_be_guessed_at_all(self):
+        report, row = rows(small(CHEAP), Profile.SEALED)
+        assert row["start"].candidates >= OUT_OF_REACH
+        assert report.core_s == 0
+        report, row = rows(small(CHEAP), Profile.SEALED, open_start=True)
+        assert row["start"].candidates == pytest.approx(30 * 25)
+        assert 0 < report.core_s < math.inf
+
+    def test_what_is_behind_a_message_or_a_random_token_is_out_of_reach(self):
+        for barrier in ("message", "token"):
+            draft = small(CHEAP)
+            if barrier == "message":
+                draft.nodes[1] = replace(draft.nodes[1], wait=("go",))
+            else:
+                draft.nodes[1] = replace(draft.nodes[1], see=((Landmark("qr", 4, 2, 0.3, None, "ab" * 16),),))
+            report, row = rows(draft, Profile.SEALED, open_start=True)
+            assert row["door"].candidates >= OUT_OF_REACH, barrier
+            assert report.core_s == pytest.approx(row["start"].core_s), "and so is what comes after it"
+        draft = small(CHEAP)
+        draft.nodes[1] = replace(draft.nodes[1], see=((Landmark("qr", 4, 2, 0.3, None, "shelf 3"),),))
+        _, row = rows(draft, Profile.SEALED, open_start=True)
+        assert row["door"].candidates < OUT_OF_REACH, "a text that hangs on a wall is public"
+
+    def test_the_robots_own_search_is_told(self):
+        _, row = rows(small(CodingConfig(delta_mm=400)), Profile.SEALED)
+        assert row["door"].robot_ms == pytest.approx(10 * (9 + 8))
+        _, row = rows(small(CodingConfig(delta_mm=25)), Profile.PAPER)
+        assert row["door"].robot_ms == pytest.approx(1000 * 1681 * 9 / Rates().hash_core)
+
+    def test_what_looks_wrong_is_said(self):
+        draft = Draft("wrong", area_m=BOX)
+        draft.node("start", Position(1, 1), start=True)
+        draft.node("narrow", Landmark("doorway", 3, 3, 0.0), width_m=0.9)
+        draft.node("twin", Landmark("doorway", 3.01, 3, 0.01))
+        draft.node("near", Landmark("doorway", 3.3, 3, 0.0))
+        draft.node("island", Landmark("doorway", 9, 9, 0.0))
+        draft.node("red", Sensor(b"red"))
+        draft.node("red too", Sensor(b"red"))
+        for name in ("narrow", "twin", "near", "red", "red too"):
+            draft.way("start", name)
+        _, row = rows(draft, Profile.PAPER)
+        assert any("a door of 0.9 m" in problem for problem in row["narrow"].problems)
+        assert "one observation satisfies twin too" in row["narrow"].problems
+        assert "one observation satisfies narrow too" in row["twin"].problems
+        assert "unreachable from any start" in row["island"].problems
+        assert any("within the search radius" in problem for problem in row["near"].problems)
+        assert "one observation satisfies red too" in row["red too"].problems
+        assert row["start"].problems == ()
+
+
+class TestCrack:
+    def test_a_paper_mission_is_read_by_whoever_tries_everything(self):
+        draft = small(CodingConfig(delta_mm=200))
+        one = built(draft.mission(), Profile.PAPER)
+        batches = list(crack_paper(one.mission, BOX))
+        found = {node.node: node for batch in batches for node in batch.found}
+        assert set(found) == {0, 1, 2}
+        assert (found[1].kind, found[1].x_m, found[1].y_m) == ("doorway", pytest.approx(4.0), pytest.approx(2.17))
+        assert found[2].orientation_rad == pytest.approx(-2.0, abs=1e-3)
+        assert sum(batch.tries for batch in batches) == batches[-1].of
+
+    def test_a_chained_paper_mission_is_read_too_for_what_it_releases_is_public(self):
+        draft = small(CodingConfig(delta_mm=500))
+        draft.nodes[1] = replace(draft.nodes[1], chained=True)
+        one = built(draft.mission(), Profile.PAPER)
+        assert 1 in {node.node for batch in crack_paper(one.mission, BOX) for node in batch.found}
+
+    def test_a_sealed_mission_opens_node_by_node_to_who_has_its_start_key_and_looks_where_it_is(self):
+        one = built(small(CHEAP).mission(), Profile.SEALED)
+        batches = list(crack_sealed(one.mission, one.key, BOX))
+        found = [node for batch in batches for node in batch.found]
+        assert [node.node for node in found] == [0, 1, 2]
+        assert (found[1].x_m, found[1].y_m) == (pytest.approx(4.0, abs=1e-3), pytest.approx(2.17, abs=1e-3))
+        elsewhere = (20.0, 20.0, 24.0, 24.0)
+        batches = list(crack_sealed(one.mission, one.key, elsewhere))
+        assert not [node for batch in batches for node in batch.found]
+        assert sum(batch.tries for batch in batches) == batches[-1].of
+
+    def test_the_direction_that_an_open_node_reveals_is_tried_first(self):
+        one = built(small(CHEAP).mission(), Profile.SEALED)
+        tries = [
+            (batch.tries, [node.node for node in batch.found]) for batch in crack_sealed(one.mission, one.key, BOX)
+        ]
+        after = 0
+        for count, found in tries[1 + next(i for i, t in enumerate(tries) if t[1] == [0]) :]:
+            after += count
+            if found == [1]:
+                break
+        assert after < 0.2 * 30 * 25 * 12
+
+    def test_the_wrong_gate_gives_nothing_wherever_one_looks(self):
+        one = built(small(CHEAP).mission(), Profile.SEALED)
+        wrong = replace(one.key, gates={0: replace(one.key.gates[0], share=bytes(32))})
+        assert not [node for batch in crack_sealed(one.mission, wrong, BOX) for node in batch.found]
+
+    def test_what_needs_more_than_a_place_is_left_alone(self):
+        mission = corridor(3)  # doors with actions
+        one = built(mission, Profile.PAPER)
+        found = {node.node for batch in crack_paper(one.mission, (-1, -1, 10, 3)) for node in batch.found}
+        assert found == {0}
