@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import random
 import re
 import subprocess
@@ -13,6 +14,7 @@ import numpy as np
 from trials import run, scenario
 
 from phalanx.bti.refusal import Refusal
+from phalanx.robot.attacks.harm import STRAYED
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
@@ -46,6 +48,30 @@ def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
     np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
     assert own.summary()["compromised"] == bundled.summary()["compromised"]
     assert own.summary()["correct_in_safe_mode"] == []
+
+
+def credulous():
+    """The example's controller, and the same without its look at what liars send."""
+    spec = importlib.util.spec_from_file_location("own_controller", EXAMPLE)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+
+    class Credulous(example.GoThere):
+        def on_recv(self, t_ms, frame):
+            if len(frame) == example.STATE.size:
+                _, rob_id, _, x_m, y_m, _, _ = example.STATE.unpack(frame)
+                self.neighbour = (rob_id, x_m, y_m)
+
+    return example.GoThere, Credulous
+
+
+def test_nan_leads_astray_whoever_computes_with_it():
+    """So the attack bites, where a controller does not drop such numbers."""
+    liar = AttackSpec(name="nan", at_s=5.0, robot=1)
+    for controller, least_m, most_m in zip(credulous(), (0.0, 1.0), (1e-9, 1e9)):
+        beside, attacked = (advanced(scenario("none", *liars, end_s=20), controller) for liars in ((), (liar,)))
+        harm_m = STRAYED.of(attacked.robots[0], attacked, beside)
+        assert least_m <= harm_m <= most_m
 
 
 class Plain(Controller):

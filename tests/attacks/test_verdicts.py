@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from trials import AT_S, F_MAX, attacked, check, honest, run, scenario
 
 from phalanx.bti.refusal import Refusal
-from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks import ATTACKS, Plan
+from phalanx.sim.loop import clock_ms
+from phalanx.sim.run import Run
 from phalanx.sim.scenario import DEFENCES, AttackSpec
+from phalanx.sim.world import PYTHON
 
+PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.
 REFUSED_FOR = {
     "spoof": Refusal.OUTPUT_UNCALLED,
@@ -117,3 +123,30 @@ def test_before_it_lies_a_liar_is_an_honest_robot(defence):
     never = run(scenario(defence, AttackSpec(name="hijack", at_s=1000.0)))
     assert never.summary()["compromised"][0]["first_deviation_s"] is None
     np.testing.assert_array_equal(never.positions_m, honest(defence).positions_m)
+
+
+def test_a_robot_taken_over_on_its_way_is_honest_until_it_lies():
+    made = scenario("bound")
+    running = Run(made)
+    running.advance(7.3)
+    start_ms = clock_ms(running.world, 3) + 2000
+    plan = Plan(tuple(range(1, 13)), made.goal_m, (), start_ms, 1 << 40, np.random.default_rng(0))
+    liar = running.robots[3] = ATTACKS["hijack"](running.world.fleet, 3, running.world.work, plan)
+    running.world.runs[3] = PYTHON
+    running.advance(9.2)
+    assert liar.first_deviation_ms is None
+    running.advance(20)
+    assert start_ms <= liar.first_deviation_ms <= start_ms + 250
+    assert running.in_safe_mode.nonzero()[0].tolist() == [3]
+
+
+def test_the_page_about_attacks_has_each_with_its_verdicts():
+    rows = {}
+    for line in PAGE.read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 6 and cells[0].startswith("`"):
+            rows[cells[0].strip("`")] = cells[1:]
+    assert list(rows) == list(ATTACKS)
+    for name, (_, *verdicts, _) in rows.items():
+        for defence, words in zip(DEFENCES, verdicts):
+            assert words.startswith(ATTACKS[name].verdicts[defence])

@@ -151,6 +151,9 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     c, s = w.case[0], f.settings[0]
     if q[1] == 1:
         c.step = 0
+        # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
+        if get_u32(q, c.start_at) > c.t:
+            return Refusal.OUT_OF_ORDER
         c.due = get_u32(q, c.start_at) + phase_of(s.mission_seed, c.tee, s.t_control)
         w.tops[0:2] = 0
         return 0

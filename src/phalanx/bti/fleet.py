@@ -30,6 +30,8 @@ ROBOT = np.dtype(
         ("phase", "i8"),  # ms; its sensors' grid is t_key + phase + k * t_control
         ("step", "i8"),  # INPUTs so far
         ("log_len", "i8"),
+        ("checkpoint_no", "i8"),  # of the checkpoint that was taken last
+        ("start_no", "i8"),  # of the one at which the log begins
         ("checkpoint_at", "i8"),  # where in the log the pending checkpoint's mark stands, -1 if there is none
         ("state_len", "i8"),
         ("start_len", "i8"),  # of the checkpoint at which the log begins; 4 at boot
@@ -64,9 +66,11 @@ PEER = np.dtype(
         ("token", "i8"),  # t of its newest token
         ("asked", "i8"),  # round in which we last asked it
         ("asked_ms", "i8"),  # when that was
+        ("claimed", "i8"),  # the checkpoint that was about, by its number
         ("answered", "i8"),  # round in which it last gave us a token
         ("misses", "i8"),  # rounds in a row in which we asked it for nothing
         ("took", "i8"),  # ms at which we last took a request of its
+        ("took_t", "i8"),  # and that request's own time
     ],
     align=True,
 )
@@ -106,7 +110,7 @@ class Fleet(NamedTuple):
         peer: (N, n_max) PEER: robots whose AUDIT frames or tokens were heard.
         request: (N, R) uint8: the request under way.
         rx: (N, RX_SLOTS, R) uint8 and rx_info (N, RX_SLOTS) RX: requests that arrive in fragments.
-        taken: (N, 6 f_max) int64: when the last requests were taken for audit.
+        taken: (N, 12 f_max) int64: when the last requests were taken for audit.
     """
 
     settings: NDArray[Any]
@@ -192,6 +196,6 @@ def make_fleet(
         request=np.zeros((n, requests), np.uint8),
         rx=np.zeros((n, RX_SLOTS, requests), np.uint8),
         rx_info=records((n, RX_SLOTS), RX),
-        taken=np.full((n, 6 * config.f_max), -(1 << 40), np.int64),
+        taken=np.full((n, config.audits_taken), -(1 << 40), np.int64),
     )
     return pack(fleet, _refer)

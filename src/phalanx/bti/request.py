@@ -48,6 +48,7 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     asked = f.peer[i, peer_at(f, i, tor, True)]
     asked.asked = r.round_no
     asked.asked_ms = now
+    asked.claimed = r.checkpoint_no
     r.quota -= 1
     r.request_no = (r.request_no + 1) & 0xFFFF
     r.request_to = tor

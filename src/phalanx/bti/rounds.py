@@ -68,9 +68,11 @@ def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
     p.token = -(1 << 40)
     p.asked = -1
     p.asked_ms = -(1 << 40)
+    p.claimed = -1
     p.answered = -1
     p.misses = 0
     p.took = -(1 << 40)
+    p.took_t = -1
     return int(at)
 
 
@@ -101,6 +103,8 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
         if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
         key = mixed(r.id, p.id) + (p.misses << 32) + (0 if fresh else 1 << 36)
+        if p.asked == r.round_no:
+            key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
             best, best_key = p.id, key
     return int(best)
@@ -172,6 +176,7 @@ def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
     r.pending_len = 48 + r.state_len
     trusted.sha1(c, r.pending_len, f.hckpt[i, PENDING])
     r.tokens_pending = 0
+    r.checkpoint_no += 1
     r.checkpoint_at = r.log_len
     mark(f, i, CHECKPOINT)
 
@@ -187,12 +192,17 @@ def forget_checkpoint(f: Fleet, i: int) -> None:
     r.tokens_pending = 0
     r.checkpoint_at = -1
     r.log_len = 0
+    r.checkpoint_no = 0
+    r.start_no = 0
 
 
 @kernel
 def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     """A token is installed and kept; with f_max + 1 of them the log is cut at their checkpoint.
 
+    As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
+    checkpoint claimed: a liar that sends old tokens again, or signs for the start of the log, would otherwise keep its
+    victim from asking others (both seen to stop correct robots).
     Returns: 0, or negative when it is not a token for one of our checkpoints.
     Source: RoboRebound §3.5, §3.6.
     """
@@ -208,11 +218,14 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     r.tokens_got += 1
     at = peer_at(f, i, tor, True)
     if at >= 0:
-        if f.peer[i, at].asked == r.round_no and f.peer[i, at].answered != r.round_no:
+        p = f.peer[i, at]
+        number = r.start_no if which == START else r.checkpoint_no
+        asked_for_it = p.asked == r.round_no and t >= p.asked_ms and p.claimed == number
+        if asked_for_it and p.answered != r.round_no:
             r.got += 1
-            f.peer[i, at].answered = r.round_no
-            f.peer[i, at].misses = 0
-        f.peer[i, at].token = t
+            p.answered = r.round_no
+            p.misses = 0
+        p.token = max(p.token, t)
     _keep(f, i, which, tor, t, mac)
     if which == PENDING and r.tokens_pending >= s.f_max + 1:
         _promote(f, i)
@@ -252,6 +265,7 @@ def _promote(f: Fleet, i: int) -> None:
     copy(f.checkpoint[i, START], 0, f.checkpoint[i, PENDING], 0, r.pending_len)
     copy(f.hckpt[i, START], 0, f.hckpt[i, PENDING], 0, 20)
     r.start_len = r.pending_len
+    r.start_no = r.checkpoint_no
     r.booted = 0
     for k in range(r.tokens_pending):
         f.token[i, START, k].tor = f.token[i, PENDING, k].tor

@@ -13,7 +13,11 @@ REQUEST_OVERHEAD_BYTES = 300
 CHECKPOINT_BYTES = 66
 NEIGHBOUR_BYTES = 26
 STATE_ENTRY_BYTES = 34
-REPLY_BYTES = 32
+# Of log, per state period: a frame that takes as much airtime as four states, less the state it replaces.
+LIAR_BYTES = 376
+# Of one request; a fragment's number and their count are a byte, and a bit each in a word says which have come.
+MOST_FRAGMENTS = 63
+FRAGMENT_HEAD_BYTES = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +78,17 @@ class BtiConfig:
                 "t_val at least 1.5 times t_audit, or honest robots starve",
             )
 
+        fragments = -(-self.request_capacity_bytes // (self.frame_max_bytes - FRAGMENT_HEAD_BYTES))
+        if fragments > MOST_FRAGMENTS:
+            raise UsageError(
+                f"an audit request of {self.request_capacity_bytes} bytes takes {fragments} frames",
+                f"at most {MOST_FRAGMENTS}: a shorter t_val, a smaller n_max or longer frames",
+            )
+        if self.delta_ms * 2 >= self.t_control_ms:
+            raise UsageError(
+                f"readings within {self.delta_ms} ms of a grid of {self.t_control_ms} ms", "delta below half a period"
+            )
+
     @property
     def tokens_needed(self) -> int:
         """Fresh tokens of different auditors that keep a robot alive."""
@@ -87,8 +102,13 @@ class BtiConfig:
 
     @property
     def log_capacity_bytes(self) -> int:
-        """Bytes of log that a robot keeps: it is in Safe Mode before honest work fills them."""
-        return math.ceil(1.3 * (self.t_val_ms / 1000) * self.log_bytes_per_s) + 1024
+        """Bytes of log that a robot keeps: it is in Safe Mode before honest work fills them.
+
+        A liar may have its neighbours log more than its share: its a-node limits the airtime of what it sends to four
+        states' each state period, and one long frame takes no more than four short ones.
+        """
+        liars = self.f_max * LIAR_BYTES * 1000 / (self.t_control_ms * self.steps_per_state)
+        return math.ceil(1.3 * (self.t_val_ms / 1000) * (self.log_bytes_per_s + liars)) + 1024
 
     @property
     def checkpoint_capacity_bytes(self) -> int:
@@ -99,6 +119,11 @@ class BtiConfig:
     def request_capacity_bytes(self) -> int:
         """Longest audit request that is sent or read."""
         return self.log_capacity_bytes + self.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
+
+    @property
+    def audits_taken(self) -> int:
+        """Requests that a robot audits per T_val at most (docs/adr/0015)."""
+        return 12 * self.f_max
 
     @property
     def tokens_kept(self) -> int:

@@ -38,6 +38,8 @@ def boot(f: Fleet, i: int, now: int) -> None:
 @kernel
 def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
     """The entry as a trusted node would have made it, where there is none. Source: docs/spec/rebound.md."""
+    if ENTRY_HEAD_BYTES + length > len(w.entry):
+        return -1
     w.entry[0] = kind
     put_u32(w.entry, 1, now)
     put_u16(w.entry, 5, length)
@@ -114,6 +116,8 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     """
     s = f.settings[0]
     if s.profile == PLAIN:
+        if length < 1 or frame[0] & request.AUDIT:
+            return NOTHING
         n = plain(w, RECV, now, frame, length)
     else:
         n = trusted.anode_recv(s.profile, f.anode[i], now, frame, length, w.entry)
@@ -151,7 +155,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
         refused = knock(f, i, w, place, src)
         if refused:
             return answer(f, i, w, place, src, refused)
-        if not admit(f, i, now):
+        if not admit(f, i, src, w.case[0].t, now):
             return NOTHING
         if f.settings[0].controller == 0:
             return WHOLE
@@ -179,16 +183,18 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 
 @kernel
-def admit(f: Fleet, i: int, now: int) -> bool:
-    """Whether one more request is audited: 6 f_max a T_val in all.
+def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
+    """Whether one more request is audited: 12 f_max a T_val in all, and no token request twice.
 
-    Source: RoboRebound §5.1; docs/spec/rebound.md.
+    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0015.
     """
     r, s = f.robot[i], f.settings[0]
     oldest = r.accepted % f.taken.shape[1]
-    if now - f.taken[i, oldest] < s.t_val:
+    at = rounds.peer_at(f, i, src, True)
+    if at < 0 or t <= f.peer[i, at].took_t or now - f.taken[i, oldest] < s.t_val:
         r.requests_dropped += 1
         return False
+    f.peer[i, at].took_t = t
     f.taken[i, oldest] = now
     r.accepted += 1
     return True

@@ -260,7 +260,8 @@ def move(world: World) -> None:
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)
-    rebuild(world.reach, world.pos)
+    if rebuild(world.reach, world.pos) > len(world.reach.ids):
+        clock.crowded = 1
     clock.contacts += robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)
     world.last[:] = world.pos

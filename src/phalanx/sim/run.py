@@ -124,6 +124,11 @@ class Run:
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
+        if self.world.clock[0].crowded:
+            raise UsageError(
+                f"robots crowd together: more than {len(self.world.reach.ids) // len(self.ids)} in range of each",
+                "a wider spacing, fewer robots, or a greater n_max",
+            )
         self._wall_s += time.perf_counter() - began
 
     def _sample(self) -> None:

@@ -26,7 +26,7 @@ from . import loop, pybot
 from .airtime import Rates, broadcast_us, unicast_us
 from .events import make_queue, push
 from .radio import NOBODY, make_air
-from .reach import make_reach, rebuild
+from .reach import SMALL_SWARM, make_reach, rebuild
 from .world import PYTHON, VERDICTS, World, make_clock, refer
 
 PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
@@ -35,6 +35,8 @@ MOVE_US = 50_000
 # They were powered up within so much of each other.
 POWER_UP_MS = 60_000
 FIRST_ROUND_US = 200_000
+# Neighbours for whom large swarms have room in the lists of who is near, beside twice those provided for.
+ROOM = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +139,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         work=make_work(setup.bti),
         queue=make_queue(16 * m + 64),
         air=make_air(m, setup.radio, setup.seed),
-        reach=make_reach(m, setup.radio.range_m),
+        reach=make_reach(m, setup.radio.range_m, None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM)),
         pos=setup.starts_m.copy(),
         vel=np.zeros((m, 2)),
         acc=np.zeros((m, 2)),

@@ -33,6 +33,7 @@ CLOCK = np.dtype(
         ("audit_us", "i8"),  # period of rounds, 0 without a defence
         ("contact_m", "f8"),
         ("contacts", "i8"),
+        ("crowded", "i8"),  # more neighbours than `reach` has room for, once: the run is wrong from then on
         ("body", "i8"),  # what robots are, see `body`
         # A transmission that is being delivered.
         ("sender", "i8"),

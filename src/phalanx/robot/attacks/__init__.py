@@ -2,7 +2,7 @@
 
 from .attack import Attack, Plan
 from .claims import Equivocate, FalseState, Masquerade, NotANumber
-from .floods import CovertTalk, FrameFlood, GhostAuditors, Jam, RequestFlood, SlotSquat
+from .floods import CovertTalk, FrameFlood, GhostAuditors, Jam, LogFlood, RequestFlood, SlotSquat
 from .forged_logs import (
     AlterEntries,
     DropEntries,
@@ -30,7 +30,7 @@ ATTACKS: dict[str, type[Attack]] = {
         # How it comes by tokens.
         ForgeTokens, ShareTokens, ReplayTokens, SelfIssue, Collude, ZeroKey,
         # What it does to the channel and to the audits of others.
-        RequestFlood, FrameFlood, CovertTalk, GhostAuditors, SlotSquat,
+        RequestFlood, FrameFlood, CovertTalk, GhostAuditors, LogFlood, SlotSquat,
         # Faults, and what no audit can see.
         Nondeterministic, Crash, StuckSensor, SpoofGps, Dawdle, Jam,
     )

@@ -117,6 +117,10 @@ class Attack(CNode):
         bundled = compiled(fleet.settings[0].controller, fleet.params)
         self._honest = (make_controller or bundled)(self.id)
         self._steps = 0
+        r = fleet.robot[i]
+        if r.alive:  # taken over in the middle of a mission
+            self._honest.decode(fleet.state[i, : r.state_len].tobytes())
+            self._steps = int(r.step)
         self._put_out: list[Output] | None = None
 
     @classmethod

@@ -95,7 +95,7 @@ class NotANumber(Attack):
         others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
         name = others[int(self.plan.chance.integers(len(others)))] if others else self.id
         numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in self.plan.chance.integers(0, 4, 4)]
-        numbers[int(self.plan.chance.integers(4))] = math.nan
+        numbers[int(self.plan.chance.integers(2))] = math.nan  # of the place, which every controller reads
         return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *numbers), EVERYBODY)
 
 

@@ -114,6 +114,27 @@ class CovertTalk(Flood):
         return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, self.plan.chance.bytes(1000)), others[0])
 
 
+class LogFlood(Attack):
+    """Says at length what means nothing: who hears it has to log it, and to show it to auditors.
+
+    Source: none.
+    """
+
+    name = "log-flood"
+    does = "broadcasts long frames of no meaning, which all others must log and show until their logs are full"
+    stopped_by = "replay sends no such frame; and in `bound` the a-node's bucket for broadcasts lets few bytes out"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
+    harm = STARVED
+    period_ms = 20
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The longest frame that the a-node lets out now."""
+        for size in (1500, 360, 150, 40):
+            if actions := self.send(now_ms, b"\x60" + bytes(size), EVERYBODY):
+                return actions
+        return []
+
+
 class SlotSquat(Attack):
     """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
 

@@ -30,7 +30,7 @@ class Hijack(Attack):
     """
 
     name = "hijack"
-    does = "drives at the nearest robot, whatever its controller says"
+    does = "drives into the way of others, whatever its controller says"
     on_wheels = True
     stopped_by = "the a-node has chained the commands, and replay gives others"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED

@@ -1,0 +1,51 @@
+"""P1 and P2 of docs/spec/rebound.md: every attack, several seeds. The long table is benchmarks/bench_attacks.py."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec, Scenario
+
+SEEDS = range(5)
+ROBOTS = 25
+# P2 wants a channel that is not saturated.
+SATURATES = {"jam"}
+
+
+def moment(name: str, seed: int) -> float:
+    """Somewhere from the first second of grace to the fifth round, s."""
+    return 1.0 + hashlib.sha256(f"{name} {seed}".encode()).digest()[0] / 256 * 19.0
+
+
+def attacked(name: str, seed: int) -> Run:
+    """The paper's 25 robots on a grid, the attack in as many of them as it takes."""
+    at_s = moment(name, seed)
+    liars = tuple(AttackSpec(name=name, at_s=at_s) for _ in range(ATTACKS[name].liars))
+    made = Scenario(name="p1-p2", robots=ROBOTS, seed=seed, duration_s=at_s + 13.0, attacks=liars)
+    run = Run(made)
+    run.advance(made.duration_s)
+    return run
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_whoever_deviates_is_stopped_in_time_and_nobody_else_is_stopped(name):
+    for seed in SEEDS:
+        run = attacked(name, seed)
+        summary = run.summary()
+        if name not in SATURATES:
+            assert summary["correct_in_safe_mode"] == [], f"seed {seed}"
+            assert summary["without_quorum"] == [], f"seed {seed}"
+        liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Attack)]
+        for liar, told in zip(liars, summary["compromised"]):
+            if ATTACKS[name].verdicts["bound"] == "stopped":
+                bound_s = stop_bound_s(run.scenario, output_missing=liar.output_missing)
+                assert told["first_deviation_s"] is not None, f"seed {seed}"
+                assert told["safe_mode_s"] is not None, f"seed {seed}"
+                assert 0 <= told["safe_mode_s"] - told["first_deviation_s"] <= bound_s, f"seed {seed}"
+            else:
+                assert told["first_deviation_s"] is None, f"seed {seed}: declared {ATTACKS[name].verdicts['bound']}"
