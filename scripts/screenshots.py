@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import sys
+from asyncio import StreamReader
 from pathlib import Path
 
 from playwright.async_api import async_playwright
@@ -13,7 +14,8 @@ from playwright.async_api import async_playwright
 from phalanx.link import Client
 
 IMG = Path(__file__).parent.parent / "docs" / "img"
-GATEWAY = [sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--seed", "6", "--duration", "60"]
+GATEWAY = [sys.executable, "-m", "phalanx", "up", "--events", "--port", "0", "--seed", "6", "--duration", "90"]
+LIAR = "Fay"
 
 
 def corner(i: int, n: int) -> dict[str, float]:
@@ -23,13 +25,21 @@ def corner(i: int, n: int) -> dict[str, float]:
     return {"x": x + 40 * (i // len(places)) + i % n, "y": y, "z": 0}
 
 
+async def next_event(lines: StreamReader, kind: str) -> dict[str, object]:
+    """The gateway's next event of this kind."""
+    while True:
+        event: dict[str, object] = json.loads(await lines.readline())
+        if event["event"] == kind:
+            return event
+
+
 async def main() -> None:
-    """One gateway, a few robots on their way, a phone and an operator's screen."""
+    """One gateway, a few robots on their way, one of them compromised; a phone and an operator's screen."""
     gateway = await asyncio.create_subprocess_exec(*GATEWAY, stdout=asyncio.subprocess.PIPE)
     assert gateway.stdout is not None
-    ready = json.loads(await gateway.stdout.readline())
+    ready = await next_event(gateway.stdout, "ready")
     try:
-        async with Client(ready["qr_url"]) as client, async_playwright() as p:
+        async with Client(str(ready["qr_url"])) as client, async_playwright() as p:
             robots = await client.request(0, frames=True)
             for i, robot in enumerate(robots[:8]):
                 route = {"threshold": 60, "waypoints": [corner(i, 12), corner(i + 3, 12)]}
@@ -40,13 +50,19 @@ async def main() -> None:
             phone = await chromium.new_page(
                 viewport={"width": 390, "height": 844}, device_scale_factor=2, has_touch=True
             )
-            await phone.goto(ready["qr_url"])
+            await phone.goto(str(ready["qr_url"]))
             await phone.get_by_test_id("robot-select").select_option(index=3)
-            await asyncio.sleep(7)
+            desk = await chromium.new_page(viewport={"width": 1280, "height": 1080})
+            await desk.goto(str(ready["operator_url"]))
+            await asyncio.sleep(9)
+            await desk.get_by_test_id("victim").select_option(label=LIAR)
+            await desk.get_by_test_id("attack").select_option(label="hijack")
+            await desk.get_by_test_id("compromise-button").click()
+            await next_event(gateway.stdout, "audit")
+            await asyncio.sleep(0.6)
             await phone.screenshot(path=IMG / "visitor.png")
-            desk = await chromium.new_page(viewport={"width": 1280, "height": 800})
-            await desk.goto(ready["operator_url"])
-            await asyncio.sleep(2.5)
+            await next_event(gateway.stdout, "safe_mode")
+            await asyncio.sleep(1.5)
             await desk.screenshot(path=IMG / "operator.png")
             await chromium.close()
     finally:

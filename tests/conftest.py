@@ -180,9 +180,15 @@ def child(*arguments: str, **more):
 
 @contextmanager
 def a_gateway(*arguments: str, **more):
-    """`phalanx up --events` on free ports; yields the child and its 'ready' event."""
-    with child("up", "--events", "--port", "0", *arguments, **more) as running:
-        yield running, running.wait_for("ready")
+    """`phalanx up --events` on free ports; yields the child and its 'ready' event.
+
+    Robots do not audit each other unless asked to: most tests are about the link, and any number of them will do.
+    """
+    protected = "--defence" in arguments
+    defence = () if protected else ("--defence", "none")
+    with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
+        # The first after a kernel has changed compiles the world.
+        yield running, running.wait_for("ready", timeout_s=500.0 if protected else 20.0)
 
 
 def secrets_of(ready: dict) -> list[str]:

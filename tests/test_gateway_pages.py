@@ -16,7 +16,7 @@ from phalanx.gateway.serve_pages import PAGES
 
 @pytest.fixture
 async def operator():
-    async with OperatorPages("t0ken" * 6, lambda: {"pin": "314159"}) as pages:
+    async with OperatorPages("t0ken" * 6, lambda: {"pin": "314159"}, lambda _address, _attack: None) as pages:
         yield pages
 
 

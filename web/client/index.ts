@@ -5,6 +5,7 @@ export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
 export { SwarmLink, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
 export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, shortAddress, shortName } from "./robot";
+export { type Audit, counting, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {
   type Area,
   MOST_ROBOTS,

@@ -4,6 +4,7 @@
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
+import type { Audit, Shield } from "./shield";
 import { type Point, Trail } from "./trail";
 
 export const ACTIVE = 0;
@@ -33,6 +34,10 @@ export interface Robot {
   readonly threshold: number;
   readonly trail: Trail;
   readonly battery_v: number | undefined;
+  /** Undefined where robots do not audit each other. */
+  readonly shield: Shield | undefined;
+  /** Its last audit that we heard of. */
+  readonly audited: Audit | undefined;
 }
 
 // 64 that a server takes, and where the robot stood.
@@ -48,7 +53,7 @@ export function readRobot(words: Json | undefined): Robot | undefined {
   return {
     address: words["address"],
     number: readNumber(words["n"], 0, Number.MAX_SAFE_INTEGER),
-    name: readName(words["name"]) ?? UNNAMED,
+    name: readText(words["name"], LONGEST_NAME) ?? UNNAMED,
     application: readApplication(words["application"]),
     status: readStatus(words["status"]) ?? ACTIVE,
     mode: readMode(words["mode"]) ?? 0,
@@ -59,6 +64,8 @@ export function readRobot(words: Json | undefined): Robot | undefined {
     threshold: readThreshold(words["waypoints_threshold"]) ?? DEFAULT_THRESHOLD,
     trail: readTrail(words["position_history"]) ?? Trail.EMPTY,
     battery_v: readBattery(words["battery"]),
+    shield: undefined,
+    audited: undefined,
   };
 }
 
@@ -124,11 +131,12 @@ function readPoints(words: Json | undefined, most: number): readonly Point[] | u
   return points;
 }
 
-function readName(word: unknown): string | undefined {
+/** A peer's words as they can be shown; undefined if nothing of them can. */
+export function readText(word: unknown, longest: number): string | undefined {
   if (typeof word !== "string") return undefined;
   // Control characters break a line; direction marks can make one name look like another robot's.
   const shown = word.replace(/[\p{C}\u2028\u2029]/gu, "").trim();
-  return shown === "" ? undefined : Array.from(shown).slice(0, LONGEST_NAME).join("");
+  return shown === "" ? undefined : Array.from(shown).slice(0, longest).join("");
 }
 
 function readApplication(word: unknown): string {

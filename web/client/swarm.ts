@@ -20,6 +20,7 @@ import {
   readThreshold,
   readWaypoints,
 } from "./robot";
+import { type Audit, readAudit, readShield, readTerms, type ShieldTerms } from "./shield";
 import { type Point, Trail } from "./trail";
 
 export const REQUEST_ROBOTS = 0;
@@ -37,6 +38,9 @@ const LARGEST_AREA_MM = 1e7;
 const TRAIL_STEP = 0.005;
 // Positions of an older server are fractions of the side; robots can stand a little outside.
 const UNIT_SQUARE_LIMIT = 1.5;
+/** Audits are kept for as long as a map may want to show them. */
+const AUDITS_FOR_MS = 3000;
+const MOST_AUDITS = 256;
 
 /** The ground under the swarm, in the unit of the positions. */
 export interface Area {
@@ -64,6 +68,12 @@ export interface Swarm {
   readonly seq: number | undefined;
   /** Counts the occasions on which something was missed, so that request 0 has to be asked again. */
   readonly missed: number;
+  /** Undefined where robots do not audit each other. */
+  readonly terms: ShieldTerms | undefined;
+  /** Those that ended lately, oldest first. */
+  readonly audits: readonly Audit[];
+  /** When the newest answer or frame came. */
+  readonly at_ms: number;
 }
 
 export interface RosterEntry {
@@ -81,24 +91,28 @@ export const NO_SWARM: Swarm = {
   listed: false,
   seq: undefined,
   missed: 0,
+  terms: undefined,
+  audits: [],
+  at_ms: 0,
 };
 
 export type SwarmAction =
-  | { readonly kind: "replied"; readonly request: number; readonly data: Json }
-  | { readonly kind: "notified"; readonly payload: Json }
+  | { readonly kind: "replied"; readonly request: number; readonly data: Json; readonly at_ms: number }
+  | { readonly kind: "notified"; readonly payload: Json; readonly at_ms: number }
   /** Connected again: frames were missed, but request 0 is being asked anyway. */
   | { readonly kind: "reconnected" }
   /** We asked a robot to forget its trail: an older server tells nobody. */
   | { readonly kind: "history_cleared"; readonly address: string };
 
+/** Moments (`at_ms`) are the caller's, on any clock that only goes on. */
 export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
   switch (action.kind) {
     case "replied":
-      if (action.request === REQUEST_ROBOTS) return withRobots(swarm, action.data);
+      if (action.request === REQUEST_ROBOTS) return withRobots(swarm, action.data, action.at_ms);
       if (action.request === REQUEST_AREA) return withArea(swarm, action.data);
       return swarm;
     case "notified":
-      return notified(swarm, action.payload);
+      return notified(swarm, action.payload, action.at_ms);
     case "reconnected":
       return { ...swarm, seq: undefined };
     case "history_cleared":
@@ -106,22 +120,24 @@ export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
   }
 }
 
-function notified(swarm: Swarm, payload: Json): Swarm {
+function notified(swarm: Swarm, payload: Json, at_ms: number): Swarm {
   if (!isObject(payload)) return swarm;
   const { cmd, data } = payload;
   if (cmd === NOTIFY_RELOAD) return { ...swarm, missed: swarm.missed + 1 };
   if (cmd === NOTIFY_UPDATE) return isObject(data) ? updated(swarm, data) : swarm;
   if (cmd === NOTIFY_JOINED) return edited(swarm, (robots) => join(robots, data));
-  if (cmd === NOTIFY_FRAME) return isObject(data) ? framed(swarm, data) : swarm;
+  if (cmd === NOTIFY_FRAME) return isObject(data) ? framed(swarm, data, at_ms) : swarm;
   return swarm;
 }
 
-function withRobots(swarm: Swarm, data: Json): Swarm {
+function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
   if (!Array.isArray(data)) return swarm;
   const listed: Robot[] = [];
   for (const words of (data as readonly Json[]).slice(0, MOST_ROBOTS)) {
     const robot = readRobot(words);
-    if (robot) listed.push(robot);
+    if (!robot || !isObject(words)) continue;
+    const shield = readShield(words["shield"], at_ms);
+    listed.push({ ...robot, shield, audited: swarm.robots.get(robot.address)?.audited });
   }
   // An answer above the client's limit comes without histories: what was seen meanwhile is better than nothing.
   // Ours tells the newest points only.
@@ -132,7 +148,7 @@ function withRobots(swarm: Swarm, data: Json): Swarm {
     const shorter = known && robot.trail.length < known.trail.length && (trimmed || robot.trail.length > 0);
     robots.set(robot.address, shorter ? { ...robot, trail: known.trail } : robot);
   }
-  return settled({ ...swarm, robots, numbers: numbersOf(robots), listed: true });
+  return settled({ ...swarm, robots, numbers: numbersOf(robots), listed: true, at_ms });
 }
 
 function withArea(swarm: Swarm, data: Json): Swarm {
@@ -140,7 +156,7 @@ function withArea(swarm: Swarm, data: Json): Swarm {
   const width = readNumber(data["width"], 1, LARGEST_AREA_MM);
   const height = readNumber(data["height"], 1, LARGEST_AREA_MM);
   if (width === undefined || height === undefined) return swarm;
-  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true };
+  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true, terms: readTerms(data) };
 }
 
 /** Notification 2: one robot, and only what it has to say. */
@@ -159,11 +175,12 @@ function updated(swarm: Swarm, data: JsonObject): Swarm {
   });
 }
 
-function framed(swarm: Swarm, frame: JsonObject): Swarm {
+function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   const seq = readNumber(frame["seq"], 0, Number.MAX_SAFE_INTEGER);
   if (seq === undefined || !Number.isInteger(seq)) return swarm;
   let missed = swarm.seq !== undefined && seq !== swarm.seq + 1;
   let { numbers } = swarm;
+  const ended: Audit[] = [];
   const next = edited(swarm, (robots) => {
     const joined = list(frame["joined"]);
     for (const words of joined) join(robots, words);
@@ -172,9 +189,17 @@ function framed(swarm: Swarm, frame: JsonObject): Swarm {
       if (Array.isArray(words) && !moveInFrame(robots, numbers, words, swarm.area)) missed ||= swarm.listed;
     }
     for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
+    for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
+    for (const words of list(frame["audits"])) {
+      const audit = readAudit(words, numbers, at_ms);
+      if (audit) ended.push(audit);
+    }
+    for (const audit of ended) change(robots, audit.auditee, { audited: audit });
     for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
   });
-  return { ...next, numbers, seq, missed: next.missed + (missed ? 1 : 0) };
+  const recent = swarm.audits.filter((audit) => at_ms - audit.at_ms < AUDITS_FOR_MS);
+  const audits = [...recent, ...ended].slice(-MOST_AUDITS);
+  return { ...next, numbers, seq, audits, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
 /** `[number, x, y, direction]`; false for a robot that we do not know. */
@@ -193,6 +218,20 @@ function moveInFrame(
   if (direction !== undefined) robots.set(address, { ...robot, direction });
   move(robots, address, readPointXy(x, y), area);
   return true;
+}
+
+/** `[number, safe, vouchers]`. */
+function shieldInFrame(
+  robots: Map<string, Robot>,
+  numbers: ReadonlyMap<number, string>,
+  words: Json,
+  at_ms: number,
+): void {
+  if (!Array.isArray(words)) return;
+  const [number, ...rest] = words as readonly Json[];
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const shield = readShield(rest, at_ms);
+  if (address !== undefined && shield) change(robots, address, { shield });
 }
 
 function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {

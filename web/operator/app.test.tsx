@@ -32,8 +32,29 @@ const STATE = {
       link: "ok",
     },
   ],
+  shields: null,
   counters: { commands: 12, requests: 4, notifications: 90, knocks: 0, reconnects: 0 },
   rejected: { stale: 3, replayed: 0 },
+};
+
+const SHIELDS = {
+  tokens_needed: 2,
+  t_val_ms: 10_000,
+  attacks: [
+    { name: "hijack", does: "drives as it likes" },
+    { name: "crash", does: "does nothing" },
+  ],
+  refusals: [{ ago_s: 2, auditor: "Bo", auditee: "Cleo", reason: "output wrong" }],
+  robots: {
+    B0B0F00D33333333: {
+      safe_mode: false,
+      attack: "",
+      vouchers: [
+        { name: "Bo", left_s: 8.1 },
+        { name: "Cleo", left_s: 6.2 },
+      ],
+    },
+  },
 };
 
 type Answer = () => Response | Promise<Response>;
@@ -147,6 +168,41 @@ describe("the operator page", () => {
     await pass(2000);
     expect(part("banner")).toBeNull();
     expect(part("qr")?.getAttribute("data-out-of-order")).toBe("false");
+  });
+
+  it("shows the shields and the refusals, and compromises the chosen robot with the token in a header", async () => {
+    answer = () => Response.json({ ...STATE, shields: SHIELDS });
+    await open(`#token=${TOKEN}`);
+    expect(part("fleet-table")?.textContent).toContain("2/2 · 7 s");
+    expect(part("refusals")?.textContent).toContain("Bo refused Cleo: output wrong");
+    const attack = part("attack") as HTMLSelectElement;
+    await act(async () => {
+      attack.value = "crash";
+      attack.dispatchEvent(new Event("change", { bubbles: true }));
+    });
+    expect(part("compromise")?.textContent).toContain("It does nothing.");
+    asked = [];
+    answer = () => Response.json({ error: "too late" }, { status: 404 });
+    await act(async () => (part("compromise-button") as HTMLButtonElement).click());
+    await pass(0);
+    expect(asked[0]?.url).toBe("/api/compromise");
+    expect(asked[0]?.init).toMatchObject({ method: "POST", headers: { Authorization: `Bearer ${TOKEN}` } });
+    expect(asked[0]?.init.body).toBe('{"address":"B0B0F00D33333333","attack":"crash"}');
+    expect(part("compromise")?.querySelector('[role="alert"]')?.textContent).toBe("too late");
+  });
+
+  it("greys a robot in Safe Mode, and does not offer it", async () => {
+    const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", vouchers: [] } };
+    answer = () => Response.json({ ...STATE, shields: { ...SHIELDS, robots } });
+    await open(`#token=${TOKEN}`);
+    expect(part("fleet-table")?.querySelector('[data-safe-mode="true"]')?.textContent).toContain("Safe Modecrash");
+    expect((part("compromise-button") as HTMLButtonElement).disabled).toBe(true);
+  });
+
+  it("has no such button where robots do not audit each other", async () => {
+    await open(`#token=${TOKEN}`);
+    expect(part("compromise")).toBeNull();
+    expect(part("refusals")).toBeNull();
   });
 
   it("says that the broker is gone", async () => {

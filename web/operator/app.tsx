@@ -10,6 +10,7 @@ import { BrokerCard, CountersCard, VisitorsCard } from "./link_health";
 import { type Polled, useGateway } from "./poll";
 import { useWindow } from "./rates";
 import { Rejections } from "./rejections";
+import { AuditsCard, CompromiseCard } from "./shields";
 import { takeToken } from "./token";
 import { ago } from "./words";
 
@@ -39,7 +40,13 @@ export function App() {
                 <BrokerCard broker={newest.state.broker} />
                 <VisitorsCard visitors={newest.state.visitors} />
               </div>
-              <Fleet robots={newest.state.robots} />
+              {newest.state.shields && (
+                <div className="pair roomy">
+                  <CompromiseCard token={token} robots={newest.state.robots} shields={newest.state.shields} />
+                  <AuditsCard refusals={newest.state.shields.refusals} />
+                </div>
+              )}
+              <Fleet robots={newest.state.robots} shields={newest.state.shields} />
               <div className="pair roomy">
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />

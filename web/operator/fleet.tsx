@@ -1,6 +1,6 @@
 // The robots, one a row.
 
-import type { LinkQuality, Rgb, Robot } from "./gateway_state";
+import type { LinkQuality, Rgb, Robot, RobotShield, Shields } from "./gateway_state";
 import { ago } from "./words";
 
 // A DotBot's range: below it brakes out, above it has just been charged.
@@ -14,7 +14,12 @@ const MODE = ["manual", "route"] as const;
 
 const byName = new Intl.Collator("en", { numeric: true });
 
-export function Fleet({ robots }: { readonly robots: readonly Robot[] }) {
+interface Props {
+  readonly robots: readonly Robot[];
+  readonly shields: Shields | undefined;
+}
+
+export function Fleet({ robots, shields }: Props) {
   const sorted = [...robots].sort((a, b) => byName.compare(a.name, b.name) || byName.compare(a.address, b.address));
   const counted = LINKS.map((link) => [link, robots.filter((robot) => robot.link === link).length] as const);
 
@@ -42,11 +47,12 @@ export function Fleet({ robots }: { readonly robots: readonly Robot[] }) {
               <th scope="col">Mode</th>
               <th scope="col">Heard</th>
               <th scope="col">Link</th>
+              {shields && <th scope="col">Shield</th>}
             </tr>
           </thead>
           <tbody>
             {sorted.map((robot) => (
-              <Row key={robot.address} robot={robot} />
+              <Row key={robot.address} robot={robot} needed={shields?.tokens_needed} shield={shields?.robots[robot.address]} />
             ))}
           </tbody>
         </table>
@@ -56,9 +62,15 @@ export function Fleet({ robots }: { readonly robots: readonly Robot[] }) {
   );
 }
 
-function Row({ robot }: { readonly robot: Robot }) {
+interface RowProps {
+  readonly robot: Robot;
+  readonly needed: number | undefined;
+  readonly shield: RobotShield | undefined;
+}
+
+function Row({ robot, needed, shield }: RowProps) {
   return (
-    <tr data-status={STATUS[robot.status]}>
+    <tr data-status={STATUS[robot.status]} data-safe-mode={shield?.safe_mode === true}>
       <th scope="row">
         <span className="robot-name">{robot.name}</span>
         <span className="address" title={robot.address}>
@@ -78,7 +90,33 @@ function Row({ robot }: { readonly robot: Robot }) {
           {robot.link}
         </span>
       </td>
+      {needed !== undefined && <td>{shield && <Shield shield={shield} needed={needed} />}</td>}
     </tr>
+  );
+}
+
+function Shield({ shield, needed }: { readonly shield: RobotShield; readonly needed: number }) {
+  const { safe_mode, attack, vouchers } = shield;
+  // With its last needed voucher's token the robot is stopped.
+  const left_s = vouchers[needed - 1]?.left_s;
+  return (
+    <>
+      {safe_mode ? (
+        <span className="tag" data-link="lost">
+          Safe Mode
+        </span>
+      ) : (
+        <span className="number" title={vouchers.map(({ name, left_s: s }) => `${name} ${s} s`).join(", ")}>
+          {Math.min(vouchers.length, needed)}/{needed}
+          {left_s !== undefined && ` · ${Math.ceil(left_s)} s`}
+        </span>
+      )}
+      {attack !== "" && (
+        <span className="tag" data-link="quiet">
+          {attack}
+        </span>
+      )}
+    </>
   );
 }
 

@@ -37,6 +37,37 @@ export interface Robot {
 export const COUNTERS = ["commands", "requests", "notifications", "knocks", "reconnects"] as const;
 export type Counters = Readonly<Record<(typeof COUNTERS)[number], number>>;
 
+export interface RobotShield {
+  readonly safe_mode: boolean;
+  /** What the operator has it do; "" for an honest robot. */
+  readonly attack: string;
+  /** Neighbours that vouch for it, and for how many seconds more. */
+  readonly vouchers: readonly { readonly name: string; readonly left_s: number }[];
+}
+
+export interface Attack {
+  readonly name: string;
+  readonly does: string;
+}
+
+/** An audit that earned no token. */
+export interface Refusal {
+  readonly ago_s: number;
+  readonly auditor: string;
+  readonly auditee: string;
+  readonly reason: string;
+}
+
+/** Of robots that audit each other. */
+export interface Shields {
+  readonly tokens_needed: number;
+  readonly t_val_ms: number;
+  readonly attacks: readonly Attack[];
+  /** The newest first. */
+  readonly refusals: readonly Refusal[];
+  readonly robots: Readonly<Record<string, RobotShield>>;
+}
+
 export interface GatewayState {
   readonly mode: string;
   readonly page_url: string;
@@ -50,6 +81,8 @@ export interface GatewayState {
   readonly broker: Broker;
   readonly visitors: readonly Visitor[];
   readonly robots: readonly Robot[];
+  /** Undefined where robots do not audit each other. */
+  readonly shields: Shields | undefined;
   readonly counters: Counters;
   /** Refused messages by reason; a reason of which there was none may be absent. */
   readonly rejected: Readonly<Record<string, number>>;
@@ -85,6 +118,7 @@ export function parseState(json: unknown): GatewayState {
     },
     visitors: list(state["visitors"], "visitors").map(visitor),
     robots: list(state["robots"], "robots").map(robot),
+    shields: state["shields"] === null ? undefined : shields(state["shields"]),
     counters: Object.fromEntries(COUNTERS.map((name) => [name, finite(counters[name], name)])) as Counters,
     rejected: Object.fromEntries(
       Object.entries(record(state["rejected"], "rejected")).map(([reason, n]) => [reason, finite(n, reason)]),
@@ -117,6 +151,42 @@ function robot(json: unknown): Robot {
       blue: finite(led["blue"], "robot.rgb_led"),
     },
     link: oneOf(it["link"], ["ok", "quiet", "lost"] as const, "robot.link"),
+  };
+}
+
+function shields(json: unknown): Shields {
+  const it = record(json, "shields");
+  return {
+    tokens_needed: finite(it["tokens_needed"], "shields.tokens_needed"),
+    t_val_ms: finite(it["t_val_ms"], "shields.t_val_ms"),
+    attacks: list(it["attacks"], "shields.attacks").map((each) => {
+      const attack = record(each, "attack");
+      return { name: text(attack["name"], "attack.name"), does: text(attack["does"], "attack.does") };
+    }),
+    refusals: list(it["refusals"], "shields.refusals").map((each) => {
+      const refusal = record(each, "refusal");
+      return {
+        ago_s: finite(refusal["ago_s"], "refusal.ago_s"),
+        auditor: text(refusal["auditor"], "refusal.auditor"),
+        auditee: text(refusal["auditee"], "refusal.auditee"),
+        reason: text(refusal["reason"], "refusal.reason"),
+      };
+    }),
+    robots: Object.fromEntries(
+      Object.entries(record(it["robots"], "shields.robots")).map(([address, each]) => [address, robotShield(each)]),
+    ),
+  };
+}
+
+function robotShield(json: unknown): RobotShield {
+  const it = record(json, "shield");
+  return {
+    safe_mode: it["safe_mode"] === true,
+    attack: text(it["attack"], "shield.attack"),
+    vouchers: list(it["vouchers"], "shield.vouchers").map((each) => {
+      const voucher = record(each, "voucher");
+      return { name: text(voucher["name"], "voucher.name"), left_s: finite(voucher["left_s"], "voucher.left_s") };
+    }),
   };
 }
 

@@ -7,8 +7,8 @@ import { type Json, label, MOST_ROBOTS, NO_SWARM, type Swarm, swarmReducer, TRAI
 const A = "DECAFBAD00000001";
 const B = "DECAFBAD00000002";
 
-const told = (request: number, data: unknown) => ({ kind: "replied", request, data: data as Json }) as const;
-const notified = (cmd: number, data?: unknown) => ({ kind: "notified", payload: { cmd, data } as Json }) as const;
+const told = (request: number, data: unknown) => ({ kind: "replied", request, data: data as Json, at_ms: 0 }) as const;
+const notified = (cmd: number, data?: unknown) => ({ kind: "notified", payload: { cmd, data } as Json, at_ms: 0 }) as const;
 type Action = Parameters<typeof swarmReducer>[1];
 const play = (actions: readonly Action[], from: Swarm = NO_SWARM) => actions.reduce(swarmReducer, from);
 
@@ -240,7 +240,7 @@ describe("hostile peers", () => {
     fc
       .tuple(fc.constantFrom(1, 2, 4, 16, 99), fc.oneof(aRobot, aFrame, fc.jsonValue()))
       .map(([cmd, data]) => notified(cmd, data)),
-    fc.jsonValue().map((payload) => ({ kind: "notified", payload: payload }) as const),
+    fc.jsonValue().map((payload) => ({ kind: "notified", payload: payload, at_ms: 0 }) as const),
   );
 
   test("nothing throws, and every number that can be drawn is finite", () => {

@@ -9,6 +9,7 @@ import { Led } from "./led";
 import { MapView } from "./map/map_view";
 import { RobotPicker } from "./robot_picker";
 import { MOST_WAYPOINTS, Route, routePayload } from "./route";
+import { ShieldWords } from "./shield_words";
 
 interface Props {
   readonly to: Invitation;
@@ -93,6 +94,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
             onSelect={setChosen}
             onClearTrail={() => command("clear_position_history", "")}
           />
+          <ShieldWords link={link} selected={selected} />
           <div className="hands">
             <div className="stick">
               <Joystick send={sendWheels} disabled={selected === undefined} robotName={entry?.name} />

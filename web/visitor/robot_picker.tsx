@@ -42,6 +42,7 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
   const words = useSwarm(link, ({ swarm }) => {
     const robot = selected === undefined ? undefined : swarm.robots.get(selected);
     if (!robot) return "Tap one on the map, or choose it here.";
+    if (robot.shield?.safeMode) return "stopped";
     const status = robot.status === ACTIVE ? "" : robot.status === INACTIVE ? "not heard for a while" : "lost";
     const mode = robot.mode === 1 ? "following its route" : "";
     const battery = robot.battery_v ? `battery ${robot.battery_v.toFixed(1)} V` : "";

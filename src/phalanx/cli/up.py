@@ -12,10 +12,9 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
-from phalanx.gateway.simulated import DEFENCES, simulated_swarm
+from phalanx.gateway.simulated import DEFENCES
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
-from phalanx.robot import Swarm
 
 from .options import broker_options, link_options, read_login
 from .run import run
@@ -89,23 +88,21 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    # Not within the event loop: compiling can take minutes, in which Ctrl-C should end it.
-    swarm = simulated_swarm(robots, seed, defence, f_max, _talk)
     if events:
         lines = EventLines()
         try:
-            run(run_gateway(options, lines, swarm=swarm))
+            run(run_gateway(options, lines, talk=_talk))
         finally:
             lines.close()
     else:
-        _run_for_people(options, swarm)
+        _run_for_people(options)
 
 
 def _talk(words: str) -> None:
     click.echo(f"phalanx: {words}", err=True)
 
 
-def _run_for_people(options: UpOptions, swarm: Swarm) -> None:
+def _run_for_people(options: UpOptions) -> None:
     watch: list[asyncio.Task[None]] = []
 
     def say(event: dict[str, Any]) -> None:
@@ -124,7 +121,7 @@ def _run_for_people(options: UpOptions, swarm: Swarm) -> None:
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
 
-    run(run_gateway(options, say, started, swarm))
+    run(run_gateway(options, say, started, talk=_talk))
     end_status_line()
 
 

@@ -5,18 +5,18 @@ A tick is one frame while it fits a small message, else several; each stands for
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from phalanx.link.parts import split_list
+from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point, Robot
 
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
 FULL_EVERY_S = 1.0
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
-FRAME_BYTES = 80  # of a frame without its rows
+FRAME_BYTES = 120  # of a frame without its rows
 
 Row = tuple[int, int, int, int]
 
@@ -55,13 +55,16 @@ class Frames:
             self._next_number += 1
         return number
 
-    def next(self, robots: Sequence[Robot], now_s: float, uptime_s: float) -> Tick | None:
+    def next(
+        self, robots: Sequence[Robot], now_s: float, uptime_s: float, more: Mapping[str, Sequence[Any]] | None = None
+    ) -> Tick | None:
         """The frames of this tick, or None if there is nothing to say and the last one is less than a second old.
 
         Args:
             robots: the swarm now.
             now_s: seconds since 1970.
             uptime_s: monotonic seconds; every robot's place comes once in `FULL_EVERY_S` of them.
+            more: further lists to be told, by their names.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
         rows = {robot.address: self._row(robot) for robot in robots}
@@ -77,18 +80,32 @@ class Frames:
             del self._numbers[address]
         if full:
             self._full_at_s = uptime_s
-        elif not (moved or joined or left or changed):
+        elif not (moved or joined or left or changed or (more and any(more.values()))):
             return None
         news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
-        frames = [
-            self._frame({key: piece})
-            for key, items in (("left", left), ("joined", news), ("changed", changed))
-            if items
-            for piece in split_list(items, self._limit_bytes)
-        ]
-        if moved or not frames:
-            frames += [self._frame({"robots": piece}) for piece in split_list(moved, self._limit_bytes)]
+        lists: dict[str, Sequence[Any]] = {
+            "left": left,
+            "joined": news,
+            "changed": changed,
+            "robots": moved,
+            **(more or {}),
+        }
+        frames = [self._frame(words) for words in self._packed(lists)]
         return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed))
+
+    def _packed(self, lists: Mapping[str, Sequence[Any]]) -> list[dict[str, list[Any]]]:
+        """The lists in order, in as few frames as hold them; an element that is too long has one of its own."""
+        frames: list[dict[str, list[Any]]] = [{}]
+        used = 0
+        for key, items in lists.items():
+            for item in items:
+                size = len(encode_json(item)) + 1
+                if used and used + size > self._limit_bytes:
+                    frames.append({})
+                    used = 0
+                frames[-1].setdefault(key, []).append(item)
+                used += size
+        return frames
 
     def _frame(self, words: dict[str, Any]) -> dict[str, Any]:
         data = {"seq": self._seq, "robots": [], **words}

@@ -13,10 +13,12 @@ from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
+from phalanx.robot.shield import Shielded
 
 from . import vocabulary
 from .frames import Frames, Tick
 from .joystick import EXPIRES_S, Joysticks
+from .shields import ShieldWatch
 from .visitors import Visitors
 from .vocabulary import Notice
 
@@ -40,16 +42,24 @@ class Gateway:
     Args:
         swarm: the robots.
         server: the link; its handlers are registered here.
+        say: told what happens to shields (see ShieldWatch).
         clock: seconds since 1970.
     """
 
-    def __init__(self, swarm: Swarm, server: Server, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        swarm: Swarm,
+        server: Server,
+        say: Callable[[dict[str, Any]], None] = lambda _: None,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
         self.swarm = swarm
         self.server = server
         self.visitors = Visitors()
         self._clock = clock
         self._joysticks = Joysticks()
         self._frames = Frames(server.config.part_plaintext_bytes)
+        self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
@@ -115,16 +125,18 @@ class Gateway:
         trail = min(TRAIL_POINTS, TRAIL_POINTS_IN_ALL // max(1, len(robots)))
         # Nor are the routes of many: with 64 points each they were nine tenths of the answer, a part for every robot.
         with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
+        shields = self.shields.in_list(self._frames.number) if self.shields else {}
         return [
             vocabulary.tell_robot(robot if with_routes else replace(robot, route=()), now_s, trail)
             | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
+            | shields.get(robot.address, {})
             for robot in robots
         ]
 
-    def _tell_area(self, request: Request) -> dict[str, int]:
+    def _tell_area(self, request: Request) -> dict[str, Any]:
         self._asked(request)
         width, height = self.swarm.area_mm
-        return {"width": width, "height": height}
+        return {"width": width, "height": height} | (self.shields.in_area() if self.shields else {})
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True
@@ -145,7 +157,8 @@ class Gateway:
 
     async def _tell_tick(self) -> None:
         robots = self.swarm.robots()
-        tick = self._frames.next(robots, self._clock(), time.monotonic())
+        more = self.shields.news(self._frames.number, time.monotonic()) if self.shields else None
+        tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
         for frame in tick.frames if tick else ():
             await self._notify(frame)
         if self.visitors.older_pages(time.monotonic()):

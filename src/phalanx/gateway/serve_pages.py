@@ -16,7 +16,7 @@ from typing import Any, Self
 
 from aiohttp import web
 
-from phalanx.errors import Unavailable
+from phalanx.errors import Unavailable, Unknown
 from phalanx.io.ports import LOOPBACK
 
 PAGES = Path(__file__).parent / "pages"
@@ -149,15 +149,18 @@ class OperatorPages(_Site):
     Args:
         token: what `Authorization: Bearer` must carry.
         state: called for each answer.
+        compromise: has a robot of this address run an attack of this name; raises Unknown.
     """
 
-    def __init__(self, token: str, state: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, token: str, state: Callable[[], dict[str, Any]], compromise: Callable[[str, str], None]) -> None:
         self._token = token
         self._state = state
+        self._compromise = compromise
         super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/api/state", self._tell_state)
+        self.app.router.add_post("/api/compromise", self._do_compromise)
 
     def refuse(self, request: web.Request) -> web.Response | None:
         """Turn away names that are not ours: a foreign page that rebinds its name to loopback comes with such a one."""
@@ -167,9 +170,35 @@ class OperatorPages(_Site):
         return None
 
     async def _tell_state(self, request: web.Request) -> web.Response:
+        return self._stranger(request) or _answer(self._state())
+
+    async def _do_compromise(self, request: web.Request) -> web.Response:
+        if stranger := self._stranger(request):
+            return stranger
+        try:
+            words = json.loads(await request.text())
+            address, attack = words["address"], words["attack"]
+            self._compromise(str(address), str(attack))
+        except Unknown as error:
+            return _answer({"error": str(error)}, 404)
+        except (ValueError, KeyError, TypeError, RecursionError):
+            return _answer({"error": "an object with 'address' and 'attack'"}, 400)
+        return _answer({})
+
+    def _stranger(self, request: web.Request) -> web.Response | None:
+        """An answer for whoever has not the token, or comes from another page.
+
+        No cookie carries the token, so that no page but ours can send it; the origin is a second lock.
+        """
         given = request.headers.get("Authorization", "").encode(errors="replace")
         if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
-            return web.json_response({"error": "open the operator link that the gateway printed"}, status=401)
-        return web.Response(
-            text=json.dumps(self._state()), content_type="application/json", headers={"Cache-Control": "no-store"}
-        )
+            return _answer({"error": "open the operator link that the gateway printed"}, 401)
+        if request.headers.get("Origin", f"http://{request.host}") != f"http://{request.host}":
+            return _answer({"error": "not from this page"}, 403)
+        return None
+
+
+def _answer(words: dict[str, Any], status: int = 200) -> web.Response:
+    return web.Response(
+        text=json.dumps(words), status=status, content_type="application/json", headers={"Cache-Control": "no-store"}
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import io
+import logging
 import resource
 import secrets
 import time
@@ -17,7 +18,7 @@ from urllib.parse import urlsplit
 import segno
 
 from phalanx.config import LinkConfig
-from phalanx.errors import UsageError
+from phalanx.errors import Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import on_host
@@ -27,11 +28,15 @@ from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.sim import Dotbots
+from phalanx.sim.protected import ProtectedSwarm
 
 from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
 from .serve_pages import OperatorPages, VisitorPages
+from .simulated import simulated_swarm
+
+log = logging.getLogger(__name__)
 
 DEFAULT_PORT = 8080
 WORLD_HZ = 50
@@ -49,6 +54,8 @@ class UpOptions:
     Args:
         robots: simulated robots.
         seed: of their places.
+        defence: bound, paper or none; None for bound as far as so many robots can.
+        f_max: compromised robots that are tolerated; None for 3, or as many as so few robots allow.
         broker: auto, mosquitto, amqtt or a URL.
         broker_ws: websocket URL of a broker elsewhere, where it is not one port further.
         login: for a broker elsewhere.
@@ -58,10 +65,13 @@ class UpOptions:
         frontend: page of the published form to send visitors to, instead of ours.
         duration_s: end by itself after so long.
         link: the link's parameters.
+    Raises: UsageError: a page is none.
     """
 
     robots: int = 12
     seed: int = 0
+    defence: str | None = None
+    f_max: int | None = None
     broker: str = "auto"
     broker_ws: str = ""
     login: Login | None = None
@@ -72,6 +82,11 @@ class UpOptions:
     duration_s: float | None = None
     link: LinkConfig = field(default_factory=LinkConfig)
 
+    def __post_init__(self) -> None:
+        for page in (self.frontend, self.page_url):
+            if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
+                raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
+
 
 class Running:
     """A gateway that is up, as an operator sees it."""
@@ -80,7 +95,7 @@ class Running:
         self, options: UpOptions, broker: RunningBroker, page_url: str, server: Server, swarm: Swarm, say: Say
     ) -> None:
         self.page_url = page_url
-        self.gateway = Gateway(swarm, server)
+        self.gateway = Gateway(swarm, server, say)
         self._options = options
         self._broker = broker
         self._server = server
@@ -126,6 +141,8 @@ class Running:
         now_s, uptime_s = time.time(), time.monotonic()
         config, server = self._server.config, self._server
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
+        robots = self.gateway.swarm.robots()
+        names = {robot.address: robot.name for robot in robots}
         return {
             "mode": "qrkey",
             "page_url": self._options.frontend or self.page_url,
@@ -152,12 +169,23 @@ class Running:
                     "rgb_led": vocabulary.tell_led(robot.led),
                     "link": link[vocabulary.status(robot, now_s)],
                 }
-                for robot in self.gateway.swarm.robots()
+                for robot in robots
             ],
+            "shields": self.gateway.shields.state(names.__getitem__) if self.gateway.shields else None,
             "counters": {key: server.counters[key] for key in ("commands", "requests", "notifications", "knocks")}
             | {"reconnects": server.reconnects},
             "rejected": dict(server.rejected),
         }
+
+    def compromise(self, address: str, attack: str) -> None:
+        """A robot lies from now on.
+
+        Raises: Unknown: there is no such robot or attack, it is compromised or stopped already, or robots have no
+            shields.
+        """
+        if self.gateway.shields is None:
+            raise Unknown("these robots do not audit each other: nothing would stop it")
+        self.gateway.shields.compromise(address, attack)
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
@@ -178,7 +206,7 @@ class Running:
 
     async def _turn(self) -> None:
         swarm = self.gateway.swarm
-        if not isinstance(swarm, Dotbots):  # real robots move by themselves
+        if not isinstance(swarm, Dotbots | ProtectedSwarm):  # real robots move by themselves
             return
         before_s = time.monotonic()
         while True:
@@ -230,6 +258,7 @@ async def up(
     say: Say,
     started: Callable[[Running], None] = lambda _: None,
     swarm: Swarm | None = None,
+    talk: Callable[[str], None] = log.warning,
 ) -> None:
     """Run a gateway until cancelled, or for as long as the options say.
 
@@ -237,7 +266,8 @@ async def up(
         options: what to run.
         say: called with every event; the first of a running gateway is "ready", before it perhaps "waiting".
         started: called with the running gateway, just after "ready".
-        swarm: your own robots; simulated ones unless given.
+        swarm: your own robots; simulated ones as the options say unless given.
+        talk: told what people should know, in one line.
     Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
     """
     loopback_only = options.host in (LOOPBACK, "localhost")
@@ -245,9 +275,6 @@ async def up(
     port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
     token = secrets.token_hex(16)
-    for page in (options.frontend, options.page_url):
-        if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
-            raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
     _allow_many_connections()
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(VisitorPages(options.host, port))
@@ -258,9 +285,10 @@ async def up(
         server = Server(
             broker.url, config=options.link, broker_for_visitors=on_host(broker.websocket, advertised), mqtt=broker.mqtt
         )
-        swarm = swarm or Dotbots(options.robots, options.seed, time.time)
+        # After all that can be wrong: the first time it takes minutes.
+        swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)
         running = Running(options, broker, page_url, server, swarm, say)
-        operator = await stack.enter_async_context(OperatorPages(token, running.state))
+        operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise))
         await stack.enter_async_context(server)
         async with for_at_most(options.duration_s):
             await _until_connected(server, say)

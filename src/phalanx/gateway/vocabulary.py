@@ -7,7 +7,7 @@ Only this file knows the names of fields (docs/spec/vocabulary.md). Peers' value
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import islice
@@ -15,6 +15,7 @@ from typing import Any
 
 from phalanx.errors import BadPayload
 from phalanx.robot import Led, Point, Robot
+from phalanx.robot.shield import Audit, Shield
 
 APPLICATION = "0"
 REQUEST_ROBOTS = 0
@@ -179,3 +180,13 @@ def tell_update(robot: Robot) -> dict[str, Any]:
 
 def _tell_place(place: Point) -> dict[str, float]:
     return {"x": round(place.x_mm, 1), "y": round(place.y_mm, 1), "z": 0}
+
+
+def tell_vouchers(shield: Shield, number: Callable[[str], int]) -> list[list[int]]:
+    """Who vouches for a robot and for how many tenths of a second more, auditors by their numbers."""
+    return [[number(auditor), round(left_s * 10)] for auditor, left_s in shield.vouchers]
+
+
+def tell_audit(audit: Audit, number: Callable[[str], int]) -> list[int | str]:
+    """An audit that has ended, robots by their numbers."""
+    return [number(audit.auditor), number(audit.auditee), audit.refusal]

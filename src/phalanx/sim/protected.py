@@ -1,7 +1,8 @@
 """The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
 
 A station stands in the middle and sends visitors' orders, each to one robot. What a robot does with them is logged,
-replayed and audited like everything else.
+replayed and audited like everything else. It speaks no faster than the channel and a robot's log have room for,
+whatever visitors do: of several orders of one kind that wait for one robot only the newest is sent.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from phalanx.bti.audit import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
@@ -45,18 +48,28 @@ from .world import PYTHON
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
 MOST_ROBOTS = 100
 # Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
-DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40, n_max=MOST_ROBOTS)
+DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40)
 EDGE_MM = 200.0
-# Orders are heard by one robot and logged by it: its log has room for those of a visitor beside its neighbours'.
+# A robot's log has room for so many bytes of orders a second, which is what this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 20
+ORDER_BYTES_PER_S = 450
+# All robots' together: a tenth of the channel.
+ORDERS_PER_S = 500
 FULL_TURN_DEG = 360.0
+SAVED_UP_S = 0.05
+MOTION, COLOUR = 0, 1  # kinds of orders that wait
+
+
+def least_robots(f_max: int) -> int:
+    """So many can lose f_max and still audit each other. Source: docs/spec/rebound.md (P2)."""
+    return 2 * f_max + 2
 
 
 class ProtectedSwarm:
     """A `phalanx.robot.shield.Shielded` swarm that goes on when told that time has passed.
 
     Args:
-        count: robots, f_max + 2 to 100.
+        count: robots, 2 f_max + 2 to 100: when f_max are stopped, the others still find f_max + 1 to vouch for them.
         seed: of places and everything else.
         clock: seconds since 1970.
         defence: "paper" or "bound".
@@ -67,14 +80,14 @@ class ProtectedSwarm:
     def __init__(
         self, count: int, seed: int, clock: Callable[[], float], *, defence: str = "bound", f_max: int = 3
     ) -> None:
-        if not f_max + 2 <= count <= MOST_ROBOTS:
+        if not least_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
-                f"{count} robots that audit each other and tolerate {f_max}",
-                f"{f_max + 2} to {MOST_ROBOTS} within one radio range; or --defence none",
+                f"{count} robots that audit each other in one radio range, {f_max} of them compromised",
+                f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
-        self._config = replace(DEMO, f_max=f_max, n_max=min(count + ORDERS_AS_NEIGHBOURS, MOST_ROBOTS))
+        self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
         places = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (count, 2)) / 1000
         station = np.array([AREA_MM]) / 2000
         self.world = make_world(
@@ -101,6 +114,10 @@ class ProtectedSwarm:
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
         self._leds = [Led(0, 0, 0)] * count
         self._numbers = [0] * count
+        # By robot and kind, the longest waiting first: what makes the order's frame.
+        self._waiting: dict[tuple[int, int], Callable[[int, int], bytes]] = {}
+        self._may_order_at_s = [0.0] * count
+        self._may_speak_at_s = 0.0
         self._routes: list[tuple[Point, ...]] = [()] * count
         self._thresholds = [DEFAULT_THRESHOLD_MM] * count
         self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
@@ -110,7 +127,7 @@ class ProtectedSwarm:
         self._stopped_at_s: dict[int, float] = {}
         start(self.world, {})
         for i in range(count):
-            self._order(i, orders.led_order, *_rgb(COLOURS[i % len(COLOURS)]))
+            self._show(i, COLOURS[i % len(COLOURS)])
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
@@ -146,17 +163,19 @@ class ProtectedSwarm:
         """Turn the wheels for 300 ms; ends waypoint following."""
         i = self._find(address)
         self._routes[i] = ()
-        self._order(i, orders.wheels_order, max(-100, min(100, left_pct)), max(-100, min(100, right_pct)))
+        left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
+        self._waiting[i, MOTION] = partial(orders.wheels_order, left_pct=left, right_pct=right)
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
-        self._order(self._find(address), orders.led_order, *_rgb(led))
+        self._show(self._find(address), led)
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
         """Visit these points in order, of more than 32 the first; none stops the robot."""
         i = self._find(address)
         points = [(round(point.x_mm), round(point.y_mm)) for point in route[: orders.WAYPOINTS_MAX]]
-        self._order(i, orders.route_order, round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM)), points)
+        near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
+        self._waiting[i, MOTION] = partial(orders.route_order, threshold_mm=near, points_mm=points)
         here = Point(*(self.world.pos[i] * 1000).tolist())
         self._routes[i] = (here, *route[: orders.WAYPOINTS_MAX]) if route else ()
         self._thresholds[i] = threshold_mm
@@ -168,6 +187,7 @@ class ProtectedSwarm:
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
         self._now_s += dt_s
+        self._send_orders()
         until_us = round(self._now_s * 1e6)
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
             pybot.handle(self.world, self._liars)
@@ -181,8 +201,9 @@ class ProtectedSwarm:
         for i in range(self._station):
             if self._routes[i] and self._arrived(i):
                 self._routes[i] = ()
-            if self.world.safe[i]:
-                self._stopped_at_s.setdefault(i, self._clock())
+            if self.world.safe[i] and i not in self._stopped_at_s:
+                self._stopped_at_s[i] = self._clock()
+                self._routes[i] = ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -245,21 +266,30 @@ class ProtectedSwarm:
             raise Unknown(f"no robot {address[:64]!r}")
         return row
 
-    def _order(self, i: int, make: Callable[..., bytes], *values: object) -> None:
-        self._numbers[i] += 1
-        frame = np.frombuffer(bytearray(make(i + 1, self._numbers[i], *values)), np.uint8)
-        loop.transmit(self.world, self._station, frame, len(frame), i)
+    def _show(self, i: int, led: Led) -> None:
+        self._waiting[i, COLOUR] = partial(orders.led_order, red=led.red, green=led.green, blue=led.blue)
+
+    def _send_orders(self) -> None:
+        """Those that the station, the channel and the robot's log have room for."""
+        for (i, kind), make in list(self._waiting.items()):
+            if self.world.safe[i]:
+                del self._waiting[i, kind]
+            elif self._now_s >= max(self._may_speak_at_s, self._may_order_at_s[i]):
+                frame = np.frombuffer(bytearray(make(i + 1, self._numbers[i] + 1)), np.uint8)
+                if loop.transmit(self.world, self._station, frame, len(frame), i) == 0:
+                    del self._waiting[i, kind]
+                    self._numbers[i] += 1
+                    self._may_order_at_s[i] = self._now_s + (ENTRY_HEAD_BYTES + len(frame)) / ORDER_BYTES_PER_S
+                    # From step to step a few are saved up: the step is longer than an order's share of the time.
+                    self._may_speak_at_s = max(self._may_speak_at_s, self._now_s - SAVED_UP_S) + 1 / ORDERS_PER_S
 
     def _arrived(self, i: int) -> bool:
         state = self.world.fleet.state[i]
-        return int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and not state[wheels.COUNT]
+        heard = int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and (i, MOTION) not in self._waiting
+        return heard and not state[wheels.COUNT]
 
     def _record(self, i: int) -> None:
         x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
         last = self._history[i][-1] if self._history[i] else None
         if last is None or (x_mm - last.x_mm) ** 2 + (y_mm - last.y_mm) ** 2 >= HISTORY_STEP_MM**2:
             self._history[i].append(Point(round(x_mm, 1), round(y_mm, 1)))
-
-
-def _rgb(led: Led) -> tuple[int, int, int]:
-    return led.red, led.green, led.blue

@@ -23,7 +23,8 @@ DEFENCES: tuple[Defence, ...] = get_args(Defence)
 CONTROLLERS = ("flock",)
 MOST_ROBOTS = 65_535
 LONGEST_S = 7 * 86_400.0
-MOST_NEIGHBOURS = 400
+# A log of more neighbours does not fit a request; nor does a channel carry that of 130.
+MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
 CLOSER, SPARE = 1.5, 4
 
@@ -179,7 +180,7 @@ class Scenario:
         }
         said = {name: value for name, value in audits.items() if value is not None}
         # What bti was given for n_max last time must not stand in the way of a larger f_max.
-        bti = replace(self.bti, **said, n_max=MOST_NEIGHBOURS)
+        bti = replace(self.bti, **said, n_max=max(self.bti.n_max, (f_max or 0) + 1))
         changed: dict[str, object] = {name: value for name, value in changes.items() if value is not None}
         return replace(self, bti=bti, **changed)  # type: ignore[arg-type]
 

@@ -106,7 +106,7 @@ export class SwarmLink {
       default:
         this.#watch.heard(now_ms);
         if (event.kind === "replied" && event.request === REQUEST_ROBOTS) this.#watch.answered();
-        this.#reduce(event);
+        this.#reduce({ ...event, at_ms: now_ms });
     }
   }
 

@@ -4,11 +4,15 @@ import type { Point } from "../../client";
 import { Motion } from "./motion";
 import { fitArea, type Projection, toScreen } from "./projection";
 import { drawGround, drawRobots, type Scene, shownRobots } from "./scene";
+import { areFlashing } from "./shields";
 import { readTheme, type Theme } from "./theme";
 
 /** More pixels than this per CSS pixel cost a phone more than anybody sees. */
 const MOST_DENSE = 2;
 const MANY = 200;
+/** Tokens drain slowly: an arc gets shorter by two pixels a second. */
+const DRAIN_EVERY_MS = 100;
+const DRAIN_EVERY_MS_STILL = 1000;
 
 export class Painter {
   readonly #ground: HTMLCanvasElement;
@@ -29,6 +33,7 @@ export class Painter {
   #groundIsOld = true;
   #frame: number | undefined;
   #drawnAt_ms = 0;
+  #draining: number | undefined;
 
   constructor(ground: HTMLCanvasElement, robots: HTMLCanvasElement) {
     this.#ground = ground;
@@ -43,6 +48,7 @@ export class Painter {
     this.#resizing.disconnect();
     this.#dark.removeEventListener("change", this.#onTheme);
     if (this.#frame !== undefined) cancelAnimationFrame(this.#frame);
+    window.clearTimeout(this.#draining);
   }
 
   show(scene: Scene): void {
@@ -85,6 +91,10 @@ export class Painter {
     }
     this.#motion.aim(places, this.#still.matches || rescaled);
     this.#groundIsOld = true;
+    this.#drawSoon();
+  }
+
+  #drawSoon(): void {
     this.#frame ??= requestAnimationFrame((now_ms) => this.#draw(now_ms));
   }
 
@@ -94,7 +104,7 @@ export class Painter {
     if (!this.#scene || !this.#projection || !ground || !robots) return;
     // A large swarm at half the screen's rate: drawing it costs more than anybody sees.
     if (this.#motion.places.size > MANY && now_ms - this.#drawnAt_ms < 25) {
-      this.#frame = requestAnimationFrame((next_ms) => this.#draw(next_ms));
+      this.#drawSoon();
       return;
     }
     this.#theme ??= readTheme(this.#ground);
@@ -107,7 +117,14 @@ export class Painter {
       this.#groundIsOld = false;
     }
     robots.clearRect(0, 0, this.#width, this.#height);
-    drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places);
-    if (moving) this.#frame = requestAnimationFrame((next_ms) => this.#draw(next_ms));
+    const { swarm } = this.#scene;
+    const still = this.#still.matches;
+    drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places, now_ms, still);
+    window.clearTimeout(this.#draining);
+    if (moving || (!still && areFlashing(swarm.audits, now_ms))) this.#drawSoon();
+    else if (swarm.terms) {
+      const wait_ms = still ? DRAIN_EVERY_MS_STILL : DRAIN_EVERY_MS;
+      this.#draining = window.setTimeout(() => this.#drawSoon(), wait_ms);
+    }
   }
 }

@@ -3,6 +3,7 @@
 
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm, shortName } from "../../client";
 import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
+import { drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
 
 export interface Scene {
@@ -28,13 +29,26 @@ const MOST_RADIUS = 13;
 const TURN = 2 * Math.PI;
 
 export function shownRobots(swarm: Swarm): Robot[] {
-  return [...swarm.robots.values()].filter((robot) => robot.position && robot.status !== LOST);
+  // One that was stopped is silent, and stands where everybody can see it.
+  return [...swarm.robots.values()].filter((robot) => robot.position && (robot.status !== LOST || isStopped(robot)));
 }
 
 export function robotRadius({ area, scale }: Projection, robots: number): number {
   const length = area.unit === "mm" ? ROBOT_MM : ROBOT_MM / 2000;
   const least = robots <= MOST_NAMES ? LEAST_RADIUS_OF_FEW : LEAST_RADIUS;
   return Math.min(Math.max(length * scale, least), MOST_RADIUS);
+}
+
+function isStopped({ shield }: Robot): boolean {
+  return shield?.safeMode === true;
+}
+
+function colourOf(robot: Robot, theme: Theme): string {
+  return isStopped(robot) ? theme.unlit : ledColour(robot.led, theme);
+}
+
+function alphaOf(robot: Robot): number {
+  return robot.status === INACTIVE && !isStopped(robot) ? 0.35 : 1;
 }
 
 /** The colour of a disc. A dark LED would be a hole in a dark map, so it is drawn as unlit. */
@@ -166,16 +180,22 @@ function drawCursor(ctx: CanvasRenderingContext2D, { x, y }: Point, theme: Theme
   ctx.stroke();
 }
 
-/** `places` are pixels: where the robots are in their glide. */
+/** `places` are pixels: where the robots are in their glide. `still`: nothing fades. */
 export function drawRobots(
   ctx: CanvasRenderingContext2D,
   p: Projection,
   theme: Theme,
   scene: Scene,
   places: ReadonlyMap<string, Point>,
+  now_ms: number,
+  still: boolean,
 ): void {
+  const { terms, audits } = scene.swarm;
   const robots = shownRobots(scene.swarm);
   const radius = robotRadius(p, robots.length);
+  const rim = radius + (terms ? RING_OFF_PX + 2 : 0);
+  drawAudits(ctx, theme, audits, places, radius, now_ms, still);
+  if (terms) drawShields(ctx, theme, terms, robots, places, radius, now_ms);
   if (robots.length > MOST_NAMES) drawMany(ctx, theme, scene, robots, places, radius);
   else {
     for (const robot of robots) {
@@ -186,7 +206,7 @@ export function drawRobots(
   if (robots.length <= MOST_NAMES) {
     for (const robot of robots) {
       const place = places.get(robot.address);
-      if (place && robot.address !== scene.selected) drawName(ctx, p, theme, shortName(robot), place, radius, false);
+      if (place && robot.address !== scene.selected) drawName(ctx, p, theme, shortName(robot), place, rim, false);
     }
   }
   const selected = robots.find((robot) => robot.address === scene.selected);
@@ -195,10 +215,10 @@ export function drawRobots(
   ctx.strokeStyle = theme.accent;
   ctx.lineWidth = 3;
   ctx.beginPath();
-  ctx.arc(place.x, place.y, radius + 6, 0, TURN);
+  ctx.arc(place.x, place.y, rim + 6, 0, TURN);
   ctx.stroke();
-  drawRobot(ctx, theme, selected, place, radius + 1);
-  drawName(ctx, p, theme, shortName(selected), place, radius + 6, true);
+  drawRobot(ctx, theme, selected, place, terms ? radius : radius + 1);
+  drawName(ctx, p, theme, shortName(selected), place, rim + 6, true);
 }
 
 /** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */
@@ -227,8 +247,8 @@ function drawMany(
   for (const robot of robots) {
     const place = places.get(robot.address);
     if (!place || robot.address === scene.selected) continue;
-    ctx.globalAlpha = robot.status === INACTIVE ? 0.35 : 1;
-    ctx.drawImage(stamp(ledColour(robot.led, theme), theme.ink, radius), place.x - half, place.y - half, 2 * half, 2 * half);
+    ctx.globalAlpha = alphaOf(robot);
+    ctx.drawImage(stamp(colourOf(robot, theme), theme.ink, radius), place.x - half, place.y - half, 2 * half, 2 * half);
   }
   ctx.globalAlpha = 1;
 }
@@ -260,8 +280,8 @@ function stamp(colour: string, ink: string, radius: number): HTMLCanvasElement {
 }
 
 function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { x, y }: Point, radius: number): void {
-  ctx.globalAlpha = robot.status === INACTIVE ? 0.35 : 1;
-  const colour = ledColour(robot.led, theme);
+  ctx.globalAlpha = alphaOf(robot);
+  const colour = colourOf(robot, theme);
   if (robot.direction !== undefined) {
     // 0 faces +y and degrees turn clockwise on the screen: the nose lies along (-sin, cos).
     const angle = (robot.direction * TURN) / 360;

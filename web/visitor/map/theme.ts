@@ -9,6 +9,10 @@ export interface Theme {
   readonly accent: string;
   /** A robot whose LED is off or unknown. */
   readonly unlit: string;
+  readonly good: string;
+  readonly warn: string;
+  readonly bad: string;
+  readonly muted: string;
 }
 
 export function readTheme(element: Element): Theme {
@@ -22,5 +26,9 @@ export function readTheme(element: Element): Theme {
     halo: colour("--ground"),
     accent: colour("--accent"),
     unlit: colour("--unlit"),
+    good: colour("--good"),
+    warn: colour("--warn"),
+    bad: colour("--bad"),
+    muted: colour("--muted"),
   };
 }

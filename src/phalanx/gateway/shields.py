@@ -1,0 +1,128 @@
+"""What is told of the shields: who vouches for whom, how audits end, who was stopped.
+
+Visitors are told all of it but which robot the operator has compromised: only `state` and `say` know that.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from phalanx.robot.shield import Audit, Shield, Shielded
+
+from . import vocabulary
+
+LOOK_EVERY_S = 0.3
+# Pages let tokens drain by themselves: told again is what is off by more than anybody sees.
+SAME_WITHIN_S = 0.5
+# Of a tick; honest swarms of a hundred end ten. Refusals come first.
+MOST_AUDITS = 64
+REFUSALS_KEPT = 50
+
+
+class ShieldWatch:
+    """Compares the shields with what visitors were told last, and keeps the newest refusals.
+
+    Args:
+        swarm: the robots.
+        say: told, as `--events` prints them, of refused audits, of robots in Safe Mode and of those compromised.
+    """
+
+    def __init__(self, swarm: Shielded, say: Callable[[dict[str, Any]], None]) -> None:
+        self._swarm = swarm
+        self._say = say
+        self._told: dict[str, tuple[bool, dict[str, float]]] = {}
+        self._refused: deque[tuple[float, Audit]] = deque(maxlen=REFUSALS_KEPT)
+        self._look_at_s = 0.0
+        self._terms: dict[str, int] = {}
+
+    def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
+        """`shields` and `audits` of the next frame.
+
+        Args:
+            number: what frames call a robot.
+            uptime_s: monotonic seconds.
+        """
+        audits = list(self._swarm.new_audits())
+        for audit in audits:
+            if audit.refusal:
+                self._refused.append((uptime_s, audit))
+                self._say(
+                    {"event": "audit", "auditor": audit.auditor, "auditee": audit.auditee, "refusal": audit.refusal}
+                )
+        audits = sorted(audits, key=lambda audit: not audit.refusal)[:MOST_AUDITS]
+        changed: list[Shield] = []
+        if uptime_s >= self._look_at_s:
+            self._look_at_s = uptime_s + LOOK_EVERY_S
+            changed = [shield for shield in self._swarm.shields() if self._is_news(shield, uptime_s)]
+        return {
+            "shields": [
+                [number(shield.address), int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)]
+                for shield in changed
+            ],
+            "audits": [vocabulary.tell_audit(audit, number) for audit in audits],
+        }
+
+    def _is_news(self, shield: Shield, uptime_s: float) -> bool:
+        until = {auditor: uptime_s + left_s for auditor, left_s in shield.vouchers}
+        was_safe, before = self._told.get(shield.address, (False, {}))
+        if shield.safe_mode and not was_safe:
+            self._say({"event": "safe_mode", "address": shield.address})
+        same = shield.address in self._told and was_safe == shield.safe_mode and until.keys() == before.keys()
+        if same and all(abs(until[auditor] - before[auditor]) <= SAME_WITHIN_S for auditor in until):
+            return False
+        self._told[shield.address] = shield.safe_mode, until
+        return True
+
+    def in_list(self, number: Callable[[str], int]) -> dict[str, dict[str, Any]]:
+        """What an answer to request 0 says of each robot beside the rest, by address."""
+        return {
+            shield.address: {"shield": [int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)]}
+            for shield in self._swarm.shields()
+        }
+
+    def in_area(self) -> dict[str, int]:
+        """What the answer to request 1 says beside the area; nothing of a swarm of nobody."""
+        # The same for all and for ever. Kept, as visitors may ask a thousand times a second.
+        if not self._terms and (shields := self._swarm.shields()):
+            self._terms = {"tokens_needed": shields[0].needed, "t_val_ms": round(shields[0].full_s * 1000)}
+        return self._terms
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The operator has a robot lie from now on.
+
+        Raises: Unknown: no such robot or attack, or it is compromised or stopped already.
+        """
+        self._swarm.compromise(address, attack)
+        self._say({"event": "compromised", "address": address, "attack": attack})
+
+    def state(self, name: Callable[[str], str]) -> dict[str, Any]:
+        """What the operator's page shows.
+
+        Args:
+            name: of a robot, for people.
+        """
+        shields = self._swarm.shields()
+        return {
+            **self.in_area(),
+            "attacks": [{"name": attack.name, "does": attack.does} for attack in self._swarm.attacks()],
+            "refusals": [
+                {
+                    "ago_s": round(time.monotonic() - at_s, 1),
+                    "auditor": name(audit.auditor),
+                    "auditee": name(audit.auditee),
+                    "reason": audit.refusal,
+                }
+                for at_s, audit in reversed(self._refused)
+            ],
+            "robots": {
+                shield.address: {
+                    "safe_mode": shield.safe_mode,
+                    "attack": shield.attack,
+                    "vouchers": [{"name": name(a), "left_s": round(left_s, 1)} for a, left_s in shield.vouchers],
+                }
+                for shield in shields
+            },
+        }

@@ -1,0 +1,95 @@
+"""Shields on the pages, in a real browser: rings that drain, audits that flash, a robot that is stopped."""
+
+from __future__ import annotations
+
+import re
+import time
+
+import pytest
+
+from conftest import a_gateway
+from test_browser import PHONE, a_page, badge, browser, choose, insecure, wait_until  # noqa: F401
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+
+# Pixels of the map's upper layer that have the colour of a variable of the stylesheet, or are fading from it.
+COUNT = """name => {
+  const colour = getComputedStyle(document.body).getPropertyValue(name).trim();
+  const wanted = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+  const canvas = document.querySelectorAll("canvas.map-layer")[1];
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    if (data[i + 3] > 60 && wanted.every((value, k) => Math.abs(data[i + k] - value) <= 4)) count += 1;
+  }
+  return count;
+}"""
+
+
+def pixels(page, name: str) -> int:
+    return page.evaluate(COUNT, name)
+
+
+def shield(page, state: str):
+    return page.locator(f"[data-testid=shield][data-state={state}]")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path, scheme):  # noqa: F811
+    with (
+        a_gateway("--defence", "bound", "--seed", "6") as (up, ready),
+        a_page(browser, **PHONE, color_scheme=scheme) as phone,
+        a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
+    ):
+        phone.goto(insecure(ready["qr_url"]))
+        badge(phone, "live")
+        choose(phone, "Cleo")
+        shield(phone, "whole").wait_for(timeout=15_000)
+        assert re.search(r"Shield 4 of 4: (\w+ \d+ s( · )?){4}", shield(phone, "whole").inner_text())
+        rings = pixels(phone, "--good")
+        assert rings > 12 * 40
+        phone.screenshot(path=tmp_path / "whole.png")
+        desk.goto(ready["operator_url"])
+        desk.get_by_test_id("fleet-table").get_by_text(re.compile("4/4")).first.wait_for()
+        assert "None." in desk.get_by_test_id("refusals").inner_text()
+        desk.get_by_test_id("victim").select_option(label="Cleo")
+        desk.get_by_test_id("attack").select_option(label="hijack")
+        desk.get_by_test_id("compromise-button").click()
+        up.wait_for("compromised")
+        began = time.monotonic()
+        wait_until(lambda: pixels(phone, "--bad") > 100, 12)
+        phone.screenshot(path=tmp_path / "refused.png")
+        shield(phone, "stopped").wait_for(timeout=15_000)
+        assert time.monotonic() - began < 10 + 2
+        assert "output wrong" in shield(phone, "stopped").inner_text()
+        assert pixels(phone, "--unlit") > 100
+        assert up.wait_for("safe_mode")["address"].endswith("3")
+        phone.screenshot(path=tmp_path / "stopped.png")
+        desk.get_by_test_id("refusals").get_by_text("refused Cleo: output wrong").first.wait_for()
+        row = desk.locator("tr[data-safe-mode=true]")
+        row.wait_for()
+        assert "Cleo" in row.inner_text()
+        assert "hijack" in row.inner_text()
+        assert desk.get_by_test_id("victim").locator("option").count() == 11
+        desk.screenshot(path=tmp_path / "operator.png", full_page=True)
+        assert "hijack" not in phone.locator("body").inner_text()
+
+
+def test_who_wants_no_motion_sees_the_same_without_fading(browser):  # noqa: F811
+    with a_gateway("--defence", "bound") as (_, ready), a_page(browser, **PHONE, reduced_motion="reduce") as phone:
+        phone.goto(insecure(ready["qr_url"]))
+        badge(phone, "live")
+        wait_until(lambda: pixels(phone, "--good") > 12 * 40, 15)
+
+
+def test_the_joystick_stays_where_it_is_whatever_the_shield_says(browser):  # noqa: F811
+    with a_gateway("--defence", "bound") as (_, ready), a_page(browser) as phone:
+        phone.goto(insecure(ready["qr_url"]))
+        badge(phone, "live")
+        choose(phone, "Ada")
+        heights = set()
+        for _ in range(20):
+            phone.wait_for_timeout(500)
+            heights.add(round(phone.get_by_test_id("joystick").bounding_box()["y"]))
+        assert len(heights) == 1
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390

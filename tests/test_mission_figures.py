@@ -1,0 +1,146 @@
+"""The second shield's figures: what their tables promise, and small runs that must come out as the paper says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
+from phalanx.errors import UsageError
+from phalanx.experiments import mission_fig8a, mission_fig8c, mission_fig9, mission_fig10, mission_table1
+from phalanx.experiments.bti_flock import Statement
+from phalanx.experiments.mission_drive import encoded, errors_m, record, replay
+from phalanx.experiments.mission_explore import ROBOTS, ends, measure_case, shares_of
+from phalanx.experiments.mission_figure import MissionFigure, draw, measure
+from phalanx.experiments.mission_table import CaseFile, CaseTable, read_case_table
+from phalanx.mission import Walker
+from phalanx.sim.odometry import NoiseModel, OdometryNoise
+
+ROWS = np.array([[1.5, 2.0], [np.nan, 4.0]])
+
+
+def write(path: Path, *cases: str) -> None:
+    with CaseFile(path, "mission-figx", "1", ("a", "b")) as file:
+        for case in cases:
+            file.append(case, ROWS)
+
+
+def test_a_table_that_is_read_again_has_what_was_written(tmp_path: Path) -> None:
+    write(tmp_path / "x.csv", "seed 0", "fixed 3 m;0 0.05;seed 1")
+    table = read_case_table(tmp_path / "x.csv")
+    assert list(table.cases) == ["seed 0", "fixed 3 m;0 0.05;seed 1"]
+    assert np.array_equal(table.cases["seed 0"], ROWS, equal_nan=True)
+    assert table.column("seed 0", "b").tolist() == [2.0, 4.0]
+
+
+def test_a_case_that_was_cut_short_is_measured_again_and_whole_ones_are_not(tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    write(path, "seed 0", "seed 1")
+    path.write_bytes(path.read_bytes()[:-9])
+    with CaseFile(path, "mission-figx", "1", ("a", "b")) as file:
+        assert file.done == {"seed 0"}
+        file.append("seed 1", ROWS)
+    assert list(read_case_table(path).cases) == ["seed 0", "seed 1"]
+
+
+@pytest.mark.parametrize("other", [("mission-figy", "1", ("a", "b")), ("mission-figx", "2", ("a", "b"))])
+def test_another_measurements_file_is_left_as_it_is(tmp_path: Path, other: tuple[str, str, tuple[str, ...]]) -> None:
+    path = tmp_path / "x.csv"
+    write(path, "seed 0")
+    before = path.read_bytes()
+    with pytest.raises(UsageError), CaseFile(path, *other):
+        pass
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("data", [b"a,b\n1,2\n", b"# phalanx x {}\n", b"\xff\xfe", b"# phalanx x {1}\ncase,a\n"])
+def test_what_is_no_table_is_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "x.csv").write_bytes(data)
+    with pytest.raises(UsageError):
+        read_case_table(tmp_path / "x.csv")
+
+
+def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone(tmp_path: Path) -> None:
+    measured: list[str] = []
+
+    def one(case: str) -> np.ndarray:
+        measured.append(case)
+        if case == "seed 1" and measured.count(case) == 1:
+            raise KeyboardInterrupt
+        return ROWS
+
+    figure = MissionFigure(
+        name="mission-figx",
+        about="a test",
+        columns=("a", "b"),
+        seeds=2,
+        cases=lambda seeds: [f"seed {seed}" for seed in range(seeds)],
+        measure=one,
+        compare=lambda table: [Statement("rows", "", "", str(len(table.cases)), agrees=True, why="")],
+        draw=lambda table, picture: picture.subplots().plot(table.column("seed 0", "b")),
+    )
+    with pytest.raises(KeyboardInterrupt):
+        measure(tmp_path, figure, 2)
+    csv = measure(tmp_path, figure, 2)
+    assert measured == ["seed 0", "seed 1", "seed 1"]
+    assert all(path.stat().st_size > 1000 for path in draw(csv, figure))
+
+
+def test_encoded_landmarks_correct_what_odometry_alone_loses() -> None:
+    drive = record(0, duration_s=60.0)
+    noise = OdometryNoise(0.03, 0.05, NoiseModel.FIXED)
+    done = replay(drive, encoded(), noise, seed=0)
+    assert errors_m(drive, done.odometry).max() > 0.8
+    assert np.median(errors_m(drive, done.estimates)) < 0.05
+    assert errors_m(drive, done.estimates).max() < 0.5
+
+
+def test_the_papers_cliff_lies_between_five_and_six_percent_for_features_up_to_3_m() -> None:
+    drive = record(0)
+    medians = {}
+    for sigma_t in (0.05, 0.06):
+        noise = OdometryNoise(sigma_t, 0.0, NoiseModel.FIXED)
+        medians[sigma_t] = np.median(errors_m(drive, replay(drive, encoded(), noise, 0, 3.0).estimates))
+    assert medians[0.05] <= 0.15
+    assert medians[0.06] > 1.0
+
+
+def test_the_plain_search_of_fig_8c_finds_what_the_compiled_one_finds() -> None:
+    message, at = bytes(40), 16
+    patches = np.arange(200, dtype=np.uint64)
+    wanted = [sha3_256(message[:at] + int(k).to_bytes(8, "little") + message[at + 8 :]) for k in (150, 77)]
+    targets = Targets(wanted)
+    for some in (patches, patches[:77], patches[80:]):
+        assert mission_fig8c.plain_find(message, at, some, targets) == find_patched(message, at, some, targets)
+
+
+def test_the_graph_is_divided_evenly_and_wholly_among_the_explorers() -> None:
+    walker = Walker(encoded())
+    shares = shares_of(walker)
+    assert sorted(node for share in shares for node in share) == list(range(33))
+    assert max(map(len, shares)) <= 9
+
+
+def test_four_explorers_find_everything_and_none_sees_more_of_the_floor_than_the_papers() -> None:
+    rows = measure_case("seed 0")
+    table = CaseTable("mission-fig9", "1", mission_fig9.FIGURE.columns, {"seed 0": rows})
+    assert len(ends(rows)) == ROBOTS
+    assert all(each.agrees for each in mission_fig9.compare(table))
+    assert mission_table1.compare(table)[-1].agrees
+
+
+def test_every_statement_of_a_short_drive_names_what_was_asked(tmp_path: Path) -> None:
+    csv = measure(tmp_path, mission_fig8a.FIGURE, 1)
+    statements = mission_fig8a.compare(read_case_table(csv))
+    assert all(each.what and each.ours and each.why for each in statements)
+    assert all(each.agrees for each in statements)
+    for path in draw(csv, mission_fig8a.FIGURE):
+        assert path.exists()
+
+
+def test_the_camera_office_has_23_codes_and_all_of_them_are_encoded() -> None:
+    plan, mission = mission_fig10._place()
+    assert len(plan.codes) == 23
+    assert len(mission.nodes) == 24

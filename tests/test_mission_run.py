@@ -1,0 +1,229 @@
+"""Robots that know only an encoded mission, in a simulated building: they arrive, or they stop and say why."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission_run import run_command, with_codes
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import PeerError, UsageError
+from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
+from phalanx.mission.landmarks import LaserScan
+from phalanx.mission.outcome import Kind, Order
+from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.mission_pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
+from phalanx.sim.mission_robot import MissionRobot, World, meet
+from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
+from phalanx.sim.odometry import NoiseModel, OdometryNoise
+
+OFFICE = load_floorplan("office_40x40")
+START = (3.0, 1.5, math.pi / 2)
+NOISE = OdometryNoise(0.03, 0.05)
+
+
+def two_doors() -> Mission:
+    """From the main door through the lobby's, which is the end; sealed tries are made cheap."""
+    draft = Draft("two doors", coding=CodingConfig(delta_mm=400, kdf_log2_n=2))
+    draft.node("start", Position(3.0, 1.5), start=True)
+    draft.node("door", Landmark("doorway", 9.0, 12.0, math.pi / 2))
+    draft.node("end", Landmark("doorway", 10.6, 13.5, 0.0), final=True, within_m=3.0)
+    draft.way("start", "door")
+    draft.way("door", "end")
+    return draft.mission()
+
+
+def run_of(mission: Mission, profile: Profile = Profile.PAPER, **more: object) -> MissionRun:
+    built = build(mission, BuildOptions(profile=profile), random.Random(0).randbytes)
+    starts = [node.place or START[:2] for node in mission.nodes if node.start]
+    parts = tuple(
+        Part(each.mission, each.key, (*start, math.pi / 2)) for each, start in zip(built, starts, strict=True)
+    )
+    return MissionRun(plan=OFFICE, parts=parts, noise=NOISE, pool=pool_of(mission), **more)
+
+
+def robot_of(mission: Mission, world: World, number: int = 0) -> MissionRobot:
+    part = run_of(mission).parts[0]
+    return MissionRobot(number, world, Walker(part.mission, part.key), START, NOISE, 0)
+
+
+def live(robot: MissionRobot, seconds: float) -> None:
+    for _ in range(round(seconds / 0.1)):
+        if robot.over:
+            return
+        robot.step()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_robot_finds_all_landmarks_of_the_office_and_takes_none_for_another(seed: int) -> None:
+    run = run_of(read_plain("office"), seed=seed)
+    told = summary(run, run_mission(run))
+    assert (told["completed"], told["decoded"], told["false_fixes"]) == (1, 33, 0)
+    # Odometry alone would be lost; with fixes it is not.
+    assert told["pose_error_m_max"] < 0.5
+    assert told["pose_error_m_p50"] < 0.05
+    assert told["hashes_tried"] > 0
+
+
+@pytest.mark.parametrize("profile", list(Profile))
+def test_both_profiles_lead_to_the_end(profile: Profile) -> None:
+    run = run_of(two_doors(), profile)
+    (report,) = run_mission(run)
+    assert report.done
+    assert [node for _, node in report.decoded] == [0, 1, 2]
+    assert report.false_fixes == 0
+
+
+def test_a_seed_gives_the_same_digest_however_many_processes_share_the_work() -> None:
+    run = run_of(two_doors(), robots=3)
+    alone, shared = (summary(run, run_mission(run, workers)) for workers in (1, 2))
+    other = run_of(two_doors(), robots=3, seed=1)
+    assert alone["digest"] == shared["digest"]
+    assert alone["pose_error_m_max"] == shared["pose_error_m_max"]
+    assert alone["digest"] != summary(other, run_mission(other))["digest"]
+
+
+def test_a_robot_with_a_dead_wheel_validates_nothing_more_and_stops() -> None:
+    robot = robot_of(two_doors(), World(OFFICE))
+    robot.body.left = 0.0
+    live(robot, 300)
+    report = robot.finish()
+    assert robot.state.phase is Phase.HELD
+    assert [node for _, node in report.decoded] == [0]
+    assert [reason for _, reason in report.not_validated if reason in ("timed out", "blocked")]
+    where = robot.body.pose
+    live(robot, 1)
+    assert robot.body.pose == where
+
+
+def test_a_robot_in_another_building_than_its_missions_validates_nothing_but_its_start() -> None:
+    robot = robot_of(two_doors(), World(load_floorplan("office_30x25")))
+    live(robot, 300)
+    assert robot.state.phase is Phase.HELD
+    assert [node for _, node in robot.report.decoded] == [0]
+
+
+def test_two_robots_with_half_a_mission_each_need_the_others_message() -> None:
+    plain = read_plain("inspection")
+    both = run_of(plain, robots=2, duration_s=200)
+    assert not both.alone
+    assert [report.done for report in run_mission(both, workers=2)] == [True, True]
+    (left_alone,) = run_mission(run_of(plain, robots=1, duration_s=200))
+    assert not left_alone.done
+
+
+def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_delivery() -> None:
+    plain = read_plain("delivery")
+    built = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0]
+    part = Part(built.mission, built.key, START)
+
+    def done(messages: tuple[bytes, ...], plan: object) -> tuple[bool, list[str]]:
+        run = MissionRun(plan=plan, parts=(part,), controller=messages, duration_s=100, pool=pool_of(plain))
+        (report,) = run_mission(run)
+        return report.done, [action for _, action in report.actions]
+
+    said = tuple(built.key.messages.values())
+    assert done(said, with_codes(OFFICE, plain)) == (True, ["pick", "hand_over"])
+    assert done((), with_codes(OFFICE, plain)) == (False, ["pick"])
+    assert done(said, OFFICE) == (False, [])
+
+
+def test_robots_that_meet_tell_each_other_what_they_decoded_and_nothing_else() -> None:
+    world = World(OFFICE)
+    one, other, far = (robot_of(two_doors(), world, number) for number in range(3))
+    one.step()
+    far.body.pose = (30.0, 30.0, 0.0)
+    meet([one, other, far], OFFICE, near_m=3.0)
+    assert other.state.others == {0}
+    assert not far.state.others
+    assert not other.state.known
+
+
+def _scan(ranges: float) -> LaserScan:
+    return LaserScan(np.full(1080, ranges), -0.75 * math.pi, 1.5 * math.pi / 1080)
+
+
+def test_a_pilot_with_walls_all_around_says_that_the_way_is_blocked() -> None:
+    pilot, order = Pilot(), Order(Kind.GO, 1, (0.0, 0.0), 0.0)
+    told = [pilot.step(order, (0.0, 0.0, 0.0), _scan(0.25), tick * 0.1)[2] for tick in range(600)]
+    assert any(told)
+    assert told.index(True) * 0.1 >= TRIES * STUCK_S
+
+
+def test_a_pilot_drives_along_a_free_direction_and_stands_still_when_told_to_hold() -> None:
+    pilot = Pilot()
+    speed, turn, blocked = pilot.step(Order(Kind.GO, 1, (0.0, 0.0), 0.0), (0.0, 0.0, 0.0), _scan(math.inf), 0.0)
+    assert speed == pytest.approx(SPEED_MPS, rel=0.05)
+    assert abs(turn) < 0.2
+    assert not blocked
+    assert pilot.step(Order(Kind.HOLD), (0.0, 0.0, 0.0), _scan(math.inf), 0.1) == (0.0, 0.0, False)
+
+
+def test_an_empty_scan_and_one_of_nans_move_nobody_into_a_wall_and_crash_nothing() -> None:
+    order = Order(Kind.GO, 1, (0.0, 0.0), 0.0)
+    for ranges in (math.nan, math.inf):
+        speed, _, _ = Pilot().step(order, (0.0, 0.0, 0.0), _scan(ranges), 0.0)
+        assert 0 <= speed <= SPEED_MPS
+
+
+@pytest.mark.parametrize("wrong", [{"robots": 0}, {"duration_s": math.nan}, {"seed": -1}, {"robots": 10_000}])
+def test_a_run_that_makes_no_sense_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(UsageError):
+        run_of(two_doors(), **wrong)
+
+
+ASKED = {
+    "robots", "nodes", "decoded", "completed", "hashes_tried", "search_ms_p50", "search_ms_max", "extraction_ms_p50",
+    "pose_error_m_p50", "pose_error_m_max", "odometry_error_m_max", "false_fixes", "not_validated", "digest",
+}  # fmt: skip
+
+
+def _command(*words: str) -> tuple[int, str, BaseException | None]:
+    done = CliRunner().invoke(run_command, [*words], standalone_mode=False)
+    return (done.return_value if done.exception is None else 1), done.stdout, done.exception
+
+
+def test_the_command_prints_the_figures_that_were_asked_for() -> None:
+    words = ("inspection", "--profile", "paper", "--world", "office_40x40", "--noise", "0.03,0.05,step", "--json")
+    code, out, _ = _command(*words)
+    told = json.loads(out)
+    assert code == 0
+    assert told.keys() >= ASKED
+    assert (told["robots"], told["completed"]) == (2, 2)
+    assert json.loads(_command(*words)[1])["digest"] == told["digest"]
+
+
+def test_a_mission_that_is_not_completed_in_time_is_exit_1_and_says_so() -> None:
+    code, out, _ = _command("inspection", "--profile", "paper", "--duration", "2")
+    assert code == 1
+    assert "0 of 2 robots completed" in out
+
+
+def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_path: Path) -> None:
+    (built,) = build(two_doors(), BuildOptions(robots=(7,)), random.Random(0).randbytes)
+    file, key = tmp_path / "doors.phxm", tmp_path / "doors.phxm.key"
+    file.write_bytes(built.mission.encode())
+    assert isinstance(_command(str(file))[2], UsageError), "its start key is missing"
+    key.write_bytes(built.key.encode())
+    assert _command(str(file))[0] == 0
+    assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
+    assert isinstance(_command(str(file), "--trust", "00" * 32)[2], PeerError), "nobody signed it"
+    altered = bytearray(built.mission.encode())
+    altered[len(altered) // 2] ^= 1
+    file.write_bytes(altered)
+    code, _, error = _command(str(file))
+    assert code == 1
+    assert error is None or isinstance(error, PeerError)
+
+
+def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:
+    for model in NoiseModel:
+        assert OdometryNoise.parse(f"0.1,0.2,{model.value}") == OdometryNoise(0.1, 0.2, model)
+    assert isinstance(_command("inspection", "--noise", "0.1;0.2")[2], UsageError)

@@ -1,0 +1,76 @@
+// Shields: which neighbours vouch for a robot and for how long, and how audits end (docs/spec/vocabulary.md).
+
+import { isObject, type Json } from "./core/json";
+import { readNumber, readText } from "./robot";
+
+/** What keeps a robot alive: so many tokens of different neighbours, each of which counts for so long. */
+export interface ShieldTerms {
+  readonly needed: number;
+  readonly full_ms: number;
+}
+
+export interface Voucher {
+  /** The auditor, as frames call it. */
+  readonly auditor: number;
+  /** Until when its token counts, on the clock of whoever read it. */
+  readonly until_ms: number;
+}
+
+export interface Shield {
+  readonly safeMode: boolean;
+  /** The longest first. */
+  readonly vouchers: readonly Voucher[];
+}
+
+/** How an audit ended; refusal is "" where a token was issued. */
+export interface Audit {
+  readonly auditor: string;
+  readonly auditee: string;
+  readonly refusal: string;
+  readonly at_ms: number;
+}
+
+const MOST_NEEDED = 16;
+const MOST_VOUCHERS = 2 * MOST_NEEDED;
+const LONGEST_MS = 3_600_000;
+const DECISECOND_MS = 100;
+const LONGEST_REFUSAL = 48;
+
+/** In the answer to request 1; undefined where robots do not audit each other. */
+export function readTerms(words: Json): ShieldTerms | undefined {
+  if (!isObject(words)) return undefined;
+  const needed = readNumber(words["tokens_needed"], 1, MOST_NEEDED);
+  const full_ms = readNumber(words["t_val_ms"], 1, LONGEST_MS);
+  return needed === undefined || full_ms === undefined ? undefined : { needed: Math.floor(needed), full_ms };
+}
+
+/** `[safe, [[auditor, deciseconds], …]]`, heard at `at_ms`. */
+export function readShield(words: Json | undefined, at_ms: number): Shield | undefined {
+  if (!Array.isArray(words)) return undefined;
+  const [safe, rows] = words as readonly Json[];
+  if ((safe !== 0 && safe !== 1) || !Array.isArray(rows)) return undefined;
+  const vouchers: Voucher[] = [];
+  for (const row of (rows as readonly Json[]).slice(0, MOST_VOUCHERS)) {
+    const [auditor, left] = Array.isArray(row) ? (row as readonly Json[]) : [];
+    const number = readNumber(auditor, 0, Number.MAX_SAFE_INTEGER);
+    const deciseconds = readNumber(left, 0, LONGEST_MS / DECISECOND_MS);
+    if (number === undefined || deciseconds === undefined) continue;
+    vouchers.push({ auditor: number, until_ms: at_ms + deciseconds * DECISECOND_MS });
+  }
+  return { safeMode: safe === 1, vouchers };
+}
+
+/** `[auditor, auditee, refusal]`; undefined if it names robots that we do not know. */
+export function readAudit(words: Json, numbers: ReadonlyMap<number, string>, at_ms: number): Audit | undefined {
+  const [auditor, auditee, refusal] = Array.isArray(words) ? (words as readonly Json[]) : [];
+  const [from, to] = [auditor, auditee].map((n) => (typeof n === "number" ? numbers.get(n) : undefined));
+  if (from === undefined || to === undefined || typeof refusal !== "string") return undefined;
+  // An audit that was refused for reasons we cannot read was refused nevertheless.
+  const reason = refusal === "" ? "" : (readText(refusal, LONGEST_REFUSAL) ?? "refused");
+  return { auditor: from, auditee: to, refusal: reason, at_ms };
+}
+
+/** The tokens that count at `now_ms`, at most as many as are needed: those that count longest. */
+export function counting({ vouchers }: Shield, { needed }: ShieldTerms, now_ms: number): readonly Voucher[] {
+  return vouchers.filter(({ until_ms }) => until_ms > now_ms).slice(0, needed);
+}

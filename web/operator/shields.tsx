@@ -1,0 +1,113 @@
+// Robots that audit each other: the operator has one lie, and watches the others refuse it.
+
+import { useState } from "react";
+import { compromise } from "./compromise";
+import type { Refusal, Robot, Shields } from "./gateway_state";
+import { ago } from "./words";
+
+interface Props {
+  readonly token: string;
+  readonly robots: readonly Robot[];
+  readonly shields: Shields;
+}
+
+export function CompromiseCard({ token, robots, shields }: Props) {
+  const [address, setAddress] = useState("");
+  const [name, setName] = useState("");
+  const [trouble, setTrouble] = useState<string>();
+  const [busy, setBusy] = useState(false);
+  const honest = robots.filter((robot) => {
+    const shield = shields.robots[robot.address];
+    return shield && !shield.safe_mode && shield.attack === "";
+  });
+  // The one chosen may have been stopped meanwhile.
+  const robot = honest.find((each) => each.address === address) ?? honest[0];
+  const attack = shields.attacks.find((each) => each.name === name) ?? shields.attacks[0];
+  const lying = robots.filter((each) => shields.robots[each.address]?.attack);
+  const tolerated = shields.tokens_needed - 1;
+
+  async function onSubmit() {
+    if (!robot || !attack) return;
+    setBusy(true);
+    setTrouble(await compromise(token, robot.address, attack.name));
+    setBusy(false);
+  }
+
+  return (
+    <section className="card compromise" data-testid="compromise" aria-labelledby="compromise-title">
+      <header>
+        <h2 id="compromise-title">Compromise a robot</h2>
+        <span className="quiet">stopped within {shields.t_val_ms / 1000} s</span>
+      </header>
+      <form
+        onSubmit={(event) => {
+          event.preventDefault();
+          void onSubmit();
+        }}
+      >
+        <label>
+          Robot
+          <select data-testid="victim" value={robot?.address ?? ""} onChange={(event) => setAddress(event.target.value)}>
+            {honest.map((each) => (
+              <option key={each.address} value={each.address}>
+                {each.name}
+              </option>
+            ))}
+          </select>
+        </label>
+        <label>
+          Attack
+          <select data-testid="attack" value={attack?.name ?? ""} onChange={(event) => setName(event.target.value)}>
+            {shields.attacks.map((each) => (
+              <option key={each.name} value={each.name}>
+                {each.name}
+              </option>
+            ))}
+          </select>
+        </label>
+        <button type="submit" data-testid="compromise-button" disabled={busy || !robot || !attack}>
+          Compromise
+        </button>
+      </form>
+      {attack && (
+        <p className="quiet">
+          It {attack.does}. Its trusted nodes stay as they are; visitors are not told which robot it is.
+        </p>
+      )}
+      {lying.length > tolerated && (
+        <p className="trouble">
+          {lying.length} robots were compromised, and {tolerated} at a time are tolerated: nothing is promised.
+        </p>
+      )}
+      {trouble !== undefined && (
+        <p className="trouble" role="alert">
+          {trouble}
+        </p>
+      )}
+    </section>
+  );
+}
+
+export function AuditsCard({ refusals }: { readonly refusals: readonly Refusal[] }) {
+  return (
+    <section className="card audits" data-testid="refusals" aria-labelledby="refusals-title">
+      <header>
+        <h2 id="refusals-title">Refused audits</h2>
+      </header>
+      {refusals.length === 0 ? (
+        <p className="quiet">None. Every robot’s log replays to what it did.</p>
+      ) : (
+        <ul className="scroll" tabIndex={0} aria-label="Refused audits, the newest first">
+          {refusals.map((refusal, i) => (
+            <li key={i}>
+              <span>
+                {refusal.auditor} refused <strong>{refusal.auditee}</strong>: {refusal.reason}
+              </span>
+              <span className="quiet number">{ago(refusal.ago_s)}</span>
+            </li>
+          ))}
+        </ul>
+      )}
+    </section>
+  );
+}

@@ -1,0 +1,93 @@
+// Shields: what pages make of a gateway's words about them, and how they are put for people.
+
+import fc from "fast-check";
+import { describe, expect, test } from "vitest";
+import { counting, type Json, NO_SWARM, type Swarm, swarmReducer } from "../client";
+import { shieldWords } from "../visitor/shield_words";
+
+const A = "DECAFBAD00000001";
+const B = "DECAFBAD00000002";
+const C = "DECAFBAD00000003";
+
+type Action = Parameters<typeof swarmReducer>[1];
+const play = (actions: readonly Action[], from: Swarm = NO_SWARM) => actions.reduce(swarmReducer, from);
+const told = (request: number, data: unknown, at_ms = 0) =>
+  ({ kind: "replied", request, data: data as Json, at_ms }) as const;
+const frame = (seq: number, at_ms: number, more: object) =>
+  ({ kind: "notified", payload: { cmd: 16, data: { seq, robots: [], ...more } } as Json, at_ms }) as const;
+
+const robot = (address: string, n: number, name: string, shield: unknown = [0, []]) => ({ address, n, name, shield });
+const AREA = { width: 2000, height: 2000, tokens_needed: 2, t_val_ms: 10_000 };
+const START = play([
+  told(1, AREA),
+  told(0, [robot(A, 1, "Ada", [0, [[2, 90], [3, 40]]]), robot(B, 2, "Bo"), robot(C, 3, "Cleo")], 1000),
+]);
+const words = (swarm: Swarm, address = A) => shieldWords(swarm, address).split("\n");
+
+describe("shields", () => {
+  test("the list tells who vouches for whom, and until when", () => {
+    expect(START.terms).toEqual({ needed: 2, full_ms: 10_000 });
+    expect(START.robots.get(A)?.shield).toEqual({
+      safeMode: false,
+      vouchers: [
+        { auditor: 2, until_ms: 10_000 },
+        { auditor: 3, until_ms: 5000 },
+      ],
+    });
+    expect(words(START)).toEqual(["whole", "Shield 2 of 2: Bo 9 s · Cleo 4 s", "No audit heard of yet."]);
+  });
+
+  test("tokens drain without another word, and frames renew them", () => {
+    const later = play([frame(1, 6000, {})], START);
+    expect(words(later)[0]).toBe("thin");
+    expect(words(later)[1]).toBe("Shield 1 of 2: Bo 4 s");
+    const renewed = play([frame(2, 7000, { shields: [[1, 0, [[3, 100], [2, 30]]]] })], later);
+    expect(words(renewed)[1]).toBe("Shield 2 of 2: Cleo 10 s · Bo 3 s");
+  });
+
+  test("only so many tokens count as are needed, those that count longest", () => {
+    const shield = { safeMode: false, vouchers: [9, 8, 7, 0].map((s, auditor) => ({ auditor, until_ms: s * 1000 })) };
+    expect(counting(shield, { needed: 2, full_ms: 10_000 }, 0).map(({ auditor }) => auditor)).toEqual([0, 1]);
+  });
+
+  test("a refused audit is remembered with its reason, beyond the next list of robots", () => {
+    const refused = play([frame(1, 2000, { audits: [[2, 1, "output wrong"], [3, 2, ""]] })], START);
+    expect(refused.audits).toEqual([
+      { auditor: B, auditee: A, refusal: "output wrong", at_ms: 2000 },
+      { auditor: C, auditee: B, refusal: "", at_ms: 2000 },
+    ]);
+    expect(words(refused)[2]).toBe("Last audit: Bo refused it, output wrong.");
+    expect(words(refused, B)[2]).toBe("Last audit: passed, by Cleo.");
+    const again = play([told(0, [robot(A, 1, "Ada"), robot(B, 2, "Bo")], 3000)], refused);
+    expect(words(again)[2]).toContain("output wrong");
+    expect(play([frame(2, 9000, {})], refused).audits).toEqual([]);
+  });
+
+  test("a robot in Safe Mode is said to be stopped", () => {
+    const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
+    expect(words(stopped)[0]).toBe("stopped");
+    expect(words(stopped)[1]).toContain("Safe Mode");
+  });
+
+  test("of a swarm without shields nothing is said", () => {
+    const plain = play([told(1, { width: 2000, height: 2000 }), told(0, [{ address: A }])]);
+    expect(shieldWords(plain, A)).toBe("none");
+    expect(plain.robots.get(A)?.shield).toBeUndefined();
+  });
+
+  test("nonsense never throws, and what is kept stays small", () => {
+    const rows = fc.array(fc.jsonValue(), { maxLength: 300 });
+    fc.assert(
+      fc.property(rows, rows, fc.jsonValue(), (shields, audits, shield) => {
+        const many = audits.concat(Array.from({ length: 300 }, () => [1, 2, "\u202e\u0000".repeat(9)]));
+        const swarm = play(
+          [told(0, [{ ...robot(A, 1, "Ada"), shield }, robot(B, 2, "Bo")]), frame(1, 1, { shields, audits: many })],
+          START,
+        );
+        expect(swarm.audits.length).toBeLessThanOrEqual(256);
+        for (const known of swarm.robots.values()) expect(known.shield?.vouchers.length ?? 0).toBeLessThanOrEqual(32);
+        expect(words(swarm, B)[2]).toBe("Last audit: Ada refused it, refused.");
+      }),
+    );
+  });
+});
