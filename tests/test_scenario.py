@@ -63,7 +63,7 @@ class TestScenario:
         assert Scenario().bti.n_max == 24, "all others are in range"
         sparse = Scenario(robots=324, grid_step_m=64.0, bti=BtiConfig(f_max=2))
         assert sparse.bti.n_max == math.ceil(1.5 * math.pi * (116.33 / 64) ** 2) + 4
-        assert Scenario(robots=1000, grid_step_m=2.0).bti.n_max == 400
+        assert Scenario(robots=1000, grid_step_m=2.0).bti.n_max == 340
         assert Scenario(robots=2).bti.n_max == BtiConfig().f_max + 1
         assert Scenario(n_max=9).bti.n_max == 9
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import random
 from dataclasses import replace
@@ -12,7 +13,6 @@ import click
 
 from phalanx.errors import UsageError
 from phalanx.mission import (
-    Action,
     BuildOptions,
     Built,
     EncodedMission,
@@ -23,12 +23,11 @@ from phalanx.mission import (
     build,
     check_signature,
 )
-from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, WallCode
 from phalanx.mission.observable import Landmark
 from phalanx.mission.records import OPEN_START
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.mission_run import MissionRun, Part, run_mission, summary
+from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
 from phalanx.sim.odometry import OdometryNoise, Pose
 
 from .mission_files import MAGIC, built_in_missions, read_encoded, read_plain, read_start_key, read_trusted
@@ -60,6 +59,12 @@ CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
 @click.option("--key", type=click.Path(path_type=Path), help="Start key of a sealed FILE; without, FILE.key.")
 @click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
 @click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
+@click.option(
+    "--start",
+    "said_start",
+    metavar="X,Y[,DEGREES]",
+    help="Where robots are put; without, where the mission or the map says.",
+)
 @click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
 @click.option(
     "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
@@ -75,6 +80,7 @@ def run_command(
     key: Path | None,
     trust: tuple[str, ...],
     at_s: float | None,
+    said_start: str | None,
     duration: float,
     meet_m: float,
     seed: int,
@@ -95,8 +101,9 @@ def run_command(
         plain = read_plain(source)
         pairs = [(each.mission, each.key) for each in _built(plain, profile, seed)]
     plan = load_floorplan(world or (plain.floor_plan if plain and plain.floor_plan else DEFAULT))
-    if plan.start is None:
-        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+    told_start = parse_start(said_start) if said_start else plan.start
+    if told_start is None:
+        raise UsageError(f"{plan.name} does not say where robots begin", "--start X,Y, or start_pose in the map")
     if plain is not None:
         plan = with_codes(plan, plain)
     count = robots if robots is not None else len(pairs)
@@ -110,14 +117,15 @@ def run_command(
     run = MissionRun(
         plan=plan,
         parts=tuple(
-            Part(encoded, start_key, _start(plan, plain, part)) for part, (encoded, start_key) in enumerate(pairs)
+            Part(encoded, start_key, told_start if said_start else _start(told_start, plain, part))
+            for part, (encoded, start_key) in enumerate(pairs)
         ),
         robots=count,
         noise=OdometryNoise.parse(noise),
         seed=seed,
         begin_s=begin_s,
         duration_s=duration,
-        pool=_pool(plain),
+        pool=pool_of(plain) if plain else (),
         controller=tuple(message for _, start_key in pairs if start_key for message in start_key.messages.values()),
         meet_m=meet_m,
     )
@@ -177,33 +185,33 @@ def _built(plain: Mission, profile: str, seed: int) -> list[Built]:
     return build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(seed).randbytes)  # noqa: S311
 
 
-def _start(plan: FloorPlan, plain: Mission | None, part: int) -> Pose:
+def parse_start(said: str) -> Pose:
+    """X,Y[,DEGREES] as a pose.
+
+    Raises: UsageError: it is not written so.
+    """
+    try:
+        x, y, degrees = (float(word) for word in (*said.split(","), "90")[:3])
+    except ValueError as error:
+        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES") from error
+    if said.count(",") > 2 or not all(abs(value) < 1e5 for value in (x, y, degrees)):
+        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES")
+    return x, y, math.radians(degrees)
+
+
+def _start(otherwise: Pose, plain: Mission | None, part: int) -> Pose:
     """Where a part's robots are put: its start node's place, if the author is asked; else where the map says."""
-    assert plan.start is not None, "checked before"
     if plain is None:
-        return plan.start
+        return otherwise
     name = plain.parts[part]
-    starts = [node for node in plain.nodes if node.start and node.part == name]
-    place = starts[0].place
-    return plan.start if place is None else (*place, plan.start[2])
-
-
-def _pool(plain: Mission | None) -> tuple[Action, ...]:
-    """The actions that the mission's author counts on, which the robots are taken to be capable of."""
-    if plain is None:
-        return ()
-
-    def of(node: Node) -> list[Action]:
-        said = [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
-        return [*said, node.do] if node.do else said
-
-    actions = [action for node in plain.nodes for action in of(node)]
-    return tuple(dict.fromkeys([*actions, *(way.do for way in plain.ways if way.do)]))
+    place = next(node.place for node in plain.nodes if node.start and node.part == name)
+    return otherwise if place is None else (*place, otherwise[2])
 
 
 def _show(told: dict[str, Any]) -> None:
     click.echo(
-        f"{told['completed']} of {told['robots']} robots completed   {told['decoded']} of {told['nodes']} nodes decoded   "
+        f"{told['completed']} of {told['robots']} robots completed   "
+        f"{told['decoded']} of {told['nodes']} nodes decoded   "
         f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
     )
     click.echo(f"hashes tried          {told['hashes_tried']}")

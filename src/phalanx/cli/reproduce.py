@@ -17,6 +17,7 @@ from phalanx.experiments.link_fig4_table import KINDS, read_table, summarize
 
 from .options import login_option, read_login
 from .reproduce_bti import bti_fig8_command, bti_fig9_command
+from .reproduce_mission import MISSION_COMMANDS
 from .run import run
 from .terminal import end_status_line, print_json, status_line
 
@@ -43,6 +44,8 @@ def reproduce() -> None:
 
 reproduce.add_command(bti_fig8_command)
 reproduce.add_command(bti_fig9_command)
+for command in MISSION_COMMANDS:
+    reproduce.add_command(command)
 
 
 @reproduce.command(

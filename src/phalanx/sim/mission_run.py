@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from phalanx.errors import UsageError
-from phalanx.mission import Action, EncodedMission, StartKey, Walker
+from phalanx.mission import Action, EncodedMission, Mission, StartKey, Walker
+from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan
 
 from .mission_robot import TICK_S, MissionRobot, Report, World, meet
@@ -78,6 +79,17 @@ class MissionRun:
     def alone(self) -> bool:
         """Whether no robot can hear another."""
         return not self.meet_m and not any(node.sends for part in self.parts for node in part.mission.nodes)
+
+
+def pool_of(plain: Mission) -> tuple[Action, ...]:
+    """The actions that a mission's author counts on: what robots must be capable of, without where or when."""
+
+    def of(node: Node) -> list[Action]:
+        said = [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
+        return [*said, node.do] if node.do else said
+
+    actions = [action for node in plain.nodes for action in of(node)]
+    return tuple(dict.fromkeys([*actions, *(way.do for way in plain.ways if way.do)]))
 
 
 def run_mission(
