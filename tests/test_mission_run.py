@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.cli.mission_files import read_plain
 from phalanx.cli.mission_run import run_command, with_codes
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
-from phalanx.mission.landmarks import LaserScan
+from phalanx.mission.landmarks import LaserScan, floorplan_of_yaml
 from phalanx.mission.outcome import Kind, Order
 from phalanx.sim.floorplan import load_floorplan
 from phalanx.sim.mission_pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
@@ -101,6 +103,25 @@ def test_a_robot_with_a_dead_wheel_validates_nothing_more_and_stops() -> None:
     where = robot.body.pose
     live(robot, 1)
     assert robot.body.pose == where
+
+
+def test_a_robot_that_has_no_way_to_the_end_stops_and_says_so() -> None:
+    draft = Draft("island")
+    draft.node("start", Position(3.0, 1.5), start=True)
+    draft.node("end", Landmark("doorway", 37.0, 29.5, 0.0), final=True)
+    (report,) = run_mission(run_of(draft.mission()))
+    assert not report.done
+    assert [reason for _, reason in report.not_validated] == ["no way left"]
+    (late,) = run_mission(run_of(two_doors(), duration_s=3))
+    assert [reason for _, reason in late.not_validated] == ["out of time"]
+
+
+def test_in_a_world_without_walls_nothing_is_decoded_and_nothing_breaks() -> None:
+    empty = floorplan_of_yaml(b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n")
+    robot = robot_of(two_doors(), World(empty))
+    live(robot, 200)
+    assert robot.state.phase is Phase.HELD
+    assert [node for _, node in robot.report.decoded] == [0]
 
 
 def test_a_robot_in_another_building_than_its_missions_validates_nothing_but_its_start() -> None:
@@ -221,6 +242,23 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     code, _, error = _command(str(file))
     assert code == 1
     assert error is None or isinstance(error, PeerError)
+
+
+def test_a_recording_has_the_walls_and_what_was_decoded_and_is_the_same_again(tmp_path: Path) -> None:
+    files = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
+    for file in files:
+        assert _command("inspection", "--profile", "paper", "--record", str(file))[0] == 0
+    assert files[0].read_bytes() == files[1].read_bytes()
+    with files[0].open("rb") as stream:
+        messages = list(make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+    scenes = [message.entities[0] for _, channel, _, message in messages if channel.topic == "/scene"]
+    assert len(scenes[0].lines[0].points) == 2 * len(OFFICE.walls)
+    assert sum(bool(entity.cylinders) for entity in scenes) == 6
+    frames = {each.child_frame_id for _, channel, _, m in messages if channel.topic == "/tf" for each in m.transforms}
+    assert frames == {"robot-1", "robot-1-believes", "robot-2", "robot-2-believes"}
+    said = [message.message for _, channel, _, message in messages if channel.topic == "/log"]
+    assert said.count("done") == 2
+    assert isinstance(_command("inspection", "--profile", "paper", "--record", "no/where/x.mcap")[2], UsageError)
 
 
 def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:

@@ -31,11 +31,13 @@ REFUSED_FOR = {
     "swap-nodes": Refusal.REQUEST_INVALID,
     "stale-log": Refusal.REQUEST_INVALID,
     "starve-sensors": Refusal.INPUT_MISSING,
+    "t-key": Refusal.OUT_OF_ORDER,
+    "long-frames": Refusal.OUTPUT_UNCALLED,
     "request-flood": Refusal.MALFORMED,
 }
 HOLES_OF_THE_PAPER = {
     "stale-log", "zero-key", "request-flood", "frame-flood", "covert-talk", "ghost-auditors", "interleave",
-    "starve-sensors", "log-flood",
+    "starve-sensors", "log-flood", "long-frames",
 }  # fmt: skip
 
 

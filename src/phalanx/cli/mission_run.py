@@ -27,6 +27,7 @@ from phalanx.mission.landmarks import FloorPlan, WallCode
 from phalanx.mission.observable import Landmark
 from phalanx.mission.records import OPEN_START
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.mission_recording import write_recording
 from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
 from phalanx.sim.odometry import OdometryNoise, Pose
 
@@ -70,6 +71,9 @@ CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
     "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Of everything that is drawn.")
+@click.option(
+    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def run_command(
     source: str,
@@ -84,6 +88,7 @@ def run_command(
     duration: float,
     meet_m: float,
     seed: int,
+    record: Path | None,
     as_json: bool,
 ) -> int:
     """Run a mission; exit 1 if a robot did not complete it.
@@ -108,12 +113,8 @@ def run_command(
         plan = with_codes(plan, plain)
     count = robots if robots is not None else len(pairs)
     begin_s = float(pairs[0][0].header.valid_from_s) if at_s is None else at_s
-    for encoded, _ in pairs if plain is None else ():
-        if trusted:
-            check_signature(encoded, trusted)
-        if encoded.header.robots and count > len(encoded.header.robots):
-            raise UsageError(f"{count} robots", f"the mission is for {len(encoded.header.robots)}")
-        admit(encoded, (encoded.header.robots or (1,))[0], begin_s, ())
+    if plain is None:
+        _admit(pairs[0][0], trusted, count, begin_s)
     run = MissionRun(
         plan=plan,
         parts=tuple(
@@ -128,6 +129,7 @@ def run_command(
         pool=pool_of(plain) if plain else (),
         controller=tuple(message for _, start_key in pairs if start_key for message in start_key.messages.values()),
         meet_m=meet_m,
+        keep_trace=record is not None,
     )
     try:
         reports = run_mission(
@@ -138,12 +140,24 @@ def run_command(
         click.echo("stopped", err=True)
         return 1
     end_status_line()
+    if record is not None:
+        write_recording(record, plan, reports)
+        click.echo(f"recorded: {record}", err=True)
     told = summary(run, reports)
     if as_json:
         print_json(told)
     else:
         _show(told)
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
+    """Refuse what a robot would: a mission that nobody trusted signed, for others, or for another time."""
+    if trusted:
+        check_signature(encoded, trusted)
+    if encoded.header.robots and robots > len(encoded.header.robots):
+        raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
+    admit(encoded, (encoded.header.robots or (1,))[0], now_s, ())
 
 
 def with_codes(plan: FloorPlan, plain: Mission) -> FloorPlan:

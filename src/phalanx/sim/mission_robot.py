@@ -54,7 +54,8 @@ class Report:
 
     Args:
         done: its mission is completed.
-        decoded: nodes, in the order in which they were decoded; first times alone.
+        decoded: (t_s, node), in the order in which they were decoded; first times alone.
+        places: of decoded nodes, map frame, metres.
         hashes_tried: hashes or KDFs.
         false_fixes: fixes that left it more than FALSE_FIX_M or FALSE_FIX_RAD off.
         search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest.
@@ -68,6 +69,7 @@ class Report:
     done: bool = False
     t_s: float = 0.0
     decoded: list[tuple[float, int]] = field(default_factory=list)
+    places: dict[int, tuple[float, float]] = field(default_factory=dict)
     hashes_tried: int = 0
     false_fixes: int = 0
     search_ms: list[float] = field(default_factory=list)
@@ -193,11 +195,7 @@ class MissionRobot:
         if self._keep_trace:
             report.trace.append((t_s, true, estimate, uncorrected))
         self._digest.update(struct.pack("<3q", *(round(value * 1e6) for value in true)))
-        why = outcome.event.value if outcome.event in (Event.TIMED_OUT, Event.BLOCKED) else ""
-        if outcome.reason in _TOLD and (
-            not report.not_validated or report.not_validated[-1][1] != outcome.reason.value
-        ):
-            why = outcome.reason.value
+        why = self._why_not(outcome)
         if why:
             report.not_validated.append((t_s, why))
         opened = outcome.decoded
@@ -206,10 +204,23 @@ class MissionRobot:
         self._digest.update(struct.pack("<i", opened.node))
         if all(opened.node != node for _, node in report.decoded):
             report.decoded.append((t_s, opened.node))
+            if opened.place_m is not None:
+                report.places[opened.node] = opened.place_m
         for action in (opened.do, outcome.order.do if outcome.order.kind is Kind.DO else None):
             if action is not None:
                 report.actions.append((t_s, action.name))
         return opened.sends
+
+    def _why_not(self, outcome: Outcome) -> str:
+        """The reason, if this step brought one that is worth telling: fallen back, stopped, or a match not believed."""
+        if self.state.phase is Phase.HELD:
+            return Reason.TIMED_OUT.value if outcome.event is Event.TIMED_OUT else Reason.NO_WAY.value
+        if outcome.event in (Event.TIMED_OUT, Event.BLOCKED):
+            return str(outcome.event.value)
+        told = self.report.not_validated
+        if outcome.reason in _TOLD and (not told or told[-1][1] != outcome.reason.value):
+            return outcome.reason.value
+        return ""
 
     def _drive(self, speed_mps: float, turn_radps: float) -> None:
         way, turn = self.body.step(*self.body.wheels(speed_mps, turn_radps), TICK_S)
@@ -218,7 +229,8 @@ class MissionRobot:
 
     def finish(self) -> Report:
         """What became of it."""
-        return replace(self.report, digest=self._digest.hexdigest())
+        told = [*self.report.not_validated, *([] if self.over else [(self.report.t_s, "out of time")])]
+        return replace(self.report, not_validated=told, digest=self._digest.hexdigest())
 
 
 def meet(robots: Iterable[MissionRobot], plan: FloorPlan, near_m: float) -> None:

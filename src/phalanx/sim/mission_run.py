@@ -7,8 +7,8 @@ and its number alone. So a run's digest is the same however many processes share
 from __future__ import annotations
 
 import hashlib
+import signal
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
@@ -106,11 +106,12 @@ def run_mission(
     if workers == 1:
         return _live(run, range(run.robots), on_progress)
     shares = [range(k, run.robots, workers) for k in range(workers)]
-    with ProcessPoolExecutor(workers - 1, get_context("spawn")) as pool:
-        others = [pool.submit(_live, run, share) for share in shares[1:]]
+    # Ctrl-C is for whoever called; leaving the block ends the others.
+    with get_context("spawn").Pool(workers - 1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+        others = [pool.apply_async(_live, (run, share)) for share in shares[1:]]
         reports = _live(run, shares[0], on_progress)
         for other in others:
-            reports += other.result()
+            reports += other.get()
     return sorted(reports, key=lambda report: report.robot)
 
 

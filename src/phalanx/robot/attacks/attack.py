@@ -14,11 +14,13 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from phalanx.bti import log, request, trusted
+from phalanx.bti import audit, log, request, trusted
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
 from phalanx.bti.fleet import PLAIN, Fleet
-from phalanx.robot import node
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import auditor, node
 from phalanx.robot.cnode import Action, CNode, row
+from phalanx.robot.cnode import Verdict as Told
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, compiled
 from phalanx.wire.fields import Row
@@ -222,6 +224,28 @@ class Attack(CNode):
         self.last_deviation_ms = now_ms
 
     # --- what several attacks need ------------------------------------------------------------------------------------
+
+    @staticmethod
+    def is_request(frame: bytes) -> bool:
+        """Whether the frame is part of a request for an audit."""
+        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.AUDIT_HEAD_BYTES
+        return is_audit and frame[5] == request.FRAGMENT
+
+    def whole_request(self, now_ms: int, frame: bytes) -> int:
+        """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""
+        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
+        if place < 0:
+            return -1
+        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        return place if audit.open_request(self.w, q, length) == 0 else -1
+
+    def vouch(self, now_ms: int, place: int) -> list[Action]:
+        """The sender of the request just opened gets its token, whatever its log shows."""
+        src = int(self.w.case[0].tee)
+        refused = auditor.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
+        node.answer(self.f, self.i, self.w, place, src, refused)
+        told = Told(src, Refusal(int(self.w.told[node.TOLD_REFUSAL])))
+        return [told] if told.refusal else [told, *self.reply(now_ms, src)]
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""

@@ -14,6 +14,7 @@ from phalanx.wire.table import KIND_STATE
 
 from .attack import MOTION, NOT_COVERED, Attack, Defence, Verdict
 from .harm import AIRTIME, STARVED
+from .silence import RefuseToAudit
 
 LIMITED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "limited"}
 GHOSTS = 400
@@ -133,6 +134,26 @@ class LogFlood(Attack):
             if actions := self.send(now_ms, b"\x60" + bytes(size), EVERYBODY):
                 return actions
         return []
+
+
+class LongFrames(RefuseToAudit):
+    """Says what means nothing in the frames that fill others' logs most: as long as four states' airtime allows.
+
+    Source: none; a hole of ours, closed in config/bti.py.
+    """
+
+    name = "long-frames"
+    does = "audits nobody, and broadcasts the longest frames that cost the airtime of four states, to fill others' logs"
+    stopped_by = "replay sends no such frame; and in `bound` logs have room for f_max robots that do so until then"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
+    period_ms = 10
+    liars = 3
+
+    BYTES: ClassVar[int] = 368  # a byte more, and a full bucket is too small
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more, when the bucket is full enough for it."""
+        return self.send(now_ms, b"\x60" + bytes(self.BYTES - 1), EVERYBODY)
 
 
 class SlotSquat(Attack):

@@ -7,16 +7,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from phalanx.bti import audit, request, trusted
+from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
-from phalanx.bti.refusal import Refusal
-from phalanx.robot import auditor, node
-from phalanx.robot.cnode import Action, Verdict, row
+from phalanx.robot import node
+from phalanx.robot.cnode import Action, row
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES, TOKEN
 
-from .attack import HOLE_OF_THE_PAPER, STOPPED, Defence
-from .attack import Verdict as Made
+from .attack import HOLE_OF_THE_PAPER, STOPPED, Defence, Verdict
 from .hijack import Hijack
 
 
@@ -32,7 +30,7 @@ class Token(NamedTuple):
 class TokenForger(Hijack):
     """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
 
-    verdicts: ClassVar[Mapping[Defence, Made]] = STOPPED
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:
@@ -142,28 +140,18 @@ class Collude(Hijack):
     does = "drives as it likes; accomplices issue tokens to each other without a look at the log"
     on_wheels = False
     stopped_by = "f_max accomplices give f_max tokens at most, and f_max + 1 are needed"
-    verdicts: ClassVar[Mapping[Defence, Made]] = STOPPED
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     liars = 2
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """An accomplice's request gets its token at once."""
-        profile = int(self.f.settings[0].profile)
-        src = int.from_bytes(frame[1:3], "little")
-        is_request = frame[0] & request.AUDIT and len(frame) > request.AUDIT_HEAD_BYTES and frame[5] == request.FRAGMENT
-        if profile == PLAIN or not is_request or src not in self.plan.accomplices:
+        from_accomplice = int.from_bytes(frame[1:3], "little") in self.plan.accomplices
+        if int(self.f.settings[0].profile) == PLAIN or not self.is_request(frame) or not from_accomplice:
             return super().heard(now_ms, frame)
-        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
-        if place < 0:
-            return []
-        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
-        if audit.open_request(self.w, q, length) != 0:
-            return []
-        refused = auditor.issue(self.f, self.i, self.w, q, self.w.small[2])
-        node.answer(self.f, self.i, self.w, place, src, refused)
-        refusal = Refusal(int(self.w.told[node.TOLD_REFUSAL]))
-        self.gained += refusal == Refusal.NONE
-        verdict = Verdict(src, refusal)
-        return [verdict] if refusal else [verdict, *self.reply(now_ms, src)]
+        place = self.whole_request(now_ms, frame)
+        actions = self.vouch(now_ms, place) if place >= 0 else []
+        self.gained += len(actions) > 1
+        return actions
 
 
 class ZeroKey(Hijack):
@@ -176,7 +164,7 @@ class ZeroKey(Hijack):
     does = "makes itself tokens before the mission key comes, under the key zero and dated 49 days ahead; then drives"
     on_wheels = False
     stopped_by = "in `bound` a node without a key computes no MAC, and loading one clears the tokens"
-    verdicts: ClassVar[Mapping[Defence, Made]] = HOLE_OF_THE_PAPER
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:

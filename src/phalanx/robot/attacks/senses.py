@@ -7,12 +7,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from phalanx.bti import rounds
 from phalanx.bti.fleet import START
 from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import SENSOR
 
-from .attack import HOLE_OF_THE_PAPER, MOTION, NOT_COVERED, Attack, Defence, Verdict
+from .attack import HOLE_OF_THE_PAPER, MOTION, NOT_COVERED, STOPPED, Attack, Defence, Verdict
 from .harm import CLAIM, UNEARNED
 
 DRIFT_MPS = 5.0
@@ -85,6 +86,28 @@ class StarveSensors(Attack):
             put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
             self.f.robot[self.i].t_key = now_ms
         return super().next_frame(now_ms)
+
+
+class KeyOfTomorrow(StarveSensors):
+    """Polls its sensors no more, and says that its log begins at boot and its mission key comes in 49 days.
+
+    Source: none; a hole of ours, closed in bti/audit.py.
+    """
+
+    name = "t-key"
+    does = "polls no sensors, and says that the mission key comes in 49 days, so that no reading is due until then"
+    stopped_by = "a log that begins at boot begins before its own token request"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
+
+    T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
+
+    def next_frame(self, now_ms: int) -> list[Action]:
+        """The request says so: all that came before the first lie is forgotten."""
+        r = self.f.robot[self.i]
+        if self.lies(now_ms) and r.t_key != self.T_KEY_MS:
+            r.t_key = self.T_KEY_MS
+            rounds.forget_checkpoint(self.f, self.i)
+        return Attack.next_frame(self, now_ms)
 
 
 class Interleave(Attack):

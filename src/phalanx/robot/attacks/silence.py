@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from phalanx.bti import request
 from phalanx.robot.cnode import Action
 from phalanx.robot.controllers.python_controller import Act, Send
 
@@ -57,7 +56,7 @@ class RefuseToAudit(Attack):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Everything but requests."""
-        if frame[0] & request.AUDIT and len(frame) > request.AUDIT_HEAD_BYTES and frame[5] == request.FRAGMENT:
+        if self.is_request(frame):
             self.gained += 1
             return []
         return super().heard(now_ms, frame)

@@ -1,0 +1,146 @@
+"""True tokens that are not what was asked for, and true requests for audits that keep auditors busy.
+
+Source: none; holes of ours, closed in bti/rounds.py and robot/node.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from phalanx.bti import log, request, trusted
+from phalanx.bti.fleet import BOUND, PLAIN
+from phalanx.robot.cnode import Action, row
+
+from .attack import Attack, Defence, Verdict
+from .floods import audit_frame
+from .harm import STARVED
+from .silence import RefuseToAudit
+
+HARMLESS: Mapping[Defence, Verdict] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
+# Behind the head of a fragment: the only one of its request.
+ALONE = bytes([0, 1])
+BOOTED = 1
+T_KEY_BYTES = 4
+
+
+class StaleAnswers(Attack):
+    """Audits every other time only, and sends the last token again between: the victim thinks that it was answered."""
+
+    name = "stale-answers"
+    does = "answers every other request for an audit with the last token that it really issued to that robot"
+    stopped_by = "nothing has to: as an answer counts only a token that is not older than the request"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
+    harm = STARVED
+    liars = 3
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._issued: dict[int, bytes] = {}
+        self._answered: dict[int, bytes] = {}
+
+    def reply(self, now_ms: int, auditee: int) -> list[Action]:
+        """The token is kept."""
+        self._issued[auditee] = self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes()
+        return super().reply(now_ms, auditee)
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """To the first fragment of a request the old token is sent at once, and all of it is passed over."""
+        src, no = int.from_bytes(frame[1:3], "little"), frame[6:8]
+        if not self.is_request(frame):
+            return super().heard(now_ms, frame)
+        if src in self._issued:
+            self._answered[src] = no
+            self.gained += 1
+            return self.send(now_ms, self._issued.pop(src), src)
+        return [] if self._answered.get(src) == no else super().heard(now_ms, frame)
+
+
+class WrongCheckpoint(Attack):
+    """Vouches for where the log begins, as it has before, and not for the checkpoint that was to be vouched for."""
+
+    name = "wrong-checkpoint"
+    does = "answers requests for audits with fresh tokens for the checkpoint at which the log begins"
+    stopped_by = "nothing has to: as an answer counts only a token for the checkpoint that the request claims"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
+    harm = STARVED
+    liars = 3
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """A request is read as if its claim were its start."""
+        if int(self.f.settings[0].profile) == PLAIN or not self.is_request(frame):
+            return super().heard(now_ms, frame)
+        if (place := self.whole_request(now_ms, frame)) < 0:
+            return []
+        q = self.f.rx[self.i, place]
+        tokens = int(q[request.AT_TOKENS])
+        if tokens:
+            at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
+            length = int.from_bytes(q[request.AT_CHECKPOINT_LEN :][:2].tobytes(), "little")
+            trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + 20])
+        actions = self.vouch(now_ms, place)
+        self.gained += len(actions) > 1
+        return actions
+
+
+class Drain(RefuseToAudit):
+    """Passes its own audits, and takes up the time that auditors have for others with one true token request each.
+
+    The request around it shows no log, and is refused; but it has to be looked at. It audits nobody, so that others ask
+    the more.
+    """
+
+    name = "drain"
+    does = "sends each auditor one true token request again and again, so that it has no audits left for others"
+    stopped_by = "nothing has to: a token request counts once, and a-nodes make few"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
+    liars = 3
+    period_ms = 20
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.kept: dict[int, bytes] = {}
+        self.replays = 0
+        self._sent_ms: dict[int, int] = {}
+        self._made_ms = 0
+        self._no = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The next one that is due; never to those whom it asks for audits of its own."""
+        f, i, s = self.f, self.i, self.f.settings[0]
+        r = f.robot[i]
+        if int(s.profile) == PLAIN or r.request_len > 0:
+            return []
+        for peer in f.peer[i, : int(r.peers)]:
+            tor = int(peer.id)
+            asked = now_ms - int(peer.asked_ms) < 2 * s.t_audit
+            just_sent = now_ms - self._sent_ms.get(tor, 0) <= s.t_audit // 2
+            if tor in self.plan.accomplices or asked or just_sent:
+                continue
+            if tor not in self.kept and not self._make(now_ms, tor):
+                continue
+            self._no = (self._no + 1) & 0xFFFF
+            self._sent_ms[tor] = now_ms
+            self.replays += 1
+            fragment = self._no.to_bytes(2, "little") + ALONE + self.kept[tor]
+            return self.send(now_ms, audit_frame(self.id, tor, request.FRAGMENT, fragment), tor)
+        return []
+
+    def _make(self, now_ms: int, tor: int) -> bool:
+        """A true token request, in a request that shows an empty log since boot; its own log shows the flush."""
+        profile, spare_ms = int(self.f.settings[0].profile), int(self.f.settings[0].t_audit) * 2 // 5
+        treq = row(bytes(32))
+        if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
+            return False
+        if trusted.anode_token_request(profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
+            return False
+        self._made_ms = now_ms
+        if profile == BOUND:
+            log.mark(self.f, self.i, 0x82)
+        q = bytearray(request.HEAD_BYTES + T_KEY_BYTES)
+        q[0], q[1] = request.VERSION, BOOTED
+        q[request.AT_TEE : request.AT_T] = self.id.to_bytes(2, "little")
+        q[request.AT_T : request.AT_TOP_S] = treq.tobytes()
+        q[request.AT_CHECKPOINT_LEN] = T_KEY_BYTES
+        self.kept[tor] = bytes(q)
+        return True
