@@ -122,7 +122,7 @@ def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
         for node in plain.nodes
         if node.start
         or not kinds
-        or all(thing.type in kinds for alias in node.see for thing in alias if _is_mark(thing))
+        or all(thing.type in kinds for alias in node.see for thing in alias if isinstance(thing, Landmark))
     }
     chosen = replace(
         plain,
@@ -132,10 +132,6 @@ def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
         roam=True,
     )
     return build(chosen, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0].mission  # noqa: S311
-
-
-def _is_mark(thing: object) -> bool:
-    return isinstance(thing, Landmark)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

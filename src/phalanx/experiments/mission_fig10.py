@@ -139,7 +139,8 @@ def _errors_m(table: CaseTable, way: str, case: str) -> Rows:
 
 def _times_s(table: CaseTable, stage: str) -> Rows:
     times = np.concatenate([table.column(case, stage) for case in table.cases])
-    return times[~np.isnan(times)]
+    known: Rows = times[~np.isnan(times)]
+    return known
 
 
 def compare(table: CaseTable) -> list[Statement]:

@@ -59,7 +59,7 @@ def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
     entries = [(0.0, "/scene", _walls(plan)), *_landmarks(reports), *_frames(reports), *_log(reports)]
     try:
         with path.open("wb") as file:
-            writer = Writer(file)
+            writer: Any = Writer(file)
             writer.start(profile="", library=f"phalanx {__version__}")
             channels = {
                 topic: _channel(writer, topic, kind)
@@ -67,7 +67,7 @@ def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
             }
             for t_s, topic, message in sorted(entries, key=lambda entry: entry[:2]):
                 writer.add_message(channels[topic], round(t_s * NS), message.SerializeToString(), round(t_s * NS))
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "another place for --record") from error
 
