@@ -67,7 +67,7 @@ def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
             }
             for t_s, topic, message in sorted(entries, key=lambda entry: entry[:2]):
                 writer.add_message(channels[topic], round(t_s * NS), message.SerializeToString(), round(t_s * NS))
-            writer.finish()  # type: ignore[no-untyped-call]
+            writer.finish()
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "another place for --record") from error
 
