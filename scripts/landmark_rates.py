@@ -2,7 +2,7 @@
 
     python scripts/landmark_rates.py [MAP] [POSES] [DELTA_M] [NOISE_M]
 
-Numbers in docs/adr/0030 come from here (office_40x40, 2000 poses, 0.1 m).
+Numbers in docs/adr/0019 come from here (office_40x40, 2000 poses, 0.1 m).
 """
 
 from __future__ import annotations

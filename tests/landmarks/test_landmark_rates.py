@@ -1,4 +1,4 @@
-"""How well single scans show the landmarks of the office: the numbers that docs/adr/0030 promises, with some room."""
+"""How well single scans show the landmarks of the office: the numbers that docs/adr/0019 promises, with some room."""
 
 from __future__ import annotations
 

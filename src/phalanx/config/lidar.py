@@ -85,7 +85,7 @@ class ExtractionConfig:
         feature_range_m: what is farther from the robot is not used.
         room_min_m2: smallest triangle of three corners.
     Raises: UsageError: a value is out of range.
-    Source: Encoded graphs §V-A (1.2 m, 2.5 m); the rest: measured, docs/adr/0030.
+    Source: Encoded graphs §V-A (1.2 m, 2.5 m); the rest: measured, docs/adr/0019.
     """
 
     door_min_m: float = 1.2
@@ -121,7 +121,7 @@ class ExtractionConfig:
     def for_noise(self, noise_m: float) -> ExtractionConfig:
         """These settings, wide enough for a sensor whose ranges have such a standard deviation; as they are up to 1 cm.
 
-        Source: none (measured, docs/adr/0030).
+        Source: none (measured, docs/adr/0019).
         """
         return replace(
             self,

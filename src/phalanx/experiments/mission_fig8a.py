@@ -57,7 +57,7 @@ def compare(table: CaseTable) -> list[Statement]:
             reference="",
             ours=quantiles(last, ".2f"),
             agrees=bool(np.all(last > 1.0)),
-            why="more than 1 m in every seed; factor 1 + sigma, always (docs/adr/0030: the paper does not say)",
+            why="more than 1 m in every seed; factor 1 + sigma, always (docs/adr/0019: the paper does not say)",
         ),
         Statement(
             what="doorways only, median error, m",

@@ -1,6 +1,6 @@
 """What a robot's wheels tell it: the true motion times a factor that is wrong in one of three ways.
 
-The paper gives two standard deviations and not what they are of; each figure says which model it uses (docs/adr/0030).
+The paper gives two standard deviations and not what they are of; each figure says which model it uses (docs/adr/0019).
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ def doorways_of(
 ) -> tuple[Floats, Bools]:
     """(d, 6) doorways, and which corners are jambs.
 
-    Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0030.
+    Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0019.
     """
     doors = np.empty((len(corners), 6))
     is_jamb = np.zeros(len(corners), np.bool_)
