@@ -142,17 +142,17 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
             sys.executable, ROOT / "examples" / "ten_lines.py", str(broker.url), stdout=asyncio.subprocess.PIPE
         )
         try:
-            url = (await asyncio.wait_for(example.stdout.readline(), 20)).decode().strip()
+            url = (await asyncio.wait_for(example.stdout.readline(), 60)).decode().strip()
             async with Client(url, broker=broker.url) as visitor:
                 assert [robot["address"] for robot in await visitor.request(0)] == ["ROBOT-1", "ROBOT-2"]
                 heard = visitor.notifications()
                 await visitor.command("ROBOT-9", "move_raw", {"left_y": 1, "right_y": 1})
                 await visitor.command("ROBOT-1", "move_raw", {"left_y": "fast", "right_y": 1})
                 await visitor.command("ROBOT-1", "move_raw", {"left_y": 60, "right_y": -40})
-                told = await asyncio.wait_for(anext(heard), 10)
+                told = await asyncio.wait_for(anext(heard), 30)
                 assert told == {"driven": "ROBOT-1", "wheels": [60, -40]}
             example.send_signal(signal.SIGINT)
-            assert await asyncio.wait_for(example.wait(), 10) == 0
+            assert await asyncio.wait_for(example.wait(), 30) == 0
         finally:
             with contextlib.suppress(ProcessLookupError):
                 example.kill()
@@ -164,7 +164,7 @@ async def test_own_robots_stand_behind_the_whole_gateway():
         sys.executable, ROOT / "examples" / "own_swarm.py", stdout=asyncio.subprocess.PIPE
     )
     try:
-        ready = json.loads(await asyncio.wait_for(example.stdout.readline(), 20))
+        ready = json.loads(await asyncio.wait_for(example.stdout.readline(), 60))
         async with Client(ready["qr_url"]) as visitor:
             carts = await visitor.request(0, frames=True)
             assert [cart["address"] for cart in carts] == ["CART-A", "CART-B"]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
+from phalanx.sim.play import ctrl_c_between_steps
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import Scenario
 from phalanx.sim.scenario_file import find_scenario
@@ -116,12 +117,14 @@ def _run(config: FlockConfig, case: str, seed: int, on_progress: Callable[[float
     times_s = np.arange(samples, dtype=np.float64) * EVERY_S
     positions_m = np.zeros((samples, scenario.robots, 2))
     states = np.zeros((samples, scenario.robots), np.int8)
-    for sample, t_s in enumerate(times_s):
-        while run.now_s < t_s:
-            run.advance(min(run.now_s + STEP_S, t_s))
-            on_progress(run.now_s / scenario.duration_s)
-        positions_m[sample] = run.positions_m
-        states[sample] = _states(run)
+    with ctrl_c_between_steps() as check:
+        for sample, t_s in enumerate(times_s):
+            while run.now_s < t_s:
+                run.advance(min(run.now_s + STEP_S, t_s))
+                on_progress(run.now_s / scenario.duration_s)
+                check()
+            positions_m[sample] = run.positions_m
+            states[sample] = _states(run)
     summary = {key: value for key, value in run.summary().items() if key not in ("distance_series", "real_time_factor")}
     return FlockRun(case, seed, times_s, positions_m, states, summary)
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
 from .recording import Recording
 from .run import Run
@@ -13,6 +16,34 @@ from .scenario import Scenario
 
 # As often as the robots act.
 STEP_S = 0.25
+
+
+@contextlib.contextmanager
+def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
+    """Ctrl-C is kept until the function given is called, which then raises KeyboardInterrupt; a second comes at once.
+
+    In the middle of a call of compiled code it can be lost: numba, looking at arguments, forgets exceptions (seen).
+    Outside the main thread, which alone is sent signals, nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    waiting: list[int] = []
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        if waiting:
+            signal.default_int_handler(number, frame)
+        waiting.append(number)
+
+    def check() -> None:
+        if waiting:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, keep)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run], None] = lambda _run: None) -> Run:
@@ -27,10 +58,12 @@ def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run]
     """
     run = Run(scenario)
     with contextlib.ExitStack() as stack:
+        check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(Recording(record, scenario)) if record else None
         for k in range(math.ceil(scenario.duration_s / STEP_S) + 1):
             run.advance(min(k * STEP_S, scenario.duration_s))
             if recording:
                 recording.write(run, run.new_verdicts())
             on_step(run)
+            check()
     return run
