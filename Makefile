@@ -8,6 +8,7 @@ PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
+KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/bti src/phalanx/robot src/phalanx/sim -name '*.py')
 DEMO ?=
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
@@ -29,7 +30,7 @@ help:
 
 # --- setting up -------------------------------------------------------------------------------------------------------
 
-setup: $(NEEDED) .venv/runtime $(PAGES)/built
+setup: $(NEEDED) .venv/runtime .venv/kernels $(PAGES)/built
 setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs
 
 $(NEEDED):
@@ -45,6 +46,13 @@ $(NEEDED):
 	@echo "installing Python packages, compiling the trusted nodes"
 	@$(PIP) install --require-hashes -r requirements.lock
 	@$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
+.venv/kernels: .venv/runtime $(KERNELS)
+	@echo "compiling what robots run (a minute or two)"
+	@$(BIN)/phalanx sim run flock-12 --duration 0.5 --json >/dev/null 2>&1
+	@$(BIN)/python -c "from phalanx.gateway.simulated import simulated_swarm as s; s(12, 0, None, None, lambda _: None)"
 	@touch $@
 
 .venv/dev: requirements-dev.lock .venv/runtime

@@ -193,7 +193,7 @@ class TestUp:
         tcp, ws = free_port(), free_port()
         with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
             start()
-            for words in (["up", "--port", "0"], ["link", "serve"]):
+            for words in (["up", "--port", "0", "--defence", "none"], ["link", "serve"]):
                 with child(*words, "--events", "--broker", f"mqtt://127.0.0.1:{tcp}") as guessing:
                     guessing.wait_for("ready")
                     assert guessing.stop() == 0
