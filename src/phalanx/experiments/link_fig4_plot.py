@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phalanx.errors import Unavailable
-
+from .figure import new_figure, save_figure
 from .link_fig4 import PAPER
 from .link_fig4_table import KINDS, SLOW_MS, Kind, Row, Summary, Table, is_slow, read_table, summarize
 
@@ -32,29 +30,11 @@ def draw(csv: Path) -> tuple[Path, Path]:
     Source: Qrkey Fig. 4; the paper's points from the text of §V.
     """
     table = read_table(csv)
-    figure = _figure(table)
-    png, svg = csv.with_suffix(".png"), csv.with_suffix(".svg")
-    for path in (png, svg):
-        half_done = path.with_suffix(f".{os.getpid()}{path.suffix}")
-        try:
-            figure.savefig(half_done, dpi=150)
-            half_done.replace(path)
-        except OSError as error:
-            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
-        finally:
-            half_done.unlink(missing_ok=True)
-    return png, svg
+    return save_figure(_figure(table), csv)
 
 
 def _figure(table: Table) -> Figure:
-    try:
-        # The figure is made without pyplot, and so without a display or any state that others could share.
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise Unavailable("matplotlib is not installed: nothing drawn", "pip install matplotlib") from error
-    figure = Figure(figsize=(11, 5.4))
-    FigureCanvasAgg(figure)
+    figure = new_figure(11, 5.4)
     over_time, distribution = figure.subplots(1, 2, width_ratios=(6, 5))
     summaries = {kind: summarize(table.rows[kind]) for kind in KINDS}
     _draw_over_time(over_time, table, summaries)
