@@ -1,7 +1,7 @@
 """Numbers in rows of bytes, as arithmetic needs them: the same bits compiled and uncompiled.
 
-Whole numbers come out as int64: what `phalanx.wire.fields` reads is uint64 when compiled, and numba makes a float of a
-signed and an unsigned number's difference.
+Whole numbers come out as int64, as from `phalanx.wire.fields`: numba makes a float of a signed and an unsigned number's
+difference.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-from phalanx.wire.fields import get_u16 as _u16
-from phalanx.wire.fields import get_u32 as _u32
-from phalanx.wire.fields import put_u32
+from phalanx.wire.fields import get_u32, put_u32
 from phalanx.wire.record import LARGEST_NUMBER
 
 Row: TypeAlias = NDArray[np.uint8]
@@ -35,18 +33,6 @@ def get_i8(row: Row, at: int) -> int:
     """The signed byte at `at`. Source: none."""
     value = whole(row[at])
     return value - 256 if value >= 128 else value
-
-
-@kernel
-def get_u16(row: Row, at: int) -> int:
-    """The u16 at `at`. Source: none."""
-    return whole(_u16(row, at))
-
-
-@kernel
-def get_u32(row: Row, at: int) -> int:
-    """The u32 at `at`. Source: none."""
-    return whole(_u32(row, at))
 
 
 @kernel

@@ -19,7 +19,7 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
-from phalanx.wire.fields import copy, put_u16, put_u64
+from phalanx.wire.fields import copy, get_u16, put_u16, put_u64
 from phalanx.wire.table import (
     ACCELERATION,
     ENTRY_ACMD,
@@ -31,7 +31,7 @@ from phalanx.wire.table import (
     STATE,
 )
 
-from .fields import Params, Row, are_fine, get_f32, get_u16, get_u64, put_f32, whole
+from .fields import Params, Row, are_fine, get_f32, get_u64, put_f32, whole
 from .flock_law import FORGET_MS, LIMIT, N_MAX, STATE_EVERY, goal_pull, limited, neighbour_push, obstacles_push
 from .outputs import put_head
 

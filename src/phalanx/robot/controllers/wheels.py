@@ -28,11 +28,11 @@ import numpy as np
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.follow import FULL_PCT, SLOW_WITHIN_MM, SLOWEST, TURN_PCT
-from phalanx.wire.fields import copy, put_u16, put_u64
+from phalanx.wire.fields import copy, get_u16, get_u32, put_u16, put_u64
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND
 
 from . import orders
-from .fields import Params, Row, are_fine, get_f32, get_i8, get_u16, get_u32, get_u64, whole
+from .fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
 from .outputs import put_head
 from .sine import sine_cosine
 
