@@ -17,8 +17,13 @@ const RESYNC_JITTER_MS = 10_000;
 const GAP_JITTER_MS = 500;
 /** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
 const RECONNECT_JITTER_MS = 2000;
-/** A peer that makes every frame look like a gap must not make us ask at every frame. */
+/**
+ * A peer that makes every frame look like a gap must not make us ask at every frame. Nor must a gateway that is too busy to
+ * send every frame get busier by everybody's questions: each that follows another soon doubles the time to the next.
+ */
 const ASK_GAP_MS = 1000;
+const ASK_GAP_MOST_MS = 16_000;
+const CALM_MS = 30_000;
 /** A broker that replays an old message must not make a clock look wrong; nor one message that was held up. */
 const STALE_IN_A_ROW = 3;
 /** Connecting for longer than this counts as unreachable. */
@@ -38,6 +43,7 @@ export class Watch {
   #heardAt_ms: number | undefined;
   #askedAt_ms = Number.NEGATIVE_INFINITY;
   #askAt_ms = Number.POSITIVE_INFINITY;
+  #askGap_ms = ASK_GAP_MS;
   #answered = true;
   #staleInARow = 0;
   #staleAt_ms = Number.NEGATIVE_INFINITY;
@@ -85,7 +91,7 @@ export class Watch {
 
   /** Something was missed. `chance` is in [0, 1). */
   missed(now_ms: number, chance: number): void {
-    this.#askAt_ms = Math.min(this.#askAt_ms, now_ms + chance * GAP_JITTER_MS);
+    this.#askAt_ms = Math.min(this.#askAt_ms, now_ms + chance * Math.max(GAP_JITTER_MS, this.#askGap_ms / 2));
   }
 
   /** Whether to ask request 0 now; then it counts as asked. `chance` is in [0, 1). */
@@ -93,10 +99,12 @@ export class Watch {
     if (this.#broker !== "online") return false;
     const quietSince_ms = this.#heardAt_ms ?? this.#brokerSince_ms;
     // Frames alone do not tell who is there: a question that was lost is asked again, too.
-    const wanting = !this.#answered || now_ms - quietSince_ms >= SILENCE_MS;
-    const again = wanting && now_ms - this.#askedAt_ms >= ASK_AGAIN_MS;
-    const planned = now_ms >= this.#askAt_ms && now_ms - this.#askedAt_ms >= ASK_GAP_MS;
+    const silent = now_ms - quietSince_ms >= SILENCE_MS;
+    const since_ms = now_ms - this.#askedAt_ms;
+    const again = silent ? since_ms >= ASK_AGAIN_MS : !this.#answered && since_ms >= Math.max(ASK_AGAIN_MS, this.#askGap_ms);
+    const planned = now_ms >= this.#askAt_ms && since_ms >= this.#askGap_ms;
     if (!again && !planned) return false;
+    this.#askGap_ms = since_ms < CALM_MS ? Math.min(2 * this.#askGap_ms, ASK_GAP_MOST_MS) : ASK_GAP_MS;
     this.#askedAt_ms = now_ms;
     this.#answered = false;
     this.#askAt_ms = now_ms + RESYNC_MS + chance * RESYNC_JITTER_MS;

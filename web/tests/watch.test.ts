@@ -59,21 +59,23 @@ describe("asking", () => {
     expect(askedAt(watch, 0, 125_000, (now_ms) => wellAt(watch, now_ms))).toEqual([0, 60_000, 120_000]);
   });
 
-  test("again after 3 s when the answer was lost, though frames come", () => {
+  test("again after 3 s when the answer was lost, though frames come, and less and less often if nothing answers", () => {
     const watch = online();
-    expect(askedAt(watch, 0, 7000, (now_ms) => watch.heard(now_ms))).toEqual([0, 3000, 6000]);
+    expect(askedAt(watch, 0, 40_000, (now_ms) => watch.heard(now_ms))).toEqual([0, 3000, 6000, 10_000, 18_000, 34_000]);
   });
 
-  test("after a gap within half a second, and at most once a second however many gaps there are", () => {
+  test("after a gap within half a second; of many gaps each asks half as often as the one before, until it is calm", () => {
     const watch = online();
     expect(askedAt(watch, 0, 2000, (now_ms) => wellAt(watch, now_ms))).toEqual([0]);
     watch.missed(2100, 0.9);
     expect(askedAt(watch, 2100, 4000, (now_ms) => wellAt(watch, now_ms))).toEqual([2600]);
-    const flooded = askedAt(watch, 5000, 9900, (now_ms) => {
+    const gaps = (now_ms: number) => {
       wellAt(watch, now_ms);
       watch.missed(now_ms, 0);
-    });
-    expect(flooded).toEqual([5000, 6000, 7000, 8000, 9000]);
+    };
+    expect(askedAt(watch, 40_000, 79_900, gaps)).toEqual([40_000, 41_000, 43_000, 47_000, 55_000, 71_000]);
+    expect(askedAt(watch, 80_000, 110_000, (now_ms) => wellAt(watch, now_ms))).toEqual([87_000]);
+    expect(askedAt(watch, 120_000, 121_900, gaps)).toEqual([120_000, 121_000]);
   });
 });
 
