@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from chromium import FLAGS
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.ports import free_port
@@ -167,6 +169,19 @@ class Child:
         return code
 
 
+def run(*arguments: str, timeout_s: float = 60, env: dict | None = None, **more) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*PHALANX, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        cwd=ROOT,
+        env=os.environ | (env or {}),
+        check=False,
+        **more,
+    )
+
+
 @contextmanager
 def child(*arguments: str, **more):
     running = Child(*arguments, **more)
@@ -194,3 +209,15 @@ def a_gateway(*arguments: str, **more):
 def secrets_of(ready: dict) -> list[str]:
     """What must never be logged."""
     return [ready["pin"], re.search("token=(.*)", ready["operator_url"]).group(1)]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api")
+    chromium = shutil.which("chromium")
+    assert chromium, "apt-get install chromium"
+    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
+    with playwright.sync_playwright() as p:
+        running = p.chromium.launch(executable_path=chromium, args=flags)
+        yield running
+        running.close()

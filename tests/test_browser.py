@@ -1,4 +1,4 @@
-"""The pages in a real browser, on an insecure origin as phones see it, against a real gateway."""
+"""The visitors' page in a real browser, against a real gateway."""
 
 from __future__ import annotations
 
@@ -6,82 +6,21 @@ import asyncio
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-import zxingcpp
 
+from chromium import PHONE, a_page, badge, choose, insecure, moves, wait_until
 from conftest import ROOT, a_gateway, bare_mosquitto
 from phalanx.io import Client
 from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
 
-playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(120)]
-
-# Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
-HOST = "swarm.test"
-FLAGS = [
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
-]
-PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    chromium = shutil.which("chromium")
-    assert chromium, "apt-get install chromium"
-    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
-    with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=chromium, args=flags)
-        yield running
-        running.close()
-
-
-@contextmanager
-def a_page(browser, *scripts: str, **options):
-    """A page of its own browser context that fails the test if it logs an error or breaks its policy."""
-    context = browser.new_context(**(options or PHONE))
-    for script in scripts:
-        context.add_init_script(script)
-    page = context.new_page()
-    trouble: list[str] = []
-    page.on("pageerror", lambda error: trouble.append(str(error)))
-    page.on(
-        "console",
-        lambda message: (
-            trouble.append(message.text)
-            if message.type == "error" and not re.search("WebSocket connection|ERR_|status of 401", message.text)
-            else None
-        ),
-    )
-    try:
-        yield page
-        assert not trouble
-    finally:
-        context.close()
-
-
-def insecure(url: str) -> str:
-    return url.replace("http://127.0.0.1", f"http://{HOST}", 1)
-
-
-def badge(page, state: str, timeout_s: float = 15) -> str:
-    found = page.locator(f"[data-testid=badge][data-state={state}]")
-    found.wait_for(timeout=timeout_s * 1000)
-    return found.inner_text()
 
 
 @contextmanager
@@ -108,27 +47,6 @@ def a_dotbot_server(tcp: int, *arguments: str):
     finally:
         server.kill()
         server.wait()
-
-
-def choose(page, name: str) -> None:
-    select = page.get_by_test_id("robot-select")
-    select.select_option(
-        label=next(text for text in select.locator("option").all_inner_texts() if text.startswith(name))
-    )
-
-
-def moves(up, address_end: str = "") -> list[dict]:
-    return [
-        e["payload"] for e in up.events("command") if e["name"] == "move_raw" and e["address"].endswith(address_end)
-    ]
-
-
-def wait_until(condition, timeout_s: float = 10):
-    deadline = time.monotonic() + timeout_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return value
 
 
 class TestVisitor:
@@ -416,61 +334,3 @@ class TestVisitor:
                 )
                 assert not beside
                 assert page.evaluate("document.documentElement.scrollWidth") == 320
-
-
-class TestOperator:
-    def test_its_code_scans_its_numbers_move_and_the_token_is_gone_from_the_address(self, browser, tmp_path):
-        with a_gateway() as (_, ready), a_page(browser, viewport={"width": 1280, "height": 800}) as page:
-            page.goto(ready["operator_url"])
-            page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
-            assert "token" not in page.url
-            picture = tmp_path / "operator.png"
-            page.screenshot(path=picture)
-            assert qr_in(picture) == ready["qr_url"]
-            assert ready["pin"] not in page.locator("body").inner_text()
-            with a_page(browser) as visitor:
-                visitor.goto(insecure(ready["qr_url"]))
-                badge(visitor, "live")
-                choose(visitor, "Ada")
-                visitor.get_by_test_id("joystick").focus()
-                visitor.keyboard.down("KeyW")
-                page.get_by_test_id("visitors").get_by_text("phalanx_").wait_for()
-                wait_until(
-                    lambda: int(re.search(r"\d+", page.locator("[data-counter=commands]").inner_text()).group()) > 5
-                )
-                visitor.keyboard.up("KeyW")
-            page.reload()
-            page.get_by_test_id("fleet-table").get_by_text("Lou").wait_for()
-
-    def test_without_the_token_it_shows_nothing(self, browser):
-        with a_gateway() as (_, ready):
-            for url in (ready["operator_url"].split("#")[0], ready["operator_url"][:-1] + "x"):
-                with a_page(browser, viewport={"width": 1280, "height": 800}) as page:
-                    page.goto(url)
-                    page.get_by_test_id("no-token").wait_for()
-                    assert page.get_by_test_id("qr").count() == 0
-
-    def test_after_a_rotation_the_code_on_the_screen_is_the_new_one(self, browser, tmp_path):
-        with (
-            a_gateway("--rotate-s", "10", "--overlap-s", "1") as (up, ready),
-            a_page(browser, viewport={"width": 1920, "height": 1080}) as page,
-        ):
-            page.goto(ready["operator_url"])
-            page.get_by_test_id("qr").wait_for()
-            url = up.wait_for("rotation")["qr_url"]
-
-            def shown() -> str:
-                page.screenshot(path=tmp_path / "operator.png")
-                return qr_in(tmp_path / "operator.png")
-
-            wait_until(lambda: shown() == url, 7)
-
-
-def qr_in(picture: Path) -> str:
-    import matplotlib.image
-    import numpy as np
-
-    pixels = matplotlib.image.imread(picture)
-    grey = (pixels[..., :3].mean(axis=-1) * 255).astype(np.uint8)
-    (found,) = zxingcpp.read_barcodes(np.ascontiguousarray(grey))
-    return found.text

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from chromium import PHONE, a_page, badge, choose, insecure, wait_until
 from conftest import a_gateway
-from test_browser import PHONE, a_page, badge, browser, choose, insecure, wait_until  # noqa: F401
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 
@@ -35,7 +35,7 @@ def shield(page, state: str):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path, scheme):  # noqa: F811
+def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path, scheme):
     with (
         a_gateway("--defence", "bound", "--seed", "6") as (up, ready),
         a_page(browser, **PHONE, color_scheme=scheme) as phone,
@@ -75,14 +75,14 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         assert "hijack" not in phone.locator("body").inner_text()
 
 
-def test_who_wants_no_motion_sees_the_same_without_fading(browser):  # noqa: F811
+def test_who_wants_no_motion_sees_the_same_without_fading(browser):
     with a_gateway("--defence", "bound") as (_, ready), a_page(browser, **PHONE, reduced_motion="reduce") as phone:
         phone.goto(insecure(ready["qr_url"]))
         badge(phone, "live")
         wait_until(lambda: pixels(phone, "--good") > 12 * 40, 15)
 
 
-def test_the_joystick_stays_where_it_is_whatever_the_shield_says(browser):  # noqa: F811
+def test_the_joystick_stays_where_it_is_whatever_the_shield_says(browser):
     with a_gateway("--defence", "bound") as (_, ready), a_page(browser) as phone:
         phone.goto(insecure(ready["qr_url"]))
         badge(phone, "live")

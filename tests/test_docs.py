@@ -112,6 +112,16 @@ def test_commands_named_in_the_text_exist(page):
                 command = command.commands[word]
 
 
+def test_the_index_names_every_command():
+    def commands(command: click.Command, path: str) -> set[str]:
+        if not isinstance(command, click.Group):
+            return {path}
+        return set().union(*(commands(inner, f"{path} {name}") for name, inner in command.commands.items()))
+
+    named = {words for words in CODE.findall(prose((DOCS / "index.md").read_text())) if words.startswith("phalanx ")}
+    assert named == commands(phalanx, "phalanx")
+
+
 def test_options_named_in_the_text_exist():
     def options(command: click.Command) -> set[str]:
         children = command.commands.values() if isinstance(command, click.Group) else ()

@@ -1,10 +1,9 @@
-"""Frames, joysticks, visitors, PyDotBot's words, and the gateway over a real broker."""
+"""Joysticks, visitors, PyDotBot's words, and the gateway over a real broker."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import os
 import time
 from dataclasses import replace
 
@@ -13,151 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.config import LinkConfig
 from phalanx.gateway import Gateway, vocabulary
-from phalanx.gateway.frames import Frames
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
 from phalanx.gateway.visitors import FORGET_AFTER_S, LIMIT, Visitors
 from phalanx.io import Client, Server
-from phalanx.link import ClientSide, Request, ServerSide
-from phalanx.link.messages import Reply, ReplyPart
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 
 NOW = 1_700_000_000.0
-
-
-class Mirror:
-    """What a visitor knows, kept up from frames alone."""
-
-    def __init__(self, robots):
-        self.robots = {robot["address"]: dict(robot) for robot in robots}
-        self.seq = None
-
-    def read(self, frame):
-        assert frame["cmd"] == 16
-        data = frame["data"]
-        assert self.seq is None or data["seq"] == self.seq + 1
-        self.seq = data["seq"]
-        for address in data.get("left", ()):
-            del self.robots[address]
-        for robot in data.get("joined", ()):
-            self.robots[robot["address"]] = dict(robot)
-        by_number = {robot["n"]: robot for robot in self.robots.values()}
-        assert len(by_number) == len(self.robots)
-        for number, x, y, direction in data["robots"]:
-            by_number[number] |= {"lh2_position": {"x": x, "y": y, "z": 0}, "direction": direction}
-        for change in data.get("changed", ()):
-            known = self.robots[change["address"]]
-            known |= {key: value for key, value in change.items() if key not in ("history_cleared", "battery_mv")}
-            if "battery_mv" in change:
-                known["battery"] = change["battery_mv"] / 1000
-
-
-FRAME_BYTES = LinkConfig().part_plaintext_bytes
-
-
-actions = st.lists(
-    st.tuples(
-        st.sampled_from(["drive", "follow", "led", "join", "leave", "wait", "threshold"]),
-        st.integers(0, 9),
-        st.integers(0, 255),
-    ),
-    max_size=25,
-)
-
-
-class TestFrames:
-    @given(actions)
-    def test_a_visitor_who_reads_frames_knows_what_the_swarm_knows(self, steps):
-        swarm, frames, uptime = Dotbots(4, 1, lambda: NOW), Frames(FRAME_BYTES), 0.0
-        mirror = None
-        for what, who, value in [("wait", 0, 0), *steps]:
-            robots = swarm.robots()
-            address = robots[who % len(robots)].address if robots else swarm.join()
-            match what:
-                case "drive":
-                    swarm.drive(address, value - 128, 50)
-                case "follow":
-                    swarm.follow(address, [Point(value * 5, 1000)] * (who % 3), 60)
-                case "threshold":
-                    swarm.follow(address, [], 1 + value)
-                case "led":
-                    swarm.set_led(address, Led(value, 0, 0))
-                case "join":
-                    swarm.join()
-                case "leave":
-                    swarm.leave(address)
-            swarm.step(0.1)
-            uptime += 0.1
-            tick = frames.next(swarm.robots(), NOW, uptime)
-            told = [
-                vocabulary.tell_robot(robot, NOW, 0) | {"n": frames.number(robot.address)} for robot in swarm.robots()
-            ]
-            if mirror is None:
-                mirror = Mirror(told)
-            for frame in tick.frames if tick else ():
-                mirror.read(json.loads(json.dumps(frame)))
-            for robot in told:
-                known = mirror.robots[robot["address"]]
-                for key in ("direction", "status", "mode", "rgb_led", "waypoints", "waypoints_threshold"):
-                    assert known[key] == robot[key], key
-                for axis in "xy":
-                    assert abs(known["lh2_position"][axis] - robot["lh2_position"][axis]) <= 0.6
-                assert abs(known["battery"] - robot["battery"]) <= 0.021
-            assert set(mirror.robots) == {robot["address"] for robot in told}
-
-    @pytest.mark.parametrize("root", ["/qrkey", "/" + "r" * 64 + "/" + "s" * 64])
-    def test_no_frame_or_part_makes_a_packet_that_mosquitto_would_dribble(self, root):
-        config = LinkConfig(root=root)
-        swarm, frames = Dotbots(1000, 1, lambda: NOW), Frames(config.part_plaintext_bytes)
-        server = ServerSide(config, os.urandom, 0.0)
-        frames.next(swarm.robots(), NOW, 0.0)
-        for robot in swarm.robots():
-            swarm.follow(robot.address, [Point(1234.56, 1765.43)] * 64, 60)
-        for _ in range(3):
-            swarm.join()
-        swarm.step(0.5)
-        tick = frames.next(swarm.robots(), NOW, 0.5)
-        assert len(tick.frames) > 300
-        request = Request(0, "phalanx_" + "f" * 16, {"parts": True})
-        answer = [vocabulary.tell_robot(robot, NOW, 3) for robot in swarm.robots()]
-        sealed = [publish for frame in tick.frames for publish in server.notify(frame, NOW)]
-        sealed += server.reply(request, answer, NOW)
-        assert max(len(publish.payload) + len(publish.topic) + 16 for publish in sealed) <= 4096
-
-    def test_an_answer_in_parts_is_the_answer(self):
-        config = LinkConfig()
-        server = ServerSide(config, os.urandom, 0.0)
-        client = ClientSide(config, os.urandom, server.epoch.pin, "c")
-        ask = client.request(0, NOW)
-        request = server.receive(ask.topic, ask.payload, NOW, 0.0)
-        data = [vocabulary.tell_robot(robot, NOW) for robot in Dotbots(100, 1, lambda: NOW).robots()]
-        said = [client.receive(publish.topic, publish.payload, NOW) for publish in server.reply(request, data, NOW)]
-        assert len(said) > 10
-        assert all(isinstance(part, ReplyPart) for part in said[:-1])
-        assert said[-1] == Reply(0, data)
-        whole = server.reply(replace(request, words={}), data, NOW)
-        assert len(whole) == 1, "who does not read parts gets it in one piece"
-
-    def test_a_swarm_at_rest_is_told_once_a_second(self):
-        robots = Dotbots(3, 1, lambda: NOW).robots()
-        frames = Frames(FRAME_BYTES)
-        told = [frames.next(robots, NOW, tick * 0.1) for tick in range(31)]
-        full = [tick for tick in told if tick]
-        assert len(full) in (3, 4)
-        assert all(len(tick.frames[0]["data"]["robots"]) == 3 for tick in full)
-
-    def test_a_cleared_history_is_told(self):
-        swarm, frames = Dotbots(1, 1, lambda: NOW), Frames(FRAME_BYTES)
-        address = swarm.robots()[0].address
-        swarm.drive(address, 100, 100)
-        swarm.step(0.5)
-        frames.next(swarm.robots(), NOW, 0.0)
-        swarm.clear_history(address)
-        (frame,) = frames.next(swarm.robots(), NOW, 0.1).frames
-        assert frame["data"]["changed"] == [{"address": address, "history_cleared": True}]
 
 
 class TestJoysticks:

@@ -1,9 +1,15 @@
 """`@kernel`: a function that runs compiled over one robot's bytes and numbers, and gives the same bytes uncompiled.
 
-A kernel is written once, as a scalar function in the subset of Python that numba compiles; fleets loop over robots
-inside compiled code, and `kernel.py_func` is the same function uncompiled. Rules a kernel lives by, so that both (and
-any two machines) agree to the bit: float64 with + - * / and `math.sqrt` in a written order; no other function of
-`math`, no sum over an array, no division by what can be zero, no dict and no set.
+An auditor catches a liar by running its controller again and comparing bytes. That must give the same everywhere, or an
+honest robot on another machine would be convicted; and a simulated fleet does it so often that plain Python would take
+hours for minutes. So whatever robots run is written once, as a scalar function in the subset of Python that numba
+compiles: fleets loop over robots inside compiled code, and `kernel.py_func` is the same function uncompiled, as are all
+of them with NUMBA_DISABLE_JIT=1, for a debugger. The first call compiles, which takes seconds and is kept on disk;
+`make setup` makes the first calls.
+
+Rules a kernel lives by, so that both (and any two machines) agree to the bit: float64 with + - * / and `math.sqrt` in a
+written order; no other function of `math`, no sum over an array, no division by what can be zero, no dict and no set.
+Many arrays go to kernels together (bundle.py).
 """
 
 from __future__ import annotations

@@ -13,17 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
+from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.errors import PeerError, UsageError
 from phalanx.wire.fields import Row
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY
+from phalanx.wire.table import (
+    AUDIT_FRAGMENT,
+    AUDIT_TOKEN,
+    ENTRY_HEADER_BYTES,
+    FRAME_MAX,
+    HASH_BYTES,
+    KEY_BYTES,
+    MAC_BYTES,
+    MKEY,
+    STATE,
+)
 
 from . import trusted
 
 REASONS = {code: name.removeprefix("E_").lower() for name, code in vars(trusted).items() if name.startswith("E_")}
-# Of an AUDIT frame that answers, and of what a fragment carries besides its piece of the request.
-REPLY_BYTES = 20
-FRAGMENT_HEADER_BYTES = 10
-STATE_BYTES = 27
 
 
 class Refused(PeerError):
@@ -76,12 +83,13 @@ class Limits:
         Source: RoboRebound §3.8, §5.1; docs/spec/rebound-nodes.md.
         """
         auditors = 2 * config.f_max + 1
-        state_us = fixed_us + STATE_BYTES * ns_per_byte_broadcast / 1000
-        request_bytes = config.t_val_ms / 1000 * config.log_bytes_per_s + 66 + 26 * config.n_max + 300
-        fragments = -(-request_bytes // (config.frame_max_bytes - FRAGMENT_HEADER_BYTES))
-        sent_bytes = request_bytes + fragments * FRAGMENT_HEADER_BYTES
+        state_us = fixed_us + STATE.size * ns_per_byte_broadcast / 1000
+        log_bytes = config.t_val_ms / 1000 * config.log_bytes_per_s
+        request_bytes = log_bytes + CHECKPOINT_BYTES + NEIGHBOUR_BYTES * config.n_max + REQUEST_OVERHEAD_BYTES
+        fragments = -(-request_bytes // (config.frame_max_bytes - AUDIT_FRAGMENT.size))
+        sent_bytes = request_bytes + fragments * AUDIT_FRAGMENT.size
         requests_us = auditors * (fragments * fixed_us + sent_bytes * ns_per_byte_unicast / 1000)
-        replies_us = 6 * config.f_max * (fixed_us + REPLY_BYTES * ns_per_byte_unicast / 1000)
+        replies_us = 6 * config.f_max * (fixed_us + AUDIT_TOKEN.size * ns_per_byte_unicast / 1000)
         audit_us = 2 * (requests_us + replies_us)
         return cls(
             f_max=config.f_max,

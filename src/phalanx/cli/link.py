@@ -11,8 +11,6 @@ import click
 
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.gateway.events import tell_event
-from phalanx.gateway.up import for_at_most
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import BrokerUrl
@@ -196,6 +194,9 @@ def serve(
     events: bool,
 ) -> None:
     """Serve the link alone: answer every request with itself, tell every command to everybody."""
+    # Here, for it brings the simulator along: a visitor need not wait for that.
+    from phalanx.gateway.up import for_at_most  # noqa: PLC0415
+
     config = LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s)
     login = read_login(broker_login)
 
@@ -232,6 +233,8 @@ def _echo(server: Server) -> None:
 
 
 def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> None:
+    from phalanx.gateway.events import tell_event  # noqa: PLC0415  # as in serve
+
     told = tell_event(said, url)
     if told is None:
         return

@@ -8,24 +8,47 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from collections import UserDict
+from importlib import import_module
 
 import click
 
 from phalanx import __version__
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 
-from .attack import attack
-from .doctor import doctor
-from .link import link
-from .mission import mission
-from .reproduce import reproduce
-from .sim import sim
-from .up import up
-
 LEVELS = ("debug", "info", "warning", "error")
+# Each is a module of this package and in it what the module is named for. The words are the first of its own help.
+ABOUT = {
+    "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
+    "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
+    "link": "Who may command: visit a swarm from a terminal, or serve the link alone.",
+    "mission": "What may be done: missions that a robot can only read by living them.",
+    "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
+    "sim": "What is really done: a simulated swarm whose robots audit each other.",
+    "up": "Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.",
+}
+NAMES: dict[str, click.Command] = {name: click.Command(name, help=about) for name, about in ABOUT.items()}
+
+
+class _OnUse(UserDict[str, click.Command]):
+    """Commands by name, each imported when it is looked up: all of them together take more than a second."""
+
+    def __getitem__(self, name: str) -> click.Command:
+        if name not in self.data:
+            raise KeyError(name)
+        command: click.Command = getattr(import_module(f"phalanx.cli.{name}"), name)
+        return command
+
+
+class _Group(click.Group):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        click.Group(commands=NAMES).format_commands(ctx, formatter)
 
 
 @click.group(
+    cls=_Group,
+    commands=_OnUse(NAMES),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog="Example: phalanx up --host 0.0.0.0",
 )
@@ -36,10 +59,6 @@ LEVELS = ("debug", "info", "warning", "error")
 def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
     logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
-
-
-for command in (up, link, mission, sim, attack, reproduce, doctor):
-    phalanx.add_command(command)
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from phalanx.sim.scenario import Scenario
 from phalanx.sim.scenario_file import find_scenario
 
 from .bti_flock_table import HONEST, LIAR, STOPPED, FlockFile, FlockRun, FlockTable, Origin
-from .link_fig4 import _version as version
+from .version import version
 
 CASES = ("honest", "attacked")
 EVERY_S = 5.0

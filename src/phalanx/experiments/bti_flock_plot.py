@@ -9,13 +9,11 @@ import numpy as np
 
 from .bti_flock import CASES, FlockConfig, band, mean_distances_m, read_reference
 from .bti_flock_table import HONEST, LIAR, STOPPED, FlockRun, FlockTable, read_flock_table
-from .figure import new_figure, save_figure
+from .figure import BLUE, GREEN, GREY, VERMILION, dress_axes, legend_above, new_figure, save_figure, write_margins
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's: told apart by every kind of eye, and in grey.
-BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#828282"
 COLOUR = {HONEST: BLUE, LIAR: VERMILION, STOPPED: GREY}
 WORDS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
 # How far from the goal the paper's attacker wants everybody, RoboRebound §5.3.
@@ -38,20 +36,13 @@ def draw_flock(csv: Path, config: FlockConfig) -> tuple[Path, Path]:
         _draw_over_time(over_time, table, config, run)
         _draw_ground(ground, config, run)
         for axes in (over_time, ground):
-            axes.grid(alpha=0.25, linewidth=0.6)
-            axes.spines[["top", "right"]].set_visible(False)
-            # Above the axes, where it covers nothing.
-            axes.legend(
-                fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, frameon=False, borderaxespad=0.2
-            )
-    figure.suptitle(config.title, x=0.01, ha="left")
-    figure.text(
-        0.01,
-        0.01,
+            dress_axes(axes)
+            legend_above(axes, columns=2)
+    write_margins(
+        figure,
+        config.title,
         f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}; "
         f"hollow: an independent script\nphalanx {table.origin.version}",
-        fontsize=7.5,
-        color="0.35",
     )
     figure.tight_layout(rect=(0, 0.04, 1, 1))
     return save_figure(figure, csv)

@@ -5,31 +5,29 @@
     honest,0,0,1,honest,0.000,0.000           one line a robot and sample; state: honest, liar, stopped
     # end {case, seed and the run's summary as JSON}
 
-Only this file reads or writes that CSV. Lines that no `# end` follows belong to a run that was cut short: they are
-ignored when reading and cut off before writing on.
+Only this file reads or writes that CSV (growing_table.py says how). Lines that no `# end` follows belong to a run that
+was cut short.
 """
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import UsageError
+
+from .growing_table import ELSEWHERE, GrowingTable, read_growing_table
 
 HONEST, LIAR, STOPPED = 0, 1, 2
 STATES = ("honest", "liar", "stopped")
 COLUMNS = "case,seed,t_s,robot,state,x_m,y_m"
 END = "# end "
-ELSEWHERE = "use another folder with --out, or move the file away"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,46 +100,21 @@ def read_flock_table(path: Path) -> FlockTable:
     Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
     Source: none.
     """
-    try:
-        table, _ = _parse(path, path.read_bytes())
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "phalanx reproduce makes one") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    return table
+    return _parse(path, read_growing_table(path))[0]
 
 
-class FlockFile:
-    """A CSV that grows by whole runs. Use as `with`: entered, it is ours alone and ends with a whole run.
+class FlockFile(GrowingTable):
+    """The CSV while it grows, by whole runs.
 
     Args:
         path: made if it is not there, with its folder.
         origin: where the runs will come from.
-    Raises: on entering, UsageError: the file has other runs, or another process writes to it; nothing was altered.
-        Unavailable: it cannot be written, on entering or later.
     """
 
     def __init__(self, path: Path, origin: Origin) -> None:
+        super().__init__(path, f"{_mark(origin)}{json.dumps(asdict(origin))}\n{COLUMNS}\n")
         self.done: set[tuple[str, int]] = set()
-        self._path, self._origin, self._fd = path, origin, -1
-
-    def __enter__(self) -> Self:
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._fd = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            raise self._unwritable(error) from error
-        try:
-            self._continue()
-        except BaseException:
-            os.close(self._fd)
-            raise
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        os.close(self._fd)
+        self._origin = origin
 
     def append(self, run: FlockRun) -> None:
         """Write a run, now."""
@@ -154,33 +127,13 @@ class FlockFile:
         self._write("".join(lines) + END + json.dumps(end) + "\n")
         self.done.add((run.case, run.seed))
 
-    def _continue(self) -> None:
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise UsageError(f"another run writes to {self._path}", "wait for it, or choose another --out") from error
-        data = self._path.read_bytes()
-        if data.count(b"\n") < 2 and _mark(self._origin).encode().startswith(data[: len(_mark(self._origin))]):
-            os.ftruncate(self._fd, 0)
-            self._write(f"{_mark(self._origin)}{json.dumps(asdict(self._origin))}\n{COLUMNS}\n")
-            return
-        table, whole = _parse(self._path, data)
+    def _whole(self, data: bytes) -> int:
+        table, whole = _parse(self.path, data)
         for name in ("figure", "scenario", "every_s", "version"):
             if getattr(table.origin, name) != getattr(self._origin, name):
-                raise UsageError(f"{self._path} was measured with another {name}", ELSEWHERE)
-        os.ftruncate(self._fd, whole)
+                raise UsageError(f"{self.path} was measured with another {name}", ELSEWHERE)
         self.done = set(table.runs)
-
-    def _write(self, text: str) -> None:
-        data = memoryview(text.encode())
-        try:
-            while data:
-                data = data[os.write(self._fd, data) :]
-        except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> Unavailable:
-        return Unavailable(f"cannot write {self._path}: {error.strerror}", "choose another folder with --out")
+        return whole
 
 
 def _mark(origin: Origin) -> str:

@@ -1,4 +1,4 @@
-"""How every figure is made and saved: without a display, and never half-written."""
+"""How every figure is made, looks and is saved: without a display, and never half-written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING
 from phalanx.errors import Unavailable
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+# Okabe and Ito's: told apart by every kind of eye, and in grey.
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -27,6 +31,23 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)
     return figure
+
+
+def dress_axes(axes: Axes) -> None:
+    """A faint grid, and no frame where no scale is. Source: none."""
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def legend_above(axes: Axes, columns: int = 1) -> None:
+    """A legend above the axes, where it covers nothing that was measured. Source: none."""
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, frameon=False, borderaxespad=0.2)
+
+
+def write_margins(figure: Figure, title: str, footer: str) -> None:
+    """What it shows, above; where that comes from, below. Source: none."""
+    figure.suptitle(title, x=0.01, ha="left")
+    figure.text(0.01, 0.01, footer, fontsize=7.5, color="0.35")
 
 
 def save_figure(figure: Figure, csv: Path) -> tuple[Path, Path]:

@@ -16,15 +16,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import shutil
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from phalanx import __version__
 from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import OpenError, Unavailable, UsageError
@@ -38,6 +35,7 @@ from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import full_topic
 
 from .link_fig4_table import KINDS, Kind, Origin, Row, RowFile
+from .version import version
 
 log = logging.getLogger(__name__)
 
@@ -102,7 +100,7 @@ async def measure(
             broker=str(running.url) if running.name == "external" else running.name,
             interval_s=config.interval_s,
             lost_after_s=config.lost_after_s,
-            version=_version(),
+            version=version(),
         )
         with RowFile(path, origin) as rows:
             if min(rows.next_seq.values()) < config.packets:
@@ -226,19 +224,3 @@ class _Probe:
 def make_packet(seq: int, now_s: float) -> str:
     """The 20 characters: 7 digits of sequence number, 13 of milliseconds since 1970."""
     return f"{seq:07d}{int(now_s * 1000):013d}"
-
-
-def _version() -> str:
-    """Of this program; with the commit, if it runs from a checkout."""
-    root = Path(__file__).parents[3]
-    git = shutil.which("git")
-    if git is None or not ((root / ".git").exists() and (root / "pyproject.toml").exists()):
-        return __version__
-    command = [git, "-C", str(root), "describe", "--always", "--dirty"]
-    # Without the environment's word git would lock the index, and disturb whoever is committing.
-    quiet = os.environ | {"GIT_OPTIONAL_LOCKS": "0"}
-    try:
-        found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True, env=quiet)
-    except (OSError, subprocess.SubprocessError):
-        return __version__
-    return f"{__version__} ({found.stdout.strip()})"

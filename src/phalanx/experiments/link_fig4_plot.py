@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .figure import new_figure, save_figure
+from .figure import BLUE, VERMILION, dress_axes, legend_above, new_figure, save_figure, write_margins
 from .link_fig4 import PAPER
 from .link_fig4_table import KINDS, SLOW_MS, Kind, Row, Summary, Table, is_slow, read_table, summarize
 
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's blue and vermilion: told apart by every kind of eye, and in grey.
-COLOUR: dict[Kind, str] = {"plain": "#0072B2", "sealed": "#D55E00"}
+COLOUR: dict[Kind, str] = {"plain": BLUE, "sealed": VERMILION}
 SHAPE: dict[Kind, str] = {"plain": "s", "sealed": "D"}
 CROSS: dict[Kind, str] = {"plain": "x", "sealed": "+"}
 TIME_UNITS = ((3 * 3600, "h", 3600), (180, "min", 60), (0, "s", 1))
@@ -43,12 +42,11 @@ def _figure(table: Table) -> Figure:
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
-        axes.grid(alpha=0.25, which="major", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-        # Above the axes, where it covers no packet.
-        axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), frameon=False, borderaxespad=0.2)
-    figure.suptitle("Latency through the broker, with and without sealing (Qrkey Fig. 4)", x=0.01, ha="left")
-    figure.text(0.01, 0.015, _footer(table, summaries), fontsize=7.5, color="0.35")
+        dress_axes(axes)
+        legend_above(axes)
+    write_margins(
+        figure, "Latency through the broker, with and without sealing (Qrkey Fig. 4)", _footer(table, summaries)
+    )
     figure.tight_layout(rect=(0, 0.05, 1, 1))
     return figure
 

@@ -1,24 +1,21 @@
 """The rows of Fig. 4: a CSV that grows a line a packet, and the figures of the paper computed from it.
 
-Only this file reads or writes that CSV. A line without its newline was cut short by a crash and is no line: it is
-ignored when reading and cut off before writing on. Nothing else is ever altered.
+Only this file reads or writes that CSV (growing_table.py says how). A line without its newline was cut short.
 """
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import json
 import math
-import os
 import statistics
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self, cast, get_args
+from typing import Literal, cast, get_args
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import UsageError
+
+from .growing_table import ELSEWHERE, GrowingTable, read_growing_table
 
 Kind = Literal["plain", "sealed"]
 Outcome = Literal["back", "lost", "late", "cut"]
@@ -26,7 +23,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 MARK = "# phalanx link-fig4 "
 COLUMNS = "seq,kind,sent_at_s,outcome,latency_ms"
 SLOW_MS = 200.0  # the paper's limit
-ELSEWHERE = "measure elsewhere with --out, or move the file away"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,98 +152,43 @@ def read_table(path: Path) -> Table:
 
     Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
     """
-    try:
-        return _parse(path, path.read_bytes())
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "phalanx reproduce link-fig4 measures one") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    return _parse(path, read_growing_table(path))
 
 
-class RowFile:
-    """A CSV that grows. Use as `with`: entered, it is ours alone and ends with a whole line.
+class RowFile(GrowingTable):
+    """The CSV while it grows, by rows.
 
     Args:
         path: made if it is not there, with its folder.
         origin: where the rows will come from.
-    Raises: on entering, UsageError: the file has other rows, or another run writes to it; nothing was altered.
-        Unavailable: it cannot be written, on entering or later.
     """
 
     def __init__(self, path: Path, origin: Origin) -> None:
-        self.path = path
+        super().__init__(path, f"{MARK}{json.dumps(asdict(origin))}\n{COLUMNS}\n")
         self.next_seq: dict[Kind, int] = dict.fromkeys(KINDS, 0)
         self._origin = origin
-        self._fd = -1
-
-    def __enter__(self) -> Self:
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as error:
-            raise self._unwritable(error) from error
-        try:
-            self._continue()
-        except BaseException:
-            os.close(self._fd)
-            raise
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        os.close(self._fd)
 
     def append(self, row: Row) -> None:
-        """Write a row, now: whatever happens to us later, it is there."""
+        """Write a row, now."""
         latency = "" if row.latency_ms is None else f"{row.latency_ms:.3f}"
         self._write(f"{row.seq},{row.kind},{row.sent_at_s:.3f},{row.outcome},{latency}\n")
 
-    def _continue(self) -> None:
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise UsageError(f"another run writes to {self.path}", "wait for it, or choose another --out") from error
-        data = self.path.read_bytes()
-        begun = data.rfind(b"\n") + 1
-        if not begun and MARK.encode().startswith(data[: len(MARK)]):
-            self._truncate(0)
-            words = {name: getattr(self._origin, name) for name in Origin.__dataclass_fields__}
-            self._write(f"{MARK}{json.dumps(words)}\n{COLUMNS}\n")
-            return
+    def _whole(self, data: bytes) -> int:
         table = _parse(self.path, data)
         for name in ("broker", "interval_s", "lost_after_s"):
             theirs, ours = getattr(table.origin, name), getattr(self._origin, name)
             if theirs != ours:
                 raise UsageError(f"{self.path} was measured with {name} {theirs}, this run has {ours}", ELSEWHERE)
-        self._truncate(begun)
-        if begun == data.find(b"\n") + 1:  # we died between the two lines of the head
-            self._write(f"{COLUMNS}\n")
         for kind, rows in table.rows.items():
             self.next_seq[kind] = rows[-1].seq + 1 if rows else 0
-
-    def _truncate(self, size: int) -> None:
-        try:
-            os.ftruncate(self._fd, size)
-        except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _write(self, text: str) -> None:
-        try:
-            if os.write(self._fd, text.encode()) != len(text):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> Unavailable:
-        return Unavailable(f"cannot write {self.path}: {error.strerror}", "choose another folder with --out")
+        return data.rfind(b"\n") + 1
 
 
 def _parse(path: Path, data: bytes) -> Table:
     lines = _whole_lines(path, data)
     origin = _parse_origin(path, next(lines, (1, ""))[1])
     packets: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
-    if next(lines, (2, COLUMNS))[1] != COLUMNS:
+    if next(lines, (2, ""))[1] != COLUMNS:
         raise UsageError(f"{path} has other columns", ELSEWHERE)
     for number, line in lines:
         try:

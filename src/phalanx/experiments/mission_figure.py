@@ -8,15 +8,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bti_flock import Statement
-from .figure import new_figure, save_figure
-from .link_fig4 import _version as version
+from .figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    dress_axes,
+    new_figure,
+    save_figure,
+    write_margins,
+)
 from .mission_table import CaseFile, CaseTable, Rows, read_case_table
+from .version import version
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
-# Okabe and Ito's: told apart by every kind of eye, and in grey.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
+__all__ = ["BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "VERMILION", "MissionFigure", "draw", "measure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,16 +85,9 @@ def draw(csv: Path, figure: MissionFigure) -> tuple[Path, Path]:
     picture = new_figure(*figure.size_in)
     figure.draw(table, picture)
     for axes in picture.axes:
-        axes.grid(alpha=0.25, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
-    picture.suptitle(figure.about, x=0.01, ha="left", fontsize=11)
+        dress_axes(axes)
     cases = list(table.cases)
-    picture.text(
-        0.01,
-        0.01,
-        f"{len(cases)} cases, {cases[0]} to {cases[-1]}; phalanx {table.version}",
-        fontsize=7.5,
-        color="0.35",
-    )
+    footer = f"{len(cases)} cases, {cases[0]} to {cases[-1]}; phalanx {table.version}"
+    write_margins(picture, figure.about, footer)
     picture.tight_layout(rect=(0, 0.03, 1, 0.98))
     return save_figure(picture, csv)

@@ -5,27 +5,24 @@
     fixed;3;0.06;0;seed 4,1.41,...          as many lines as the case has
     # end fixed;3;0.06;0;seed 4
 
-Only this file reads or writes that CSV. Lines that no `# end` follows belong to a case that was cut short: they are
-ignored when reading and cut off before writing on.
+Only this file reads or writes that CSV (growing_table.py says how). Lines that no `# end` follows belong to a case that
+was cut short.
 """
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import UsageError
+
+from .growing_table import ELSEWHERE, GrowingTable, read_growing_table
 
 END = "# end "
-ELSEWHERE = "use another folder with --out, or move the file away"
 Rows = NDArray[np.float64]
 
 
@@ -57,86 +54,34 @@ def read_case_table(path: Path) -> CaseTable:
     Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
     Source: none.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "phalanx reproduce makes one") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    return _parse(path, data)[0]
+    return _parse(path, read_growing_table(path))[0]
 
 
-class CaseFile:
-    """A CSV that grows by whole cases. Use as `with`: entered, it is ours alone and ends with a whole case.
+class CaseFile(GrowingTable):
+    """The CSV while it grows, by whole cases.
 
     Args:
         path: made if it is not there, with its folder.
         figure, version, columns: all must agree for two measurements to share a file.
-    Raises: on entering, UsageError: the file is another measurement's, or another process writes to it.
-    Source: none.
     """
 
     def __init__(self, path: Path, figure: str, version: str, columns: tuple[str, ...]) -> None:
-        self._path = path
-        self._head = f"# phalanx {figure} {json.dumps({'version': version})}\n{','.join(('case', *columns))}\n"
-        self._file: IO[bytes] | None = None
+        head = f"# phalanx {figure} {json.dumps({'version': version})}\n{','.join(('case', *columns))}\n"
+        super().__init__(path, head)
         self.done: set[str] = set()
 
-    def __enter__(self) -> Self:
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._path.open("a+b")
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._file.seek(0)
-            data = self._file.read()
-            if not data:
-                self._file.write(self._head.encode())
-            else:
-                self._go_on(data)
-            self._file.flush()
-        except BlockingIOError as error:
-            self._close()
-            raise UsageError(f"another process writes to {self._path}", "wait for it, or use another --out") from error
-        except OSError as error:
-            self._close()
-            raise Unavailable(f"cannot write {self._path}: {error.strerror}") from error
-        except BaseException:
-            self._close()
-            raise
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._close()
-
     def append(self, case: str, rows: Rows) -> None:
-        """Write a whole case.
-
-        Raises: Unavailable: the disk is full.
-        """
-        assert self._file is not None, "used outside of `with`"
+        """Write a whole case, now."""
         lines = [f"{case},{','.join(format(value, '.6g') for value in row)}\n" for row in rows.tolist()]
-        try:
-            self._file.write("".join([*lines, f"{END}{case}\n"]).encode())
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise Unavailable(f"cannot write {self._path}: {error.strerror}") from error
+        self._write("".join([*lines, f"{END}{case}\n"]))
         self.done.add(case)
 
-    def _go_on(self, data: bytes) -> None:
-        assert self._file is not None, "opened before"
-        table, whole = _parse(self._path, data)
+    def _whole(self, data: bytes) -> int:
+        table, whole = _parse(self.path, data)
         if not data.startswith(self._head.encode()):
-            raise UsageError(f"{self._path} was measured by another version or for another figure", ELSEWHERE)
-        self._file.truncate(whole)
+            raise UsageError(f"{self.path} was measured by another version or for another figure", ELSEWHERE)
         self.done = set(table.cases)
-
-    def _close(self) -> None:
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        return whole
 
 
 def _parse(path: Path, data: bytes) -> tuple[CaseTable, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -69,7 +70,7 @@ class Built:
     key: StartKey
 
 
-class Maker:
+class Maker(ABC):
     """What both profiles share: numbering, headers, offsets."""
 
     def __init__(self, mission: Mission, options: BuildOptions, random: Random) -> None:
@@ -86,9 +87,9 @@ class Maker:
         # Nobody in the mission sends these: a controller does, and finds them in the key file.
         self.external = {name: random(32) for name in waited if name not in self.sent}
 
+    @abstractmethod
     def part(self, part: str, spread: Spread) -> Built:
         """One robot's half."""
-        raise NotImplementedError
 
     def header(self, nodes: list[Node], shapes: Iterable[Shape] = ()) -> Header:
         """The header of a part, with an id of its own."""

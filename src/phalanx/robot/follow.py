@@ -5,8 +5,14 @@ Replayable (RoboRebound §3.7): only + - * / and sqrt on floats, whole percents 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+
+from .controllers.fields import whole
 
 FULL_PCT = 100.0
 TURN_PCT = 45.0
@@ -14,25 +20,53 @@ SLOW_WITHIN_MM = 150.0
 SLOWEST = 0.25
 
 
+@kernel
+def percent(value: int) -> int:
+    """`value`, or the end of -100..100 that it is beyond. Source: none."""
+    return min(max(value, whole(-FULL_PCT)), whole(FULL_PCT))
+
+
+@kernel
+def steer(ahead_mm: float, right_mm: float, distance_mm: float) -> tuple[int, int]:
+    """Wheel commands of one robot towards its goal.
+
+    Args:
+        ahead_mm: how far the goal lies in front of it.
+        right_mm: how far it lies to its right.
+        distance_mm: how far it lies away.
+    Returns: left and right, -100..100 percent; zero within 1e-6 mm of the goal.
+    Source: none.
+    """
+    if distance_mm < 1e-6:
+        return whole(0), whole(0)
+    slow = min(max(distance_mm / SLOW_WITHIN_MM, SLOWEST), 1.0)
+    # Straight on as far as the goal is in front; behind, turn on the spot, to the right if it lies dead astern.
+    if ahead_mm > 0.0:
+        speed, turn = FULL_PCT * (ahead_mm / distance_mm) * slow, TURN_PCT * (right_mm / distance_mm)
+    else:
+        speed, turn = 0.0, (-TURN_PCT if right_mm < 0.0 else TURN_PCT)
+    return percent(_nearest(speed + turn)), percent(_nearest(speed - turn))
+
+
+@kernel
+def _nearest(value: float) -> int:
+    return whole(value + (0.5 if value >= 0.0 else -0.5))
+
+
+@kernel
 def wheels_towards(
     ahead_mm: NDArray[np.float64], right_mm: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Wheel commands of N robots towards a goal each.
+    """`steer` for N robots with a goal each.
 
     Args:
-        ahead_mm: (N,), how far the goal lies in front of the robot.
-        right_mm: (N,), how far it lies to the right.
-    Returns: left and right, (N,) each, -100..100 percent; zero for a robot within 1e-6 mm of its goal.
+        ahead_mm: (N,).
+        right_mm: (N,).
+    Returns: left and right, (N,) each.
     Source: none.
     """
-    distance = np.sqrt(ahead_mm * ahead_mm + right_mm * right_mm)
-    near = distance < 1e-6
-    scale = np.where(near, 1.0, distance)
-    cos, sin = ahead_mm / scale, right_mm / scale
-    # Straight on as far as the goal is in front; behind, turn on the spot, to the right if it lies dead astern.
-    speed = FULL_PCT * np.maximum(cos, 0.0) * np.clip(distance / SLOW_WITHIN_MM, SLOWEST, 1.0)
-    turn = TURN_PCT * np.where(cos > 0.0, sin, np.where(sin < 0.0, -1.0, 1.0))
-    keep = np.where(near, 0.0, 1.0)
-    left = np.clip(speed + turn, -FULL_PCT, FULL_PCT) * keep
-    right = np.clip(speed - turn, -FULL_PCT, FULL_PCT) * keep
-    return np.rint(left).astype(np.int64), np.rint(right).astype(np.int64)
+    left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)
+    for i in range(len(ahead_mm)):
+        ahead, aside = ahead_mm[i], right_mm[i]
+        left[i], right[i] = steer(ahead, aside, math.sqrt(ahead * ahead + aside * aside))
+    return left, right

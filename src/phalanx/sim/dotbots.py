@@ -86,6 +86,7 @@ class Dotbots:
         self._trail_x, self._trail_y = empty, empty
         self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
         self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+        wheels_towards(empty, empty)  # its first call compiles: not while visitors drive
         for _ in range(count):
             self.join()
 

@@ -38,6 +38,10 @@ ENTRY_HEADER_BYTES = ENTRY.size
 KIND_STATE = 0x01
 KIND_SENSOR = 0x02
 KIND_ACCELERATION = 0x03
+KIND_ORDER = 0x04
+KIND_WHEELS_COMMAND = 0x05
+KIND_WHEELS_SENSOR = 0x06
+KIND_WHEELS_STATE = 0x07
 KIND_AUDIT = 0x80  # the bit that keeps a frame out of the chains
 
 _MOTION = (
@@ -60,6 +64,43 @@ ACCELERATION = Record(
     ),
     "command to the actuators",
     KIND_ACCELERATION,
+)
+
+# Robots that visitors drive (docs/spec/vocabulary.md): x to the right, y down.
+ORDER = Record(
+    "order",
+    (
+        Field("id", "u16", "of the robot that is told"),
+        Field("number", "u32", "above that of the last order to it"),
+        Field("action", "u8", "1 wheels, 2 LED, 3 route"),
+        Field("body", "rest", "as the action has it (robot/controllers/orders.py)"),
+    ),
+    "what a gateway tells a robot",
+    KIND_ORDER,
+)
+_POSE = (
+    Field("id", "u16", "robot id"),
+    Field("t", "u64", "ms, sender's clock"),
+    Field("x_mm", "f32", "position"),
+    Field("y_mm", "f32", ""),
+    Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
+)
+_LED = (Field("red", "u8", ""), Field("green", "u8", ""), Field("blue", "u8", ""))
+WHEELS_COMMAND = Record(
+    "wheels_command",
+    (
+        Field("id", "u16", "robot id"),
+        Field("t", "u64", "ms, sender's clock"),
+        Field("left", "u8", "percent, two's complement"),
+        Field("right", "u8", "the same"),
+        *_LED,
+    ),
+    "command to wheels and LED",
+    KIND_WHEELS_COMMAND,
+)
+WHEELS_SENSOR = Record("wheels_sensor", _POSE, "reading of the pose sensor", KIND_WHEELS_SENSOR)
+WHEELS_STATE = Record(
+    "wheels_state", (*_POSE, *_LED), "broadcast: where a driven robot is and how it shines", KIND_WHEELS_STATE
 )
 
 HELLO = 0
@@ -127,6 +168,7 @@ TOKEN = Record(
     0x14,
 )
 
-PAYLOADS = (STATE, SENSOR, ACCELERATION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
+DRIVEN = (ORDER, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
+PAYLOADS = (STATE, SENSOR, ACCELERATION, *DRIVEN, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
 RECORDS = (ENTRY, *PAYLOADS, *MACED)

@@ -1,8 +1,8 @@
 """What a gateway tells robots that visitors drive, as radio frames.
 
-`0x04`, robot id u16, number u32, action u8, and then, little-endian:
+The record `order` (phalanx.wire.table), whose body is, little-endian:
 
-| action | bytes |
+| action | body |
 |---|---|
 | 1 wheels | left i8, right i8: percent |
 | 2 LED | red, green, blue u8 |
@@ -17,10 +17,10 @@ import struct
 from collections.abc import Sequence
 
 from phalanx.errors import UsageError
+from phalanx.wire.table import ORDER
 
-KIND_ORDER = 0x04
 WHEELS, LED, ROUTE = 1, 2, 3
-ID, NUMBER, ACTION, BODY = 1, 3, 7, 8  # offsets
+ID, NUMBER, ACTION, BODY = map(ORDER.offset, ("id", "number", "action", "body"))
 POINTS = BODY + 3
 POINT_BYTES = 4
 WAYPOINTS_MAX = 32
@@ -64,6 +64,7 @@ def _order(robot: int, number: int, action: int, form: str, *values: int) -> byt
     if robot < 1 or number < 1:
         raise UsageError(f"order {number} for robot {robot}", "both count from 1")
     try:
-        return struct.pack(f"<BHIB{form}", KIND_ORDER, robot, number, action, *values)
+        body = struct.pack(f"<{form}", *values)
     except struct.error as error:
         raise UsageError(f"order {number} for robot {robot}: {error}") from error
+    return ORDER.encode(id=robot, number=number, action=action, body=body)

@@ -1,11 +1,7 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-| what | bytes, little-endian |
-|---|---|
-| sensor reading | `0x06`, id u16, t u64, x f32 (mm), y f32 (mm), direction f32 (degrees): 23 |
-| order | see orders.py |
-| broadcast | `0x07`, id u16, t u64, x f32, y f32, direction f32, red, green, blue u8: 26 |
-| command | `0x05`, id u16, t u64, left i8, right i8 (percent), red, green, blue u8: 16 |
+Reads the sensor's record `wheels_sensor` (mm, degrees), hears `order`, broadcasts `wheels_state`, commands
+`wheels_command` (phalanx.wire.table; what is in an order: orders.py).
 
 Its own state is x f32, y f32, direction f32, left i8, right i8, heard u64 (ms), red, green, blue u8, number u32,
 threshold u16 (mm), n u8, n times x u16, y u16 (mm): 32 + 4 n bytes.
@@ -27,22 +23,32 @@ import numpy as np
 
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
-from phalanx.robot.follow import FULL_PCT, SLOW_WITHIN_MM, SLOWEST, TURN_PCT
+from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire.fields import copy, get_u16, get_u32, put_u16, put_u64
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND
+from phalanx.wire.table import (
+    ENTRY_ACMD,
+    ENTRY_SEND,
+    KIND_ORDER,
+    KIND_WHEELS_COMMAND,
+    KIND_WHEELS_SENSOR,
+    KIND_WHEELS_STATE,
+    WHEELS_COMMAND,
+    WHEELS_SENSOR,
+    WHEELS_STATE,
+)
 
 from . import orders
 from .fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
 from .outputs import put_head
 from .sine import sine_cosine
 
-KIND_COMMAND = 0x05
-KIND_READING = 0x06
-KIND_STATE = 0x07
-READING_BYTES = 23
-COMMAND_BYTES = 16
-STATE_BYTES = 26
-ID, TIME, BODY = 1, 3, 11  # offsets in all three
+KIND_COMMAND = KIND_WHEELS_COMMAND
+KIND_READING = KIND_WHEELS_SENSOR
+READING_BYTES = WHEELS_SENSOR.size
+COMMAND_BYTES = WHEELS_COMMAND.size
+STATE_BYTES = WHEELS_STATE.size
+ID, TIME = WHEELS_STATE.offset("id"), WHEELS_STATE.offset("t")  # as in the other two
+BODY = WHEELS_STATE.offset("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = 12
 LED_BYTES = 3
 
@@ -94,14 +100,14 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
 
     Source: docs/spec/vocabulary.md.
     """
-    if length <= orders.BODY or frame[0] != orders.KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
+    if length <= orders.BODY or frame[0] != KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
         return size(state)
     action, body = frame[orders.ACTION], orders.BODY
     if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
         return size(state)
     if action == orders.WHEELS and length == body + 2:
-        state[LEFT] = _percent(get_i8(frame, body)) & 255
-        state[RIGHT] = _percent(get_i8(frame, body + 1)) & 255
+        state[LEFT] = percent(get_i8(frame, body)) & 255
+        state[RIGHT] = percent(get_i8(frame, body + 1)) & 255
         put_u64(state, HEARD, t_ms)
         state[COUNT] = 0
     elif action == orders.LED and length == body + LED_BYTES:
@@ -148,7 +154,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     copy(out, end + 2, state, LED, LED_BYTES)
     end += 2 + LED_BYTES
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
-        end = _put_message_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_STATE, rob_id, t_ms)
+        end = _put_message_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, 0, POSE_BYTES)
         copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
         end += POSE_BYTES + LED_BYTES
@@ -166,12 +172,6 @@ def _put_message_head(out: Row, at: int, entry: int, length: int, kind: int, rob
 
 
 @kernel
-def _percent(value: int) -> int:
-    """`value`, or the end of -100..100 that it is beyond: a byte holds more."""
-    return min(max(value, whole(-FULL_PCT)), whole(FULL_PCT))
-
-
-@kernel
 def _drop_reached(state: Row) -> None:
     """The route begins with a point that is not reached yet, or is empty."""
     near = get_u16(state, THRESHOLD)
@@ -185,20 +185,7 @@ def _drop_reached(state: Row) -> None:
 
 @kernel
 def _towards(state: Row) -> tuple[int, int]:
-    """Left and right, percent, towards the first point of the route: the geometry of `phalanx.robot.wheels_towards`."""
+    """Left and right, percent, towards the first point of the route."""
     dx, dy = get_u16(state, ROUTE) - get_f32(state, X), get_u16(state, ROUTE + 2) - get_f32(state, Y)
     sin, cos = sine_cosine(get_f32(state, DIRECTION))
-    ahead, right = dy * cos - dx * sin, -dx * cos - dy * sin
-    # Never 0: a point that near is reached, the threshold being 1 mm or more.
-    distance = math.sqrt(dx * dx + dy * dy)
-    slow = min(max(distance / SLOW_WITHIN_MM, SLOWEST), 1.0)
-    if ahead > 0.0:
-        speed, turn = FULL_PCT * (ahead / distance) * slow, TURN_PCT * (right / distance)
-    else:
-        speed, turn = 0.0, (-TURN_PCT if right < 0.0 else TURN_PCT)
-    return _percent(_nearest(speed + turn)), _percent(_nearest(speed - turn))
-
-
-@kernel
-def _nearest(value: float) -> int:
-    return whole(value + (0.5 if value >= 0.0 else -0.5))
+    return steer(dy * cos - dx * sin, -dx * cos - dy * sin, math.sqrt(dx * dx + dy * dy))

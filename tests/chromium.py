@@ -1,0 +1,75 @@
+"""A page in a real browser, on an insecure origin as phones see it (the fixture `browser` is in conftest.py)."""
+
+from __future__ import annotations
+
+import re
+import time
+from contextlib import contextmanager
+
+# Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
+HOST = "swarm.test"
+FLAGS = [
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
+]
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+@contextmanager
+def a_page(browser, *scripts: str, **options):
+    """A page of its own browser context that fails the test if it logs an error or breaks its policy."""
+    context = browser.new_context(**(options or PHONE))
+    for script in scripts:
+        context.add_init_script(script)
+    page = context.new_page()
+    trouble: list[str] = []
+    page.on("pageerror", lambda error: trouble.append(str(error)))
+    page.on(
+        "console",
+        lambda message: (
+            trouble.append(message.text)
+            if message.type == "error" and not re.search("WebSocket connection|ERR_|status of 401", message.text)
+            else None
+        ),
+    )
+    try:
+        yield page
+        assert not trouble
+    finally:
+        context.close()
+
+
+def insecure(url: str) -> str:
+    return url.replace("http://127.0.0.1", f"http://{HOST}", 1)
+
+
+def badge(page, state: str, timeout_s: float = 15) -> str:
+    found = page.locator(f"[data-testid=badge][data-state={state}]")
+    found.wait_for(timeout=timeout_s * 1000)
+    return found.inner_text()
+
+
+def choose(page, name: str) -> None:
+    select = page.get_by_test_id("robot-select")
+    select.select_option(
+        label=next(text for text in select.locator("option").all_inner_texts() if text.startswith(name))
+    )
+
+
+def moves(up, address_end: str = "") -> list[dict]:
+    return [
+        e["payload"] for e in up.events("command") if e["name"] == "move_raw" and e["address"].endswith(address_end)
+    ]
+
+
+def wait_until(condition, timeout_s: float = 10):
+    deadline = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return value
