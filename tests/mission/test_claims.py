@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, fork, walk, walker_of
+from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, fork, walk, walker_for, walker_of
 
+from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
-from phalanx.mission.claims import Claim, allowed, opens, parse_claim, shows
-from phalanx.mission.observable import Offset
+from phalanx.mission.canonical import Shape
+from phalanx.mission.claims import Claim, Unshown, allowed, opens, parse_claim, shows
+from phalanx.mission.observable import Cell, Offset
+from phalanx.mission.search import turns_of
 
 both = pytest.mark.parametrize("profile", BOTH)
+
+
+def mark_of(one, opened):
+    """H of a decoded node: what chained nodes after it need in the paper profile."""
+    return one.mission.nodes[opened.node].aliases[opened.alias].mark
 
 
 def decodes(mission, one):
@@ -26,7 +35,7 @@ def decodes(mission, one):
             state, outcome = walker.step(state, seen)
             if outcome.decoded:
                 out.append((seen, outcome.decoded.claim, released))
-                released = outcome.decoded.released
+                released = mark_of(one, outcome.decoded)
                 break
     return out
 
@@ -140,3 +149,127 @@ def test_a_claim_says_nothing_of_what_a_node_opens():
             value for value in (getattr(node.claim, field.name) for field in fields(Claim)) if isinstance(value, bytes)
         )
         assert not [secret for secret in secrets if secret in shown]
+
+
+class TestTurnedHeadings:
+    """Two doors, and a robot whose heading is 4.5 degrees off: neither match counts without the other."""
+
+    TURN = math.radians(4.5)
+    DOORS = (Landmark("doorway", 6.0, 1.0, 0.3), Landmark("doorway", 7.0, -2.0, 0.9))
+
+    def seen(self, *landmarks: Landmark) -> Experience:
+        cosine, sine = math.cos(self.TURN), math.sin(self.TURN)
+        turned = (
+            replace(
+                door,
+                x_m=cosine * door.x_m + sine * door.y_m,
+                y_m=cosine * door.y_m - sine * door.x_m,
+                orientation_rad=door.orientation_rad - self.TURN,
+            )
+            for door in landmarks
+        )
+        return Experience(5.0, 0, 0, -self.TURN, 8.0, tuple(turned))
+
+    def begun(self):
+        draft = Draft("turn")
+        draft.node("start", Position(0, 0), start=True)
+        for i, door in enumerate(self.DOORS):
+            draft.node(f"d{i}", door)
+            draft.way("start", f"d{i}")
+        walker = walker_for(draft, Profile.PAPER, MissionConfig(tolerance_m=0.1))
+        return walker, walker.step(State(), Experience(0, 0, 0, 0))[0]
+
+    def test_both_are_shown_and_either_alone_is_not_believed(self):
+        walker, state = self.begun()
+        seen = self.seen(*self.DOORS)
+        state, claims = walker.look(state, seen)
+        assert len(claims) == 2
+        assert claims[0].turn_rad == claims[1].turn_rad == pytest.approx(self.TURN)
+        after, outcome = walker.advance(state, seen, claims)
+        assert outcome.decoded.node == claims[0].node
+        assert outcome.fix.heading_rad == pytest.approx(0.0, abs=0.03)
+        assert len(after.opened) == 2
+        first, second = claims
+        for forged in (
+            (first,),
+            (second,),
+            (first, first),
+            (replace(first, turn_rad=0.0), second),
+            (replace(first, turn_rad=0.05), replace(second, turn_rad=0.05)),
+            (first, replace(second, turn_rad=-second.turn_rad)),
+        ):
+            with pytest.raises(Unshown):
+                walker.advance(state, seen, forged)
+
+    def test_with_one_door_in_sight_nothing_is_claimed(self):
+        walker, state = self.begun()
+        assert walker.look(state, self.seen(self.DOORS[0]))[1] == ()
+
+    def test_a_second_claim_where_none_is_needed_is_refused(self):
+        walker, state = self.begun()
+        seen = Experience(5.0, 0, 0, 0, 8.0, self.DOORS)
+        state, claims = walker.look(state, seen)
+        assert len(claims) == 1
+        with pytest.raises(Unshown):
+            walker.advance(state, seen, claims * 2)
+
+
+def test_an_offset_is_no_lever_beyond_half_a_bin():
+    """With any offset a robot could say of any orientation that it lies in the bin that opens the node."""
+    mission = cheap(corridor(3), Profile.SEALED)
+    one = built(mission, Profile.SEALED)
+    seen, claim, _ = decodes(mission, one)[1]
+    half = one.mission.header.coding.bin_rad / 2 * 1e4
+    askew = replace(seen, landmarks=tuple(replace(each, orientation_rad=1.0) for each in seen.landmarks))
+    assert not shows(one.mission, STRAIGHT, claim, askew)
+    shifted = claim.offset._replace(orientation=round(1e4 * (1.0 - seen.landmarks[0].orientation_rad)))
+    assert abs(shifted.orientation) > half
+    assert not shows(one.mission, STRAIGHT, replace(claim, offset=shifted), askew)
+    assert not shows(one.mission, STRAIGHT, replace(claim, offset=claim.offset._replace(area=20_000)), seen)
+
+
+def test_where_a_node_has_one_alias_its_payload_says_where_it_is():
+    mission = cheap(corridor(3), Profile.SEALED)
+    one = built(mission, Profile.SEALED)
+    walker = walker_of(one)
+    state, _ = walker.step(State(), at(mission, *mission.nodes[0].place, 1.0))
+    seen = at(mission, *mission.nodes[1].place, 2.0)
+    state, (claim,) = walker.look(state, seen)
+    assert walker.advance(state, seen, (claim,))[1].decoded
+    for offset in (claim.offset._replace(x=claim.offset.x + 50), claim.offset._replace(y=claim.offset.y - 50)):
+        with pytest.raises(Unshown):
+            walker.advance(state, seen, (replace(claim, offset=offset),))
+
+
+i16, i32 = st.integers(-(1 << 15), (1 << 15) - 1), st.integers(-(1 << 31), (1 << 31) - 1)
+shapes = st.builds(
+    Shape,
+    st.integers(0, 6),
+    *[st.integers(0, 1)] * 3,
+    *[st.integers(0, 3)] * 2,
+    *[st.integers(0, 1)] * 3,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 3),
+    st.integers(0, 1),
+    shapes,
+    st.builds(Offset, i16, i16, i16, i16),
+    st.builds(Cell, i32, i32, i16, i32),
+    st.binary(max_size=80),
+    st.binary(max_size=32),
+    st.sampled_from((0.0, -0.0, *turns_of(MissionConfig()), 0.3)),
+    st.sampled_from(BOTH),
+)
+def test_claims_of_whatever_fields_are_refused_by_type(node, alias, shape, offset, cell, observed, salt, turn, profile):
+    mission = cheap(corridor(3), profile)
+    one = built(mission, profile)
+    walker = walker_of(one, MissionConfig())
+    state, _ = walker.step(State(), at(mission, *mission.nodes[0].place, 1.0))
+    seen = replace(at(mission, 4, 0, 2.0), sensors=(b"a", b"b"), messages=(b"c",))
+    claim = Claim(node, alias, shape, offset, cell, observed, salt, turn)
+    for claims in ((claim,), (claim, claim)):
+        with pytest.raises(PeerError):
+            walker.advance(state, seen, claims)

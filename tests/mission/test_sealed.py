@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import CHEAP, at, built, cheap, corridor, draws, walk, walker_of
+from worlds import CHEAP, at, built, cheap, corridor, draws, until_decoded, walk, walker_of
 
 from phalanx.crypto import scrypt as scrypt_module
 from phalanx.mission import (
@@ -18,12 +18,14 @@ from phalanx.mission import (
     Position,
     Profile,
     Sensor,
+    State,
     Time,
     build,
     making_sealed,
     sealed,
 )
 from phalanx.mission.gate import Gate, Hint, StartKey, join_shares, parse_start_key
+from phalanx.mission.keyring import Keyring
 from phalanx.mission.records import Header, NodeRecord
 from phalanx.mission.refused import MalformedMission
 
@@ -178,3 +180,25 @@ def test_slow_tries_are_made_once_and_few_at_a_time():
     last, _ = steps[-1]
     again = walker.step(last, at(mission, 5.0, 30.0, last.t_s + 1, range_m=60.0))[1]
     assert again.trials == 0, "all that can be tried here was tried"
+
+
+def test_what_a_claim_opens_does_not_open_what_comes_next():
+    """An auditor has observation and salt of a decode, so the node's payload; and no way to begin to try the next."""
+    mission = cheap(corridor(4), Profile.SEALED)
+    one = built(mission, Profile.SEALED)
+    robot, state = walker_of(one), State()
+    for node in mission.nodes[:2]:
+        seen = at(mission, *node.place, 1.0 + state.left_at_m)
+        state, outcome = until_decoded(robot, state, seen)
+        assert outcome.decoded
+    claim, header = outcome.decoded.claim, one.mission.header
+    _, key = sealed.try_observation(header, claim.observed, claim.salt)
+    record = one.mission.nodes[1]
+    secret = sealed.open_secret(header, 1, claim.alias, key, record.aliases[claim.alias].secret)
+    told = sealed.open_payload(header, 1, record, secret).ways[0].gate
+    assert told.share != state.keys.gates[1, 2].share
+    assert told.hints == state.keys.gates[1, 2].hints
+    after = at(mission, *mission.nodes[2].place, 9.0)
+    assert until_decoded(robot, state, after)[1].decoded.node == 2
+    guessed = Keyring(gates={(1, 2): told})
+    assert until_decoded(robot, replace(state, keys=guessed), after)[1].decoded is None

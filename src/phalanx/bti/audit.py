@@ -20,7 +20,7 @@ from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u32, same
 
 from . import trusted
 from .fleet import BOUND, PAPER, Fleet, records
-from .log import CHECKPOINT, FLUSH_A, FLUSH_S, MARK
+from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
 from .request import (
     AT_AUTH_A,
@@ -60,6 +60,7 @@ CASE = np.dtype(
         ("entry_t", "i8"),
         ("payload_at", "i8"),
         ("payload_len", "i8"),
+        ("evidence_len", "i8"),  # of the INPUT's, in `work.evidence`
         ("waiting", "i8"),  # bytes of expected outputs in `work.waiting`
     ],
     align=True,
@@ -76,6 +77,7 @@ class Work(NamedTuple):
         state: the replayed controller's state, behind 48 bytes for the rest of a checkpoint.
         out: outputs of one step of the controller.
         waiting: outputs that the log still has to show.
+        evidence: what the log keeps beside the INPUT; as long as the longest that is read, 0 where there is none.
         small: (4, 32): token requests, authenticators, hashes.
         frame, entry: a radio frame and a chained entry.
         told: (8,) int64: what happened, for whoever called (see robot/node.py).
@@ -88,6 +90,7 @@ class Work(NamedTuple):
     state: NDArray[np.uint8]
     out: NDArray[np.uint8]
     waiting: NDArray[np.uint8]
+    evidence: NDArray[np.uint8]
     small: NDArray[np.uint8]
     frame: NDArray[np.uint8]
     entry: NDArray[np.uint8]
@@ -113,6 +116,7 @@ def make_work(config: BtiConfig) -> Work:
         state=np.zeros(config.checkpoint_capacity_bytes + 48, np.uint8),
         out=np.zeros(2 * entry, np.uint8),
         waiting=np.zeros(4 * entry, np.uint8),
+        evidence=np.zeros(config.evidence_max_bytes, np.uint8),
         small=np.zeros((4, 32), np.uint8),
         frame=np.zeros(entry, np.uint8),
         entry=np.zeros(entry, np.uint8),
@@ -218,8 +222,17 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
         newest = get_u32(q, c.start_at)
     longest = ENTRY_HEAD_BYTES + s.frame_max
+    after_input = False
     while at < c.end:
         kind = q[at]
+        if kind == EVIDENCE:
+            size = get_u16(q, at + 1) if after_input and at + EVIDENCE_HEAD_BYTES <= c.end else 0
+            if size == 0 or size > w.evidence.shape[0] or at + EVIDENCE_HEAD_BYTES + size > c.end:
+                return Refusal.ENTRY_MALFORMED
+            after_input = False
+            at += EVIDENCE_HEAD_BYTES + size
+            continue
+        after_input = kind == INPUT
         if kind & MARK:
             if kind == FLUSH_S:
                 if s_len > 0:
@@ -282,7 +295,8 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
 def next_event(f: Fleet, w: Work, q: Row) -> int:
     """The replay goes on to the next entry that the controller must see, comparing outputs on its way.
 
-    Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` set; CHECKPOINT; END; or minus a refusal.
+    Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; CHECKPOINT; END; or
+        minus a refusal.
     Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
@@ -297,6 +311,11 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:
         c.payload_at = c.at + ENTRY_HEAD_BYTES
         c.payload_len = get_u16(q, c.at + 5)
         c.at = c.payload_at + c.payload_len
+        c.evidence_len = 0
+        if kind == INPUT and c.at < c.end and q[c.at] == EVIDENCE:
+            c.evidence_len = get_u16(q, c.at + 1)
+            copy(w.evidence, 0, q, c.at + EVIDENCE_HEAD_BYTES, c.evidence_len)
+            c.at += EVIDENCE_HEAD_BYTES + c.evidence_len
         if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, 3) + s.delta:
             return -Refusal.OUTPUT_LATE
         if kind <= RECV:

@@ -33,3 +33,4 @@ class Refusal(IntEnum):
     CHECKPOINT_WRONG = 22  # replay arrives at another state
     REQUEST_INVALID = 23  # the auditor's own a-node issues no token for it
     CONTROLLER_FAILED = 24  # replay of a plain-Python controller raised
+    EVIDENCE_WRONG = 25  # it does not show what is claimed, or not what the s-node chained

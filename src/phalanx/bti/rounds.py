@@ -36,7 +36,8 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 @kernel
 def mixed(one: int, other: int) -> int:
     """A number below 2^31 that looks random in both. Source: none (xorshift and multiply in 32 bits)."""
-    x = (one * 0x9E3779B1 + other * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
+    # Uncompiled, an id out of an array is a uint16 that would overflow.
+    x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
     x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     x = ((x ^ (x >> 12)) * 0x297A2D39) & 0xFFFFFFFF
     return (x ^ (x >> 15)) & 0x7FFFFFFF
@@ -88,7 +89,7 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
 
-    Within each sort, who did not answer the last time comes later: an auditor takes 6 f_max requests per T_val, and
+    Within each sort, who did not answer the last time comes later: an auditor takes 12 f_max requests per T_val, and
     those with few neighbours need its time more than those with many (seen: corner robots of a grid starved). After
     that the order differs from robot to robot, so that no auditor is everybody's favourite.
     Source: docs/spec/rebound.md (ghost auditors).

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 
-# Bytes that the log grows by per second without any neighbour: 4 sensor readings of 34 B and 4 commands of 26 B.
-LOG_ALONE_BYTES_PER_S = 240
 REQUEST_OVERHEAD_BYTES = 300
 CHECKPOINT_BYTES = 66
 NEIGHBOUR_BYTES = 26
 STATE_ENTRY_BYTES = 34
+ENTRY_HEAD_BYTES = 7
 # Of log, per state period: a frame that takes as much airtime as four states, less the state it replaces.
 LIAR_BYTES = 376
 # Of one request; a fragment's number and their count are a byte, and a bit each in a word says which have come.
 MOST_FRAGMENTS = 63
 FRAGMENT_HEAD_BYTES = 10
+MOST_CHECKPOINT_BYTES = 65_535
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +37,11 @@ class BtiConfig:
         batch_size: entries that go into one link of a hash chain.
         n_max: neighbours that storage and airtime are provided for.
         frame_max_bytes: longest radio frame.
+        reading_bytes: of a sensor reading as it is chained.
+        command_bytes: of what goes to the actuators each control period.
+        state_bytes: longest state of the controller; 0: what a flock's takes with n_max neighbours.
+        evidence_max_bytes: longest piece of evidence that a log may hold beside a reading; 0: none.
+        evidence_bytes_per_s: what the log has room for of it, on the mean.
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
@@ -53,6 +58,11 @@ class BtiConfig:
     batch_size: int = 10
     n_max: int = 24
     frame_max_bytes: int = 2048
+    reading_bytes: int = 27
+    command_bytes: int = 19
+    state_bytes: int = 0
+    evidence_max_bytes: int = 0
+    evidence_bytes_per_s: int = 0
 
     def __post_init__(self) -> None:
         limits = {
@@ -68,6 +78,11 @@ class BtiConfig:
             "batch_size": (1, 255),
             "n_max": (self.f_max + 1, 400),
             "frame_max_bytes": (256, 2048),
+            "reading_bytes": (1, 2048),
+            "command_bytes": (1, 2048),
+            "state_bytes": (0, MOST_CHECKPOINT_BYTES - CHECKPOINT_BYTES),
+            "evidence_max_bytes": (0, 65_535),
+            "evidence_bytes_per_s": (0, 1_000_000),
         }
         for name, (low, high) in limits.items():
             if not low <= getattr(self, name) <= high:
@@ -84,6 +99,12 @@ class BtiConfig:
                 f"an audit request of {self.request_capacity_bytes} bytes takes {fragments} frames",
                 f"at most {MOST_FRAGMENTS}: a shorter t_val, a smaller n_max or longer frames",
             )
+        # Evidence is kept while the log is less than half full: the rest is for what comes without being asked.
+        if self.evidence_max_bytes and self.evidence_bytes_per_s < self._entries_bytes_per_s + self._liars_bytes_per_s:
+            raise UsageError(
+                f"room for {self.evidence_bytes_per_s} bytes of evidence a second",
+                "at least as much as for all else in a log",
+            )
         if self.delta_ms * 2 >= self.t_control_ms:
             raise UsageError(
                 f"readings within {self.delta_ms} ms of a grid of {self.t_control_ms} ms", "delta below half a period"
@@ -97,8 +118,17 @@ class BtiConfig:
     @property
     def log_bytes_per_s(self) -> float:
         """Growth of the log with `n_max` neighbours in range (RoboRebound §5.2: 806.67 B/s at 24)."""
+        return self._entries_bytes_per_s + self.evidence_bytes_per_s
+
+    @property
+    def _entries_bytes_per_s(self) -> float:
         state_period_s = self.t_control_ms * self.steps_per_state / 1000
-        return (self.n_max + 1) * STATE_ENTRY_BYTES / state_period_s + LOG_ALONE_BYTES_PER_S * 250 / self.t_control_ms
+        alone = 2 * ENTRY_HEAD_BYTES + self.reading_bytes + self.command_bytes
+        return (self.n_max + 1) * STATE_ENTRY_BYTES / state_period_s + alone * 1000 / self.t_control_ms
+
+    @property
+    def _liars_bytes_per_s(self) -> float:
+        return self.f_max * LIAR_BYTES * 1000 / (self.t_control_ms * self.steps_per_state)
 
     @property
     def log_capacity_bytes(self) -> int:
@@ -107,13 +137,12 @@ class BtiConfig:
         A liar may have its neighbours log more than its share: its a-node limits the airtime of what it sends to four
         states' each state period, and one long frame takes no more than four short ones.
         """
-        liars = self.f_max * LIAR_BYTES * 1000 / (self.t_control_ms * self.steps_per_state)
-        return math.ceil(1.3 * (self.t_val_ms / 1000) * (self.log_bytes_per_s + liars)) + 1024
+        return math.ceil(1.3 * (self.t_val_ms / 1000) * (self.log_bytes_per_s + self._liars_bytes_per_s)) + 1024
 
     @property
     def checkpoint_capacity_bytes(self) -> int:
         """Longest checkpoint."""
-        return max(CHECKPOINT_BYTES + NEIGHBOUR_BYTES * self.n_max, 512)
+        return max(CHECKPOINT_BYTES + (self.state_bytes or NEIGHBOUR_BYTES * self.n_max), 512)
 
     @property
     def request_capacity_bytes(self) -> int:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from phalanx.kernel import kernel
+
 TWO_PI = 2.0 * math.pi
 SMALL_RAD = 0.6  # up to here the polynomials are right to 1e-12
 
@@ -13,6 +15,7 @@ def wrap_rad(angle_rad: float) -> float:
     return angle_rad - TWO_PI * math.floor((angle_rad + math.pi) / TWO_PI)
 
 
+@kernel
 def sin_cos_small(angle_rad: float) -> tuple[float, float]:
     """(sine, cosine) of an angle of at most SMALL_RAD.
 
@@ -25,6 +28,7 @@ def sin_cos_small(angle_rad: float) -> tuple[float, float]:
     return sine, cosine
 
 
+@kernel
 def turn_about(x_m: float, y_m: float, centre_x_m: float, centre_y_m: float, angle_rad: float) -> tuple[float, float]:
     """The point turned about a centre, counter-clockwise; the angle at most SMALL_RAD."""
     sine, cosine = sin_cos_small(angle_rad)

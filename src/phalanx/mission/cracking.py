@@ -173,7 +173,8 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
             for way in opened.ways:
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
-                    waiting.append((way.target, way.gate, opened))
+                    share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
+                    waiting.append((way.target, replace(way.gate, share=share), opened))
             break
 
 

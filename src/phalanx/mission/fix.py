@@ -34,8 +34,12 @@ class Fix:
 
     def apply(self, seen: Experience, landmark: Landmark) -> tuple[float, float]:
         """Where a landmark of the same scan lies, seen from the corrected pose."""
-        x, y = turn_about(landmark.x_m, landmark.y_m, seen.x_m, seen.y_m, self.turned_rad)
+        x, y = turn_about(*_point(landmark), *_point(seen), self.turned_rad)
         return x + (self.x_m - seen.x_m), y + (self.y_m - seen.y_m)
+
+
+def _point(thing: Landmark | Experience) -> tuple[float, float]:
+    return float(thing.x_m), float(thing.y_m)
 
 
 def turn_between(truth: Landmark, observed: Landmark) -> float | None:
@@ -60,7 +64,7 @@ def fix_from(seen: Experience, observed: Landmark, truth: Landmark, turn_rad: fl
     turn = turn_between(truth, observed)
     if turn is None or abs(turn) > SMALL_RAD:
         turn = turn_rad
-    x, y = turn_about(observed.x_m, observed.y_m, seen.x_m, seen.y_m, turn)
+    x, y = turn_about(*_point(observed), *_point(seen), turn)
     dx, dy = truth.x_m - x, truth.y_m - y
     return Fix(seen.x_m + dx, seen.y_m + dy, wrap_rad(seen.heading_rad + turn), math.sqrt(dx * dx + dy * dy), turn)
 
@@ -70,23 +74,35 @@ def allowed_m(config: MissionConfig, travelled_m: float) -> float:
     return config.drift_base_m + config.drift_per_m * max(0.0, travelled_m)
 
 
-def nearest(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float) -> tuple[float, Landmark] | None:
-    """(distance, landmark) of the known landmark of the same type and text that is nearest to a point."""
+def nearest(
+    known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float
+) -> tuple[float, Landmark] | None:
+    """(distance, landmark) of the known landmark of the same type and text that is nearest to a point, if it is near.
+
+    Args:
+        known: to choose from.
+        landmark: that is like it.
+        x_m: of the point.
+        y_m: of the point.
+        within_m: farther off is not near.
+    """
     best: tuple[float, Landmark] | None = None
     for other in known:
-        if other.type != landmark.type or other.text != landmark.text:
+        dx = other.x_m - x_m
+        # Nearly all end here, and a robot asks thousands of times a second.
+        if not -within_m <= dx <= within_m or other.type != landmark.type or other.text != landmark.text:
             continue
-        dx, dy = other.x_m - x_m, other.y_m - y_m
+        dy = other.y_m - y_m
         away = math.sqrt(dx * dx + dy * dy)
-        if best is None or away < best[0]:
+        if away <= within_m and (best is None or away < best[0]):
             best = away, other
     return best
 
 
 def explains(config: MissionConfig, known: Iterable[Landmark], landmark: Landmark) -> bool:
     """Whether a landmark is one that is known: near it, and turned the same way."""
-    match = nearest(known, landmark, landmark.x_m, landmark.y_m)
-    if match is None or match[0] > config.agree_m:
+    match = nearest(known, landmark, landmark.x_m, landmark.y_m, config.agree_m)
+    if match is None:
         return False
     turn = turn_between(match[1], landmark)
     return turn is None or abs(turn) <= math.radians(config.heading_tolerance_deg)
@@ -100,31 +116,31 @@ def agreement(
     for landmark in seen.landmarks:
         if landmark is used:
             continue
-        before = nearest(known, landmark, landmark.x_m, landmark.y_m)
-        after = nearest(known, landmark, *fix.apply(seen, landmark))
-        if after is not None and after[0] <= config.agree_m:
+        if nearest(known, landmark, *fix.apply(seen, landmark), config.agree_m):
             agree += 1
-        elif before is not None and before[0] <= config.agree_m:
+        elif nearest(known, landmark, landmark.x_m, landmark.y_m, config.agree_m):
             broken += 1
     return agree, broken
 
 
 def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, ...], travelled_m: float) -> Fix | None:
     """A fix from the nearest landmark that the robot has decoded before and now sees again, or None."""
-    best: tuple[float, Fix] | None = None
-    for landmark in seen.landmarks:
-        match = nearest(known, landmark, landmark.x_m, landmark.y_m)
-        if match is None or match[0] > config.tolerance_m:
+
+    def away_m(landmark: Landmark) -> float:
+        dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
+        return math.sqrt(dx * dx + dy * dy)
+
+    for landmark in sorted(seen.landmarks, key=away_m):
+        match = nearest(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
+        if match is None:
             continue
         turn = turn_between(match[1], landmark)
         if turn is not None and abs(turn) > math.radians(config.heading_tolerance_deg):
             continue
         fix = fix_from(seen, landmark, match[1])
-        dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
-        away = math.sqrt(dx * dx + dy * dy)
-        if fix.moved_m > allowed_m(config, travelled_m) or (best is not None and away >= best[0]):
+        if fix.moved_m > allowed_m(config, travelled_m):
             continue
         agree, broken = agreement(config, seen, fix, landmark, known)
         if broken <= agree:
-            best = away, fix
-    return best[1] if best else None
+            return fix
+    return None

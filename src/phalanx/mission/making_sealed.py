@@ -42,6 +42,9 @@ class SealedMaker(Maker):
             mark, key = sealed.try_observation(header, observed, salt)
             return Alias(mark, secret=sealed.seal_secret(header, i, a, key, secrets[i]))
 
+        def share(i: int, way: PlainWay) -> bytes:
+            return sealed.onward(gates[i], shares[way.source, way.target], header, i, number[way.target])
+
         locks = dict(zip(jobs, spread(lock, jobs), strict=True))
         records = []
         for i, node in enumerate(nodes):
@@ -51,10 +54,7 @@ class SealedMaker(Maker):
                 ways=tuple(self._way(way, secrets[i], node, nodes[number[way.target]], number) for way in ways[i]),
                 visited=sealed.visited_hash(sealed.visited_proof(secrets[i])),
             )
-            outs = tuple(
-                sealed.WayOut(Gate(shares[way.source, way.target], hints[number[way.target]]), way.do)
-                for way in ways[i]
-            )
+            outs = tuple(sealed.WayOut(Gate(share(i, way), hints[number[way.target]]), way.do) for way in ways[i])
             told = sealed.Payload(node.name, node.do, node.place, tuple(self.tokens[n] for n in node.send), outs)
             payload = sealed.seal_payload(header, i, record, secrets[i], told)
             if len(payload) > PAYLOAD_LIMIT:

@@ -15,6 +15,7 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
 from .angles import TWO_PI, wrap_rad
+from .cells import numbers_of
 
 LANDMARK_TYPES = ("doorway", "corner_convex", "corner_concave", "room", "qr")
 # A doorway looks the same from both sides.
@@ -22,7 +23,7 @@ HALF_TURN_TYPES = ("doorway",)
 MM_PER_M = 1000
 OFFSET_RAD = 1e-4  # unit of an orientation's offset
 OFFSET_M2 = 1e-2  # unit of an area's offset
-CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
+VALUE_MAX = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +51,10 @@ class Landmark:
     def __post_init__(self) -> None:
         if self.type not in LANDMARK_TYPES:
             raise UsageError(f"there is no landmark type {self.type!r}", f"one of {', '.join(LANDMARK_TYPES)}")
-        numbers = (self.x_m, self.y_m, self.orientation_rad or 0.0, self.area_m2 or 0.0)
-        if not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
+        turn, area = self.orientation_rad or 0.0, self.area_m2 or 0.0
+        if not (
+            abs(self.x_m) < VALUE_MAX and abs(self.y_m) < VALUE_MAX and abs(turn) < VALUE_MAX and abs(area) < VALUE_MAX
+        ):
             raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "metres and radians, below a million")
 
 
@@ -153,6 +156,11 @@ class Offset(NamedTuple):
     orientation: int = 0
     area: int = 0
 
+    @property
+    def natural(self) -> tuple[float, float, float, float]:
+        """In metres, metres, radians, square metres."""
+        return self.x / MM_PER_M, self.y / MM_PER_M, self.orientation * OFFSET_RAD, self.area * OFFSET_M2
+
 
 class Cell(NamedTuple):
     """A measured thing in whole numbers. -1 where there is no orientation or no area."""
@@ -168,19 +176,22 @@ def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing:
 
     Source: Encoded graphs §IV-A; docs/spec/mission.md (round((x - offset) / delta)).
     """
+    turn, area, bins = math.nan, math.nan, 1
+    if thing is not None:
+        turn, area = number_or_nan(thing.orientation_rad), number_or_nan(thing.area_m2)
+        bins = bins_of(coding, thing.type)
+    return Cell(*numbers_of(float(x_m), float(y_m), turn, area, offset.natural, steps_of(coding), bins))
+
+
+def number_or_nan(value: float | None) -> float:
+    """What kernels take instead of None."""
+    return math.nan if value is None else float(value)
+
+
+def steps_of(coding: CodingConfig) -> tuple[float, float, float, float]:
+    """From one cell to the next: metres, metres, radians, square metres."""
     delta_m = coding.delta_mm / MM_PER_M
-    x = round((x_m - offset.x / MM_PER_M) / delta_m)
-    y = round((y_m - offset.y / MM_PER_M) / delta_m)
-    limited = (max(-CELL_LIMIT, min(CELL_LIMIT, x)), max(-CELL_LIMIT, min(CELL_LIMIT, y)))
-    if thing is None:
-        return Cell(*limited)
-    orientation, area = -1, -1
-    if thing.orientation_rad is not None:
-        orientation = round((thing.orientation_rad - offset.orientation * OFFSET_RAD) / coding.bin_rad)
-        orientation %= bins_of(coding, thing.type)
-    if thing.area_m2 is not None:
-        area = max(0, min(CELL_LIMIT, round((thing.area_m2 - offset.area * OFFSET_M2) / coding.area_m2)))
-    return Cell(*limited, orientation, area)
+    return delta_m, delta_m, coding.bin_rad, coding.area_m2
 
 
 def bins_of(coding: CodingConfig, landmark_type: str) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,13 +26,30 @@ class OpenWay:
     Args:
         direction_rad: map frame, from the node's place; None if none is encoded.
         do: an action that leads there.
-        gate: of the next node, or a share of it (sealed profile).
+        gate: of the next node, or a share of it; of use only with the gate of this node (sealed profile).
     """
 
     target: int
     direction_rad: float | None = None
     do: Action | None = None
     gate: Gate | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a walk goes on with of a decoded node: no gate, and nothing that was sealed beyond where and whither.
+
+    Args:
+        alias: by which it was recognised.
+        place_m, landmark, ways: as in `Opened`; the ways without gates.
+        name: for people; in no checkpoint.
+    """
+
+    alias: int
+    place_m: tuple[float, float] | None
+    landmark: Landmark | None
+    ways: tuple[OpenWay, ...]
+    name: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +63,6 @@ class Opened:
         do: what to do here.
         sends: messages to give out now.
         proof: that this robot was here, to show to another.
-        released: what chained nodes after it need (paper profile).
         claim: what an auditor needs to check with one hash or KDF that this was experienced.
     """
 
@@ -59,8 +75,14 @@ class Opened:
     sends: tuple[bytes, ...]
     ways: tuple[OpenWay, ...]
     proof: bytes
-    released: bytes
     claim: Claim
+
+    @property
+    def known(self) -> Known:
+        """As it is remembered."""
+        landmark = self.landmark and replace(self.landmark, area_m2=None)
+        ways = tuple(replace(way, gate=None) for way in self.ways)
+        return Known(self.alias, self.place_m, landmark, ways, self.name)
 
 
 def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opened:
@@ -86,13 +108,22 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         tuple(paper.message_of(found.canonical, i) for i in range(record.sends)),
         tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
         sha3_256(b"\x12visited" + found.canonical),
-        mark,
-        _claim(found),
+        claim_of(found),
     )
 
 
-def _claim(found: Found) -> Claim:
-    return Claim(found.node, found.alias, found.shape, found.offset, found.cell, found.canonical, found.salt)
+def claim_of(found: Found) -> Claim:
+    """What an auditor is shown of a match."""
+    return Claim(
+        found.node,
+        found.alias,
+        found.shape,
+        found.offset,
+        found.cell,
+        found.canonical,
+        found.salt,
+        found.turn_rad,
+    )
 
 
 def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> Opened:
@@ -117,8 +148,7 @@ def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> O
         payload.sends,
         ways,
         proof,
-        b"",
-        _claim(found),
+        claim_of(found),
     )
 
 

@@ -32,7 +32,7 @@ _PLACE = struct.Struct("<Bii")
 
 @dataclass(frozen=True, slots=True)
 class WayOut:
-    """What a payload says about one way: the gate of the node it leads to, and what to do to get there."""
+    """What a payload says about one way: the gate of the node it leads to (`onward`), and what to do to get there."""
 
     gate: Gate
     do: Action | None = None
@@ -61,6 +61,17 @@ def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: in
     """The salt of one alias: nobody without the gate, and the messages, can begin to try."""
     info = b"phalanx mission gate" + header.mission_id + struct.pack("<IB", node, alias)
     return hkdf_sha256(gate + b"".join(sorted(messages)), info, SECRET_BYTES)
+
+
+def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) -> bytes:
+    """The share of a gate as the payload before it has it, or back: only who held that node's own gate can use it.
+
+    An auditor of a decode makes the same scrypt as the robot and opens the payload. It has the salt, which is made of
+    the gate, and not the gate.
+    """
+    info = b"phalanx mission onward" + header.mission_id + struct.pack("<II", node, target)
+    pad = hkdf_sha256(gate, info, SECRET_BYTES)
+    return bytes(a ^ b for a, b in zip(share, pad, strict=True))
 
 
 def try_observation(header: Header, canonical: bytes, salt: bytes) -> tuple[bytes, bytes]:

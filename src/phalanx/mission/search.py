@@ -8,10 +8,11 @@ tells how far the estimate was off (Encoded graphs §VI-F).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import combinations, product
+from itertools import combinations, groupby, product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +20,29 @@ from numpy.typing import NDArray
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
 
-from . import sealed
 from .angles import turn_about
 from .canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
-from .gate import Hint
-from .observable import LANDMARK_TYPES, MM_PER_M, Action, Cell, Experience, Landmark, Offset, cell_of, window_of
+from .cells import Searched
+from .observable import (
+    LANDMARK_TYPES,
+    MM_PER_M,
+    Action,
+    Cell,
+    Experience,
+    Landmark,
+    Offset,
+    bins_of,
+    cell_of,
+    number_or_nan,
+    steps_of,
+    window_of,
+)
 from .records import EncodedMission
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
-MEMO_LIMIT = 1 << 16
+CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
 WINDOWS = (0, -1, 1)
+LANDMARK_PLACES = range(1, AT_POSITION)
 
 
 @dataclass(slots=True)
@@ -71,8 +85,7 @@ class Found:
     key: bytes = b""
 
 
-@dataclass(frozen=True, slots=True)
-class Variant:
+class Variant(NamedTuple):
     """One combination to try, apart from the position: what else goes into the hash."""
 
     landmark: Landmark | None
@@ -121,7 +134,7 @@ def as_seen(landmark: Landmark, seen: Experience, turn_rad: float) -> Landmark:
     """The landmark, had the robot's heading been so much further round."""
     if not turn_rad:
         return landmark
-    x, y = turn_about(landmark.x_m, landmark.y_m, seen.x_m, seen.y_m, turn_rad)
+    x, y = turn_about(float(landmark.x_m), float(landmark.y_m), float(seen.x_m), float(seen.y_m), turn_rad)
     orientation = None if landmark.orientation_rad is None else landmark.orientation_rad + turn_rad
     return replace(landmark, x_m=x, y_m=y, orientation_rad=orientation)
 
@@ -129,7 +142,7 @@ def as_seen(landmark: Landmark, seen: Experience, turn_rad: float) -> Landmark:
 def fits(shape: Shape, landmark: Landmark) -> bool:
     """Whether the landmark has what the shape asks for."""
     return (
-        shape.place == 1 + LANDMARK_TYPES.index(landmark.type)
+        landmark.type == LANDMARK_TYPES[shape.place - 1]
         and (not shape.oriented or landmark.orientation_rad is not None)
         and (not shape.area or landmark.area_m2 is not None)
         and (not shape.text or landmark.text is not None)
@@ -145,8 +158,10 @@ def distance_m(seen: Experience, landmark: Landmark) -> float:
 def variants(shape: Shape, coding: CodingConfig, seen: Experience, heard: tuple[bytes, ...]) -> Iterator[Variant]:
     """All combinations of what was experienced that have this shape."""
     landmarks: list[Landmark | None] = [None]
-    if 1 <= shape.place < AT_POSITION:
+    if shape.place in LANDMARK_PLACES:
         landmarks = [landmark for landmark in seen.landmarks if fits(shape, landmark)]
+        if not landmarks:
+            return
     now = window_of(coding, seen.t_s)
     windows = [now + step for step in WINDOWS] if shape.time else [None]
     actions = list(seen.actions) if shape.action else [None]
@@ -160,12 +175,8 @@ def cell_seen(shape: Shape, coding: CodingConfig, offset: Offset, seen: Experien
     """The cell of a seen landmark, or of the robot; of the landmark only what the shape asks for."""
     if landmark is None:
         return cell_of(coding, offset, seen.x_m, seen.y_m)
-    wanted = replace(
-        landmark,
-        orientation_rad=landmark.orientation_rad if shape.oriented else None,
-        area_m2=landmark.area_m2 if shape.area else None,
-    )
-    return cell_of(coding, offset, wanted.x_m, wanted.y_m, wanted)
+    cell = cell_of(coding, offset, landmark.x_m, landmark.y_m, landmark)
+    return Cell(cell.x, cell.y, cell.bin if shape.oriented else -1, cell.area if shape.area else -1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,36 +189,65 @@ class _Group:
     aliases: tuple[tuple[int, int], ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidates:
+    """Nodes and their aliases in groups; (n, 5) rows are what kernels read of a group: its offset, its reach."""
+
+    nodes: tuple[int, ...]
+    groups: tuple[_Group, ...]
+    rows: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """Variants whose hashes differ in nothing but the cell.
+
+    Args:
+        things: (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked.
+        message: the canonical bytes at a cell.
+        lane: of the first group.
+    """
+
+    shape: Shape
+    variants: tuple[Variant, ...]
+    things: NDArray[np.float64]
+    message: Callable[[Cell], bytes]
+    lane: int
+
+
 class PaperSearch:
     """The search in the paper profile: thousands of fast hashes, against all candidates at once.
 
-    It remembers what it hashed. That changes how long a search takes, never what it finds or how many tries it counts,
-    so two searches of one mission agree whatever they have seen before.
+    It remembers around which cells it found nothing. That changes how long a search takes, never what it finds or how
+    many tries it counts, so two searches of one mission agree whatever they have seen before.
     """
 
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission
         self._config = config
-        self._groups: dict[tuple[int, ...], list[_Group]] = {}
-        self._memo: dict[tuple[bytes, int, int], tuple[int, int] | None] = {}
+        self._rings = rings_of(config, mission.header.coding, 1 << 40)
+        self._steps = steps_of(mission.header.coding)
+        self._candidates: dict[tuple[int, ...], _Candidates] = {}
+        self._searched = Searched(self._rings)
 
-    def _grouped(self, nodes: tuple[int, ...]) -> list[_Group]:
-        if nodes not in self._groups:
+    def _among(self, nodes: tuple[int, ...]) -> _Candidates:
+        if nodes not in self._candidates:
             by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
             for node in nodes:
                 record = self._mission.nodes[node]
                 for a, alias in enumerate(record.aliases):
                     by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
-            if len(self._groups) >= 256:
-                self._groups.clear()
-                self._memo.clear()
-            self._groups[nodes] = [
+            if len(self._candidates) >= CANDIDATES_LIMIT:
+                self._candidates.clear()
+            groups = tuple(
                 _Group(
                     offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases)
                 )
                 for (offset, reach), aliases in by_offset.items()
-            ]
-        return self._groups[nodes]
+            )
+            rows = np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5)
+            self._candidates[nodes] = _Candidates(nodes, groups, rows)
+        return self._candidates[nodes]
 
     def run(
         self,
@@ -228,168 +268,99 @@ class PaperSearch:
             turns: of the heading, in the order to try them; 0 first.
             budget: is spent; when nothing is left the search ends.
         """
-        header = self._mission.header
-        groups = self._grouped(nodes)
+        among = self._among(nodes)
+        batches = [
+            batch
+            for shape in self._mission.header.shapes
+            for batch in self._batches(among, shape, seen, heard, released)
+        ]
         for turn in turns:
-            for shape in header.shapes:
-                if turn and not 1 <= shape.place < AT_POSITION:
-                    continue
-                for variant in variants(shape, header.coding, seen, heard):
-                    landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
-                    for group in groups:
-                        if landmark and group.reach_dm and distance_m(seen, landmark) * 10 > group.reach_dm:
-                            continue
-                        if budget.left <= 0:
-                            return
-                        found = self._try(shape, variant, landmark, group, seen, released, turn, budget)
-                        if found:
-                            yield found
+            for batch in batches:
+                if batch.shape.place in LANDMARK_PLACES or not turn:
+                    search = self._around if batch.shape.place else self._as_it_is
+                    yield from search(among, batch, seen, turn, budget)
 
-    def _try(
-        self,
-        shape: Shape,
-        variant: Variant,
-        landmark: Landmark | None,
-        group: _Group,
-        seen: Experience,
-        released: bytes,
-        turn: float,
-        budget: Budget,
-    ) -> Found | None:
+    def _batches(
+        self, among: _Candidates, shape: Shape, seen: Experience, heard: tuple[bytes, ...], released: bytes
+    ) -> Iterator[_Batch]:
         coding = self._mission.header.coding
-        centre = cell_seen(shape, coding, group.offset, seen, landmark)
 
-        def message(cell: Cell) -> bytes:
-            return canonical(
-                place_bytes(shape, cell, landmark.text if landmark else None),
-                sensors=variant.sensors,
-                action=variant.action,
-                window=variant.window,
-                messages=variant.messages,
-                previous=released if shape.previous else None,
-            )
+        def rest(variant: Variant) -> tuple[object, ...]:
+            return variant.landmark.text if shape.text and variant.landmark else None, *variant[1:]
 
-        if shape.place:
-            rings = rings_of(self._config, coding, budget.left)
-            key = (message(centre), id(group), rings)
-            if key in self._memo:
-                hit = self._memo[key]
-            else:
-                dx, dy = _spiral_arrays(rings)
-                xs, ys = (centre.x + dx).astype(np.uint32), (centre.y + dy).astype(np.uint32)
-                patches = xs.astype(np.uint64) | ys.astype(np.uint64) << np.uint64(32)
-                template = message(centre._replace(x=0, y=0))
-                hit = find_patched(template, cell_at(shape), patches, group.targets)
-                self._remember(key, hit)
-            budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
-            if hit is None:
-                return None
-            step, place = hit
-            dx_, dy_ = spiral(rings)[step]
-            cell = centre._replace(x=centre.x + dx_, y=centre.y + dy_)
-        else:
-            cell = Cell(0, 0)
-            budget.spend(1)
-            digest = sha3_256(message(cell))
-            marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
-            if digest not in marks:
-                return None
-            place = marks.index(digest)
-        node, alias = group.aliases[place]
-        return Found(node, alias, shape, cell, group.offset, variant.landmark, variant.action, turn, message(cell))
+        for same, alike in groupby(variants(shape, coding, seen, heard), rest):
+            batch = tuple(alike)
+            previous = released if shape.previous else None
 
-    def _remember(self, key: tuple[bytes, int, int], hit: tuple[int, int] | None) -> None:
-        if len(self._memo) >= MEMO_LIMIT:
-            self._memo.clear()
-        self._memo[key] = hit
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One alias of a sealed node whose gate the robot holds."""
-
-    node: int
-    alias: int
-    gate: bytes
-    hint: Hint
-
-
-def search_sealed(  # noqa: C901  # one nest of loops, in the order of likelihood
-    mission: EncodedMission,
-    config: MissionConfig,
-    candidates: list[Candidate],
-    seen: Experience,
-    heard: tuple[bytes, ...],
-    turns: tuple[float, ...],
-    tried: frozenset[bytes],
-    newly_tried: set[bytes],
-    budget: Budget,
-) -> Iterator[Found]:
-    """Matches in the sealed profile: a few slow tries, the likeliest first, none of them twice.
-
-    Args:
-        mission: sealed.
-        config: how far to search.
-        candidates: whose gates are held, the likeliest first.
-        seen: now.
-        heard: messages.
-        turns: of the heading, in the order to try them; 0 first.
-        tried: digests of (gate, observation) that failed in earlier steps.
-        newly_tried: gets those that fail now.
-        budget: is spent; what is left over comes in the next step, if it is still there to be seen.
-    """
-    header = mission.header
-    coding = header.coding
-    rings = rings_of(config, coding, 1 << 20)
-    for turn in turns:
-        jobs = []
-        for candidate in candidates:
-            shape = candidate.hint.shape
-            if turn and not 1 <= shape.place < AT_POSITION:
-                continue
-            reach_dm = mission.nodes[candidate.node].reach_dm
-            for variant in variants(shape, coding, seen, heard):
-                landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
-                if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
-                    continue
-                centre = cell_seen(shape, coding, candidate.hint.offset, seen, landmark) if shape.place else Cell(0, 0)
-                salt = sealed.node_salt(candidate.gate, variant.messages, header, candidate.node, candidate.alias)
-                jobs.append((candidate, variant, landmark, centre, salt))
-        # Ring by ring over all of them: what is near its estimate is far likelier than what is not.
-        for k, (dx, dy) in enumerate(spiral(rings)):
-            for candidate, variant, landmark, centre, salt in jobs:
-                shape = candidate.hint.shape
-                # Cells of 0.4 m and bins of 15 degrees forgive what a turn would mend elsewhere.
-                if k and (turn or not shape.place):
-                    continue
-                cell = centre._replace(x=centre.x + dx, y=centre.y + dy)
-                observed = canonical(
-                    place_bytes(shape, cell, landmark.text if landmark else None),
-                    sensors=variant.sensors,
-                    action=variant.action,
-                    window=variant.window,
+            def message(cell: Cell, one: Variant = batch[0], previous: bytes | None = previous) -> bytes:
+                return canonical(
+                    place_bytes(shape, cell, one.landmark.text if one.landmark else None),
+                    sensors=one.sensors,
+                    action=one.action,
+                    window=one.window,
+                    messages=one.messages,
+                    previous=previous,
                 )
-                name = sha3_256(salt + observed)[:16]
-                if name in tried or name in newly_tried:
-                    continue
-                if budget.left <= 0:
-                    return
-                budget.spend(1)
-                mark, key = sealed.try_observation(header, observed, salt)
-                if mark == mission.nodes[candidate.node].aliases[candidate.alias].mark:
-                    offset = candidate.hint.offset
-                    yield Found(
-                        candidate.node,
-                        candidate.alias,
-                        shape,
-                        cell,
-                        offset,
-                        variant.landmark,
-                        variant.action,
-                        turn,
-                        observed,
-                        salt,
-                        key,
-                    )
-                else:
-                    newly_tried.add(name)
+
+            things = [
+                (
+                    landmark.x_m,
+                    landmark.y_m,
+                    number_or_nan(landmark.orientation_rad if shape.oriented else None),
+                    number_or_nan(landmark.area_m2 if shape.area else None),
+                )
+                if landmark
+                else (seen.x_m, seen.y_m, math.nan, math.nan)
+                for landmark in (variant.landmark for variant in batch)
+            ]
+            lane = self._searched.lane((among.nodes, shape, same, previous), len(among.groups))
+            yield _Batch(shape, batch, np.array(things, np.float64), message, lane)
+
+    def _around(
+        self, among: _Candidates, batch: _Batch, seen: Experience, turn: float, budget: Budget
+    ) -> Iterator[Found]:
+        """Matches of what has a place: each landmark against each group, around its cell."""
+        coding, shape = self._mission.header.coding, batch.shape
+        bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if shape.place in LANDMARK_PLACES else 1
+        eye, pair, pairs = (float(seen.x_m), float(seen.y_m)), 0, len(batch.variants) * len(among.groups)
+        while True:
+            pair, left, numbers = self._searched.next_unsearched(
+                pair, batch.things, eye, turn, among.rows, self._steps, bins, batch.lane, budget.left
+            )
+            budget.spend(budget.left - left)
+            if not 0 <= pair < pairs:
+                return
+            variant, group = batch.variants[pair // len(among.groups)], among.groups[pair % len(among.groups)]
+            centre = Cell(*numbers)
+            rings = rings_of(self._config, coding, budget.left)
+            dx, dy = _spiral_arrays(rings)
+            xs, ys = (centre.x + dx).astype(np.uint32), (centre.y + dy).astype(np.uint32)
+            patches = xs.astype(np.uint64) | ys.astype(np.uint64) << np.uint64(32)
+            hit = find_patched(batch.message(centre._replace(x=0, y=0)), cell_at(shape), patches, group.targets)
+            budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
+            if hit is not None:
+                step_x, step_y = spiral(rings)[hit[0]]
+                cell = centre._replace(x=centre.x + step_x, y=centre.y + step_y)
+                yield _found(group, hit[1], batch, variant, cell, turn)
+            elif rings == self._rings:
+                self._searched.add(batch.lane + pair % len(among.groups), numbers)
+            pair += 1
+
+    def _as_it_is(
+        self, among: _Candidates, batch: _Batch, _seen: Experience, turn: float, budget: Budget
+    ) -> Iterator[Found]:
+        """Matches of what has no place: one hash each."""
+        digest = sha3_256(batch.message(Cell(0, 0)))
+        for variant, group in product(batch.variants, among.groups):
+            if budget.left <= 0:
+                return
+            budget.spend(1)
+            marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
+            if digest in marks:
+                yield _found(group, marks.index(digest), batch, variant, Cell(0, 0), turn)
+
+
+def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell, turn: float) -> Found:
+    node, alias = group.aliases[place]
+    observed = batch.message(cell)
+    return Found(node, alias, batch.shape, cell, group.offset, variant.landmark, variant.action, turn, observed)

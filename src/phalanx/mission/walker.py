@@ -1,60 +1,40 @@
 """The walker: experience in, decoded node and next instruction out; or *not validated*, and why.
 
 Pure: `step(state, experience)` gives the next state and an outcome, and the same two give the same again on every
-machine, which is how peers replay it. It never acts on what it has not decoded.
+machine. It never acts on what it has not decoded.
+
+Under audit a step is two: `look`, which needs the robot's keyring and ends in a claim or nothing, and `advance`, which
+needs neither keyring nor search and is what auditors replay.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
-from phalanx.errors import UsageError
 
-from .fix import Fix, agreement, allowed_m, explains, fix_from, seen_again
-from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from .observable import Experience, Landmark
-from .opening import Opened, OpenWay, open_found
+from .claims import Claim, Unshown
+from .finding import Find, Finder
+from .fix import Fix, allowed_m, seen_again
+from .gate import StartKey
+from .observable import Experience
+from .opening import Opened, OpenWay
 from .outcome import Kind, Order, Outcome, Reason
-from .records import OPEN_START, ROAM, START, EncodedMission, Profile
-from .refused import Altered, MalformedMission
-from .route import Map
+from .records import EncodedMission, Profile
+from .refused import Altered
 from .sealed import visited_hash
-from .search import Budget, Candidate, Found, PaperSearch, distance_m, search_sealed, turns_of
+from .search import distance_m
+from .state import State
 from .walk import Event, Phase
 from .walk import step as next_phase
 
+__all__ = ["State", "Walker"]
+
 PLANE_M = 5e5  # robots are nearer to the map's origin than this
 SIGHT_M = 1e3
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """All that a walk remembers. `State()` is its beginning."""
-
-    phase: Phase = Phase.SEEKING
-    at: int | None = None
-    target: int | None = None
-    t_s: float = -math.inf
-    since_s: float | None = None
-    turned_s: float = -math.inf
-    fixed_at_m: float = 0.0
-    left_at_m: float = 0.0
-    opened: Mapping[int, Opened] = field(default_factory=lambda: MappingProxyType({}))
-    lengths_m: Mapping[tuple[int, int], float] = field(default_factory=lambda: MappingProxyType({}))
-    blocked: frozenset[tuple[int, int]] = frozenset()
-    others: frozenset[int] = frozenset()
-    heard: tuple[bytes, ...] = ()
-    tried: frozenset[bytes] = frozenset()
-
-    @property
-    def known(self) -> tuple[Landmark, ...]:
-        """Landmarks that were decoded, where they truly are."""
-        return tuple(node.landmark for node in self.opened.values() if node.landmark is not None)
 
 
 class Walker:
@@ -63,69 +43,76 @@ class Walker:
     Args:
         mission: parsed, and checked by `signing` if it came from outside.
         key: the start key; without one a sealed mission must have been built with an open start.
+        replays: it only replays what others walked, which needs no key.
     Raises: UsageError: the key is missing. Altered: it is another mission's. MalformedMission: it makes no sense.
     """
 
     def __init__(
-        self, mission: EncodedMission, key: StartKey | None = None, config: MissionConfig | None = None
+        self,
+        mission: EncodedMission,
+        key: StartKey | None = None,
+        config: MissionConfig | None = None,
+        *,
+        replays: bool = False,
     ) -> None:
         self.mission = mission
         self.config = config or MissionConfig()
-        self.map = Map(mission)
-        self._paper = PaperSearch(mission, self.config)
-        self._turns = turns_of(self.config)
-        self._gates: dict[int, Gate] = {}
-        self._starts = tuple(i for i, node in enumerate(mission.nodes) if node.flags & START)
-        if mission.header.profile is Profile.SEALED:
-            if key is None:
-                if not mission.header.flags & OPEN_START:
-                    raise UsageError("a sealed mission without its start key", "build wrote it beside the file")
-                key = parse_start_key(mission.start)
-            if key.mission_id != mission.header.mission_id:
-                raise Altered("the start key belongs to another mission")
-            if any(node >= len(mission.nodes) for node in key.gates):
-                raise MalformedMission("a start key for a node that is not there")
-            self._gates = key.gates
-            self._starts = tuple(key.gates)
+        self._finder = Finder(mission, key, self.config)
+        self.map = self._finder.map
+        if not replays:
+            self._finder.must_begin()
 
     def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
         """The next state, and what came of an experience."""
-        if state.phase in (Phase.HELD, Phase.DONE):
-            return state, Outcome(self.order(state), reason=Reason.STOPPED)
-        if not seen.t_s >= state.t_s:
-            return state, Outcome(self.order(state), reason=Reason.CLOCK)
-        since = seen.t_s if state.since_s is None else state.since_s
-        state = replace(state, t_s=seen.t_s, since_s=since, heard=self._heard(state, seen))
-        seen = self._sane(seen)
-        budget = Budget(
-            self.config.hash_tries if self.mission.header.profile is Profile.PAPER else self.config.kdf_tries
-        )
-        again = seen_again(self.config, seen, state.known, seen.travelled_m - state.fixed_at_m)
+        if (refused := self._refused(state, seen)) is not None:
+            return state, refused
+        state, seen = self._begun(state, seen)
+        again = self.sees_again(state, seen)
         # Whoever sees where they are has no heading to search for.
-        turning = again is None and seen.t_s - state.turned_s >= self.config.heading_retry_s
-        newly_tried: set[bytes] = set()
-        opened, fix, reason = None, None, Reason.NOTHING_SENSED
-        turns = (0.0, *self._turns) if turning else (0.0,)
-        shifted: list[tuple[Found, Fix]] = []
-        for found in self._search(state, self._unexplained(state, seen), turns, newly_tried, budget):
-            opened, fix, reason = self._believe(state, seen, found, shifted)
-            if opened is not None:
-                break
-        state = self._remember_tried(state, newly_tried, opened)
-        if opened is not None:
-            return self._advance(state, seen, opened, fix, budget.used)
-        if turning and budget.used:
-            state = replace(state, turned_s=seen.t_s)
-        if reason is Reason.NOTHING_SENSED and (budget.used or seen.landmarks or seen.sensors):
-            reason = Reason.BUDGET if budget.left <= 0 else Reason.NO_MATCH
-        if again is not None:
-            state = replace(state, fixed_at_m=seen.travelled_m)
-        state, event, why = self._not_validated(state, seen)
-        return state, Outcome(self.order(state), reason=why or reason, fix=again, trials=budget.used, event=event)
+        find = self._finder.look(state, seen, turning=again is None)
+        state = replace(state, keys=find.keys)
+        if find.opened is not None:
+            return self._decoded(state, seen, find.opened, find.fix, find.trials)
+        return self._walked(state, seen, again, find)
+
+    def look(self, state: State, seen: Experience) -> tuple[State, tuple[Claim, ...]]:
+        """The state with what was tried in its keyring, and claims that `advance` takes, if something was found."""
+        if self._refused(state, seen) is not None:
+            return state, ()
+        begun, seen = self._begun(state, seen)
+        find = self._finder.look(begun, seen, turning=self.sees_again(begun, seen) is None)
+        state = replace(state, keys=find.keys)
+        if find.opened is not None:
+            try:
+                self._finder.check(begun, seen, find.claims)
+            except (Unshown, Altered):
+                # Two landmarks in one cell: which of them was meant, the bytes do not tell. The next scan may.
+                return state, ()
+        return state, find.claims
+
+    def advance(self, state: State, seen: Experience, claims: tuple[Claim, ...] = ()) -> tuple[State, Outcome]:
+        """The next state after an experience in which a robot claims to have found a node, or claims nothing.
+
+        Landmarks decoded before give a fix if the experience shows them.
+        Raises: Unshown, Altered: the claim is not borne out.
+        """
+        if (refused := self._refused(state, seen)) is not None:
+            if claims:
+                raise Unshown("a claim of a robot that has stopped, or whose clock has")
+            return state, refused
+        state, seen = self._begun(state, seen)
+        if claims:
+            return self._decoded(state, seen, *self._finder.check(state, seen, claims), 0)
+        nothing = Find(state.keys, None, None, None, Reason.NOTHING_SENSED, 0)
+        return self._walked(state, seen, self.sees_again(state, seen), nothing)
+
+    def hear(self, state: State, message: bytes) -> State:
+        """The state after an encoded message has come."""
+        return replace(state, heard=self._heard(state, (message,)))
 
     def report(self, state: State) -> tuple[tuple[int, bytes], ...]:
         """(node, proof) of all that was decoded, for a robot that is met: hashes, never raw data (§VI-C)."""
-        return tuple((node, opened.proof) for node, opened in sorted(state.opened.items()))
+        return tuple(sorted(state.keys.proofs.items()))
 
     def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
@@ -143,32 +130,25 @@ class Walker:
         return replace(state, others=state.others | believed)
 
     def candidates(self, state: State) -> tuple[int, ...]:
-        """Nodes that the robot may try now: its target, and whatever else is still dark and has become possible.
+        """Nodes that the robot may try now: its target, and whatever else is still dark and has become possible."""
+        return self._finder.candidates(state)
 
-        Of those decoded before only the target counts, or two doors in view would take turns for ever.
-        """
-        if self._roams:
-            wanted: Iterable[int] = range(len(self.mission.nodes))
-        elif state.at is None:
-            wanted = self._starts
-        elif self.mission.header.profile is Profile.SEALED:
-            wanted = self.map.after[state.at]
-        else:
-            frontier = {node for before in state.opened for node in self.map.after[before]}
-            wanted = dict.fromkeys((*self.map.after[state.at], *sorted(frontier)))
-        return tuple(
-            node
-            for node in wanted
-            if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
-        )
+    def _refused(self, state: State, seen: Experience) -> Outcome | None:
+        """The outcome of an experience that changes nothing, or None."""
+        if state.phase in (Phase.HELD, Phase.DONE):
+            return Outcome(self.order(state), reason=Reason.STOPPED)
+        if not seen.t_s >= state.t_s:
+            return Outcome(self.order(state), reason=Reason.CLOCK)
+        return None
 
-    @property
-    def _roams(self) -> bool:
-        return bool(self.mission.header.flags & ROAM) and self.mission.header.profile is Profile.PAPER
+    def _begun(self, state: State, seen: Experience) -> tuple[State, Experience]:
+        since = seen.t_s if state.since_s is None else state.since_s
+        heard = self._heard(state, seen.messages)
+        return replace(state, t_s=seen.t_s, since_s=since, heard=heard), self._sane(seen)
 
-    def _heard(self, state: State, seen: Experience) -> tuple[bytes, ...]:
+    def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         # Longer ones are nobody's we know, and are kept at the size of those that are.
-        new = (value if len(value) <= DIGEST_BYTES else sha3_256(value) for value in seen.messages)
+        new = (value if len(value) <= DIGEST_BYTES else sha3_256(value) for value in messages)
         return tuple(dict.fromkeys((*state.heard, *new)))[-self.config.messages_kept :]
 
     @staticmethod
@@ -179,93 +159,31 @@ class Walker:
         near = tuple(landmark for landmark in seen.landmarks if distance_m(seen, landmark) < SIGHT_M)
         return replace(seen, landmarks=near, travelled_m=max(0.0, min(seen.travelled_m, 1e9)))
 
-    def _unexplained(self, state: State, seen: Experience) -> Experience:
-        """What was experienced, without the landmarks that are known to be other nodes' than the target's."""
-        known = tuple(
-            node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
-        )
-        return replace(
-            seen, landmarks=tuple(landmark for landmark in seen.landmarks if not explains(self.config, known, landmark))
-        )
+    def sees_again(self, state: State, seen: Experience) -> Fix | None:
+        """The pose that landmarks decoded before tell, if they are seen again.
 
-    def _search(
-        self, state: State, seen: Experience, turns: tuple[float, ...], newly_tried: set[bytes], budget: Budget
-    ) -> Iterator[Found]:
-        nodes = self.candidates(state)
-        if self.mission.header.profile is Profile.PAPER:
-            released = state.opened[state.at].released if state.at is not None else b""
-            return self._paper.run(nodes, seen, state.heard, released, turns, budget)
-        locks = [lock for node in nodes for lock in self._locks(state, node)]
-        return search_sealed(
-            self.mission, self.config, locks, seen, state.heard, turns, state.tried, newly_tried, budget
-        )
+        Each such fix is no larger than what can have drifted since the last; a lidar that is stuck, or shown a building
+        that slides away, gives one at every step. So all of them since the last decode may not come to more than can
+        have drifted since then.
+        """
+        fix = seen_again(self.config, seen, state.known, seen.travelled_m - state.fixed_at_m)
+        if fix is None:
+            return None
+        x, y = self._pulled(state, seen, fix)
+        all_m = math.sqrt(x * x + y * y)
+        return fix if all_m <= allowed_m(self.config, seen.travelled_m - state.left_at_m) else None
 
-    def _locks(self, state: State, node: int) -> Iterator[Candidate]:
-        gate, hints = self._gate(state, node)
-        record = self.mission.nodes[node]
-        if gate is not None and len(hints) == len(record.aliases):
-            for a, hint in enumerate(hints):
-                yield Candidate(node, a, gate, hint)
+    @staticmethod
+    def _pulled(state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
+        return state.pulled_m[0] + (fix.x_m - seen.x_m), state.pulled_m[1] + (fix.y_m - seen.y_m)
 
-    def _gate(self, state: State, node: int) -> tuple[bytes | None, tuple[Hint, ...]]:
-        if node in self._gates and state.at is None:
-            return self._gates[node].share, self._gates[node].hints
-        shares = [
-            way.gate
-            for before in self.map.before[node]
-            if before in state.opened
-            for way in state.opened[before].ways
-            if way.target == node and way.gate is not None
-        ]
-        if not shares:
-            return None, ()
-        joined = join_shares([gate.share for gate in shares]) if node in self.map.joins else shares[0].share
-        return joined, shares[0].hints
-
-    def _believe(
-        self, state: State, seen: Experience, found: Found, shifted: list[tuple[Found, Fix]]
-    ) -> tuple[Opened | None, Fix | None, Reason]:
-        """A found node opened, with its fix; or the reason not to believe it."""
-        try:
-            opened = open_found(self.mission, found, seen)
-        except Altered:
-            return None, None, Reason.ALTERED
-        if found.observed is None or opened.landmark is None:
-            return opened, None, Reason.NO_MATCH
-        fix = fix_from(seen, found.observed, opened.landmark, found.turn_rad)
-        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
-            return None, None, Reason.DRIFT
-        agree, broken = agreement(self.config, seen, fix, found.observed, state.known)
-        if broken > agree:
-            return None, None, Reason.CONTRADICTED
-        if found.turn_rad and not agree:
-            # Nine turns are nine times as many chances of a false match: a second landmark has to say the same.
-            second = any(
-                other.observed is not found.observed
-                and other.turn_rad == found.turn_rad
-                and math.sqrt((was.x_m - fix.x_m) ** 2 + (was.y_m - fix.y_m) ** 2) <= self.config.agree_m
-                for other, was in shifted
-            )
-            shifted.append((found, fix))
-            if not second:
-                return None, None, Reason.CONTRADICTED
-        return opened, fix, Reason.NO_MATCH
-
-    def _remember_tried(self, state: State, newly_tried: set[bytes], opened: Opened | None) -> State:
-        if opened is not None and opened.node not in state.opened:
-            return replace(state, tried=frozenset())  # other gates, other tries
-        if not newly_tried:
-            return state
-        tried = state.tried | newly_tried
-        return replace(state, tried=tried if len(tried) <= self.config.tried_limit else frozenset(newly_tried))
-
-    def _advance(
+    def _decoded(
         self, state: State, seen: Experience, opened: Opened, fix: Fix | None, trials: int
     ) -> tuple[State, Outcome]:
         lengths = dict(state.lengths_m)
         if state.at is not None and opened.node in self.map.after[state.at]:
             lengths[state.at, opened.node] = self._length(state, seen, opened)
-        nodes = {**state.opened, opened.node: opened}
+        nodes = {**state.opened, opened.node: opened.known}
         over = opened.node in self.map.finals or (not self.map.finals and len(nodes) == len(self.mission.nodes))
         event = Event.COMPLETED if over else Event.DECODED
         state = replace(
@@ -275,13 +193,21 @@ class Walker:
             since_s=seen.t_s,
             fixed_at_m=seen.travelled_m if fix else state.fixed_at_m,
             left_at_m=seen.travelled_m,
+            pulled_m=(0.0, 0.0),
             opened=MappingProxyType(nodes),
             lengths_m=MappingProxyType(lengths),
-            # A way that was blocked an hour ago may be free: whoever got on tries again.
-            blocked=frozenset(way for way in state.blocked if way[0] == opened.node),
+            # A way that was blocked an hour ago may be free: whoever got on, to where it never was, tries again.
+            blocked=state.blocked if opened.node in state.opened else frozenset(),
+            keys=self._finder.keys_of(state, opened),
         )
         state = self._aim(state)
         return state, Outcome(self.order(state), opened, fix=fix, trials=trials, event=event)
+
+    def _walked(self, state: State, seen: Experience, again: Fix | None, find: Find) -> tuple[State, Outcome]:
+        if again is not None:
+            state = replace(state, fixed_at_m=seen.travelled_m, pulled_m=self._pulled(state, seen, again))
+        state, event, why = self._not_validated(state, seen)
+        return state, Outcome(self.order(state), reason=why or find.reason, fix=again, trials=find.trials, event=event)
 
     def _length(self, state: State, seen: Experience, opened: Opened) -> float:
         walked = seen.travelled_m - state.left_at_m
@@ -315,6 +241,7 @@ class Walker:
                 phase=next_phase(state.phase, Event.PASSED),
                 since_s=seen.t_s,
                 left_at_m=seen.travelled_m,
+                pulled_m=(0.0, 0.0),
             )
             state = self._aim(state)
             return state, Event.PASSED, Reason.NO_WAY if state.phase is Phase.HELD else None

@@ -13,14 +13,24 @@ from typing import Final
 
 import numpy as np
 
-from phalanx.bti import audit, request, rounds
+from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, Work
-from phalanx.bti.fleet import Fleet
+from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.errors import PeerError, UsageError
 from phalanx.wire.fields import Row
 
 from . import auditor, node
-from .controllers.python_controller import Act, Controller, Send, pack_outputs, unpack_outputs
+from .controllers.mission_evidence import EvidenceController
+from .controllers.python_controller import (
+    Act,
+    Controller,
+    Send,
+    checked_outputs,
+    checked_state,
+    pack_outputs,
+    unpack_outputs,
+)
 
 EVERYBODY: Final = -1
 
@@ -65,6 +75,10 @@ class CNode:
         fleet: the arrays; `i` is this robot's row.
         work: scratch memory, may be shared by robots that run one after the other.
         make_controller: makes a plain-Python controller for a robot's id, or None for the fleet's bundled one.
+
+    Attributes:
+        raw: what the next reading carries only a hash of; whoever polls the sensors sets it before `on_sensor`.
+
     Source: docs/spec/rebound.md.
     """
 
@@ -74,11 +88,17 @@ class CNode:
         self.f, self.i, self.w = fleet, i, work
         self.make_controller = make_controller
         self.controller = make_controller(self.id) if make_controller else None
+        self.raw = b""
 
     @property
     def id(self) -> int:
         """The robot's id, 1..65535."""
         return int(self.f.robot[self.i].id)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it runs a researcher's controller, and honestly."""
+        return self.controller is not None and type(self) is CNode
 
     # --- events ---
 
@@ -133,12 +153,32 @@ class CNode:
         if self.controller:
             r = self.f.robot[self.i]
             reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-            outputs = self.controller.on_input(int(r.step), self._entry_time(), reading)
+            step, t_ms = int(r.step), self._entry_time()
+            if isinstance(self.controller, EvidenceController):
+                evidence = self.evidence(step, t_ms, reading)
+                self.keep_evidence(evidence)
+                outputs = self.controller.on_evidence(step, t_ms, reading, evidence)
+            else:
+                outputs = self.controller.on_input(step, t_ms, reading)
             r.step += 1
             self.keep_state()
-            return list(outputs)
+            return checked_outputs(outputs, int(self.f.settings[0].frame_max))
         n = node.think(self.f, self.i, self.w, entry_len)
         return unpack_outputs(self.w.out[:n].tobytes())
+
+    def evidence(self, step: int, t_ms: int, reading: bytes) -> bytes:
+        """What to keep of `raw`: nothing if the log is half full, as the rest is for what comes without being asked."""
+        assert isinstance(self.controller, EvidenceController)
+        kept = self.controller.keep(step, t_ms, reading, self.raw)
+        room = self.f.log.shape[1] // 2 - int(self.f.robot[self.i].log_len)
+        fits = log.EVIDENCE_HEAD_BYTES + len(kept) <= room and len(kept) <= self.w.evidence.shape[0]
+        return kept if fits or self.f.settings[0].profile == PLAIN else b""
+
+    def keep_evidence(self, evidence: bytes) -> None:
+        """The evidence is in the log, right behind its INPUT."""
+        if evidence and self.f.settings[0].profile != PLAIN:
+            marked = bytes([log.EVIDENCE]) + len(evidence).to_bytes(2, "little") + evidence
+            log.append(self.f, self.i, row(marked), len(marked))
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """One output through the a-node."""
@@ -155,6 +195,12 @@ class CNode:
     def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
         """A frame through the a-node, logged unless it is audit traffic."""
         n = node.send(self.f, self.i, self.w, now_ms, row(frame), len(frame))
+        if n == trusted.E_AIRTIME and self.is_own and not frame[0] & request.AUDIT:
+            # Else it would be stopped for an output that its log lacks, and nobody would know why.
+            raise UsageError(
+                f"robot {self.id}: its a-node has no airtime left for a frame of {len(frame)} bytes",
+                "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
+            )
         return [Transmit(self.w.entry[ENTRY_HEAD_BYTES:n].tobytes(), to)] if n > 0 else []
 
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
@@ -178,7 +224,7 @@ class CNode:
     def keep_state(self) -> None:
         """What a plain-Python controller remembers is where checkpoints are made from."""
         if self.controller:
-            state = self.controller.encode()
+            state = checked_state(self.controller.encode(), self.f.state.shape[1])
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
             self.f.robot[self.i].state_len = len(state)
 
@@ -199,15 +245,22 @@ class CNode:
         case, w = self.w.case[0], self.w
         controller = self.make_controller(int(case.tee))
         if q[1] == 0:
-            controller.decode(w.state[48 : case.start_len].tobytes())
+            try:
+                controller.decode(w.state[48 : case.start_len].tobytes())
+            except PeerError:
+                return int(Refusal.STATE_MALFORMED)
         while (event := audit.next_event(self.f, w, q)) > audit.END:
             payload = q[case.payload_at : case.payload_at + case.payload_len].tobytes()
             refused = 0
             if event == audit.RECV:
                 controller.on_recv(int(case.entry_t), payload)
             elif event == audit.INPUT:
-                outputs = controller.on_input(int(case.step), int(case.entry_t), payload)
-                packed = pack_outputs(list(outputs))
+                evidence = w.evidence[: case.evidence_len].tobytes()
+                try:
+                    outputs = self._again(controller, int(case.step), int(case.entry_t), payload, evidence)
+                except PeerError:
+                    return int(Refusal.EVIDENCE_WRONG)
+                packed = pack_outputs(outputs)
                 w.out[: len(packed)] = np.frombuffer(packed, np.uint8)
                 refused = audit.expect(self.f, w, len(packed))
             else:
@@ -217,6 +270,12 @@ class CNode:
             if refused:
                 return int(refused)
         return int(-event)
+
+    @staticmethod
+    def _again(controller: Controller, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Send | Act]:
+        if isinstance(controller, EvidenceController):
+            return list(controller.on_evidence(step, t_ms, reading, evidence))
+        return list(controller.on_input(step, t_ms, reading))
 
 
 def row(data: bytes) -> Row:

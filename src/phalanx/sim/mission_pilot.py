@@ -1,6 +1,7 @@
 """From an instruction to wheels: a robot that knows no map drives where the order says, around what its lidar shows.
 
 It heads for the place where the instruction begins, then along the direction, or straight to what it sees it can reach.
+Back it goes the way it came: straight would lead into every corner of the building.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ LINE_MAX_M = 25.0
 HALT_S, STUCK_S = 2.0, 8.0
 TRIES = 2
 PROGRESS_M = 0.1
+CRUMB_M, THERE_M = 0.5, 0.7  # from one remembered place of the way here to the next; so near is there
 SPEED_MPS = 0.6
 TURN_RADPS = 1.5
 TURN_GAIN = 2.0
@@ -63,27 +65,42 @@ def _free(points: Floats, cosine: float, sine: float, margin_m: float) -> float:
 
 
 @kernel
+def _is_free(points: Floats, cosine: float, sine: float, margin_m: float, need_m: float) -> bool:
+    """Whether a robot gets so far in a direction."""
+    for k in range(len(points)):
+        along = points[k, 0] * cosine + points[k, 1] * sine
+        if 0.0 < along < need_m and abs(points[k, 1] * cosine - points[k, 0] * sine) < margin_m:
+            return False
+    return True
+
+
+@kernel
 def _course(
     points: Floats, cosines: Floats, sines: Floats, goal_x: float, goal_y: float, margin_m: float
 ) -> tuple[float, float, float]:
     """(cosine, sine, free way) of the free course that is nearest to the goal's; without one, of the freest."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
     need = min(LOOK_M, max(0.0, away - SHORT_M))
-    best, freest = -2.0, -1.0
-    chosen, fallback = -1, 0
-    chosen_free = 0.0
+    toward = np.empty(len(cosines))
+    straight = 0
     for k in range(0, len(cosines), COURSE_BEAMS):
-        toward = (cosines[k] * goal_x + sines[k] * goal_y) / away
-        if toward <= best:
-            continue
+        toward[k] = (cosines[k] * goal_x + sines[k] * goal_y) / away
+        if toward[k] > toward[straight]:
+            straight = k
+    chosen = straight
+    if not _is_free(points, cosines[straight], sines[straight], margin_m, need):
+        chosen, best = -1, -2.0
+        for k in range(0, len(cosines), COURSE_BEAMS):
+            if toward[k] > best and _is_free(points, cosines[k], sines[k], margin_m, need):
+                chosen, best = k, toward[k]
+    if chosen >= 0:
+        return cosines[chosen], sines[chosen], _free(points, cosines[chosen], sines[chosen], margin_m)
+    freest = -1.0
+    for k in range(0, len(cosines), COURSE_BEAMS):
         free = _free(points, cosines[k], sines[k], margin_m)
-        if free >= need:
-            best, chosen, chosen_free = toward, k, free
-        elif free > freest:
-            freest, fallback = free, k
-    if chosen < 0:
-        return cosines[fallback], sines[fallback], max(freest, 0.0)
-    return cosines[chosen], sines[chosen], chosen_free
+        if free > freest:
+            freest, chosen = free, k
+    return cosines[chosen], sines[chosen], max(freest, 0.0)
 
 
 class Pilot:
@@ -95,6 +112,8 @@ class Pilot:
         self._tries = 0
         self._best_m = math.inf
         self._best_s = 0.0
+        self._home: Point | None = None
+        self._trail: list[Point] = []
 
     def step(self, order: Order, pose: Pose, scan: LaserScan, t_s: float) -> tuple[float, float, bool]:
         """(speed_mps, turn_radps, blocked) for an order.
@@ -113,6 +132,7 @@ class Pilot:
         if leg != self._leg:
             self._leg, self._tries = leg, 0
             self._begin(t_s, passed=order.place_m is None)
+        self._remember(order, pose)
         points = _obstacles(scan.ranges_m, *scan.beams)
         (x, y), left_m = self._goal(order, pose, points, t_s)
         if left_m < self._best_m - PROGRESS_M:
@@ -133,7 +153,7 @@ class Pilot:
         """(goal in the robot's frame, metres that are left); fewer than none where the direction has led too far."""
         place = _local(pose, order.place_m or pose[:2])
         if order.kind is Kind.BACK:
-            return place, math.hypot(*place)
+            return self._homeward(place, pose, points)
         onward = self._onward(order, pose)
         if not self._passed:
             away = math.hypot(*place)
@@ -144,6 +164,24 @@ class Pilot:
                 return place, away
             self._begin(t_s, passed=True)
         return onward
+
+    def _remember(self, order: Order, pose: Pose) -> None:
+        """Keeps the way from where the order begins: every so often the place where the robot is."""
+        if order.place_m != self._home or math.dist(pose[:2], order.place_m or pose[:2]) < THERE_M:
+            self._home, self._trail = order.place_m, []
+        if order.kind is Kind.GO and (not self._trail or math.dist(pose[:2], self._trail[-1]) > CRUMB_M):
+            self._trail.append(pose[:2])
+
+    def _homeward(self, place: Point, pose: Pose, points: Floats) -> tuple[Point, float]:
+        """(where to go, metres that are left): to the place, or to the oldest remembered one in sight."""
+        while self._trail and math.dist(pose[:2], self._trail[-1]) < THERE_M:
+            self._trail.pop()
+        if not self._trail or _in_sight(points, place):
+            return place, math.hypot(*place)
+        crumbs = [_local(pose, crumb) for crumb in self._trail]
+        at = next((i for i, crumb in enumerate(crumbs) if _in_sight(points, crumb)), len(crumbs) - 1)
+        del self._trail[at + 1 :]
+        return crumbs[at], math.hypot(*crumbs[at]) + at * CRUMB_M
 
     @staticmethod
     def _onward(order: Order, pose: Pose) -> tuple[Point, float]:

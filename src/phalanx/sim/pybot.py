@@ -6,8 +6,10 @@ import numpy as np
 
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
+from phalanx.errors import UsageError
 from phalanx.robot.attacks import Attack
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
+from phalanx.wire.table import ACCELERATION, WHEELS_COMMAND
 
 from . import body, loop
 from .events import push
@@ -24,9 +26,23 @@ def handle(world: World, robots: dict[int, CNode]) -> None:
     i, kind = int(clock.robot), int(clock.kind)
     cnode = robots[i]
     now_ms = loop.clock_ms(world, i)
-    perform(world, i, _actions(world, cnode, kind, now_ms))
+    actions = _actions(world, cnode, kind, now_ms)
+    if cnode.is_own:
+        _check_commands(world, cnode.id, actions)
+    perform(world, i, actions)
     if kind == loop.WAKE and isinstance(cnode, Attack):
         wake(world, i, cnode)
+
+
+def _check_commands(world: World, rob_id: int, actions: list[Action]) -> None:
+    # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
+    known = WHEELS_COMMAND if int(world.clock[0].body) == body.WHEELS else ACCELERATION
+    for action in actions:
+        if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
+            raise UsageError(
+                f"robot {rob_id}: no command of its body's: {len(action.command)} bytes, the first {action.command[0]}",
+                f"{known.size} bytes, the first {known.tag}: docs/own-controller.md has the layout",
+            )
 
 
 def _actions(world: World, cnode: CNode, kind: int, now_ms: int) -> list[Action]:

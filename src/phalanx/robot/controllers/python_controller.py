@@ -28,7 +28,7 @@ import numpy as np
 
 from phalanx.errors import UsageError
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT
 
 from . import dispatch
 from .fields import Params, Row
@@ -128,6 +128,51 @@ class _Compiled(Controller):
 def _row(raw: bytes) -> Row:
     # Of a bytearray, as the row of an immutable object has another type, for which kernels would be compiled again.
     return np.frombuffer(bytearray(raw), np.uint8)
+
+
+def checked_outputs(told: object, room: int) -> list[Output]:
+    """What a researcher's controller put out, if it can be put out at all.
+
+    Args:
+        told: what `on_input` returned.
+        room: longest frame or command, bytes.
+    Raises: UsageError: no outputs, or one that no a-node lets out.
+    Source: docs/own-controller.md.
+    """
+    if not isinstance(told, Iterable) or isinstance(told, str | bytes):
+        raise UsageError(f"on_input returned {_kind(told)}", "a list of Act and Send, empty for nothing")
+    outputs = list(told)
+    for output in outputs:
+        if not isinstance(output, Send | Act):
+            raise UsageError(f"on_input put out {_kind(output)}", "a list of Act and Send, empty for nothing")
+        what = f"{type(output).__name__} of {_kind(output.payload)}"
+        if not isinstance(output.payload, bytes):
+            raise UsageError(f"on_input put out {what}", "bytes, as struct packs them")
+        if not 1 <= len(output.payload) <= room:
+            raise UsageError(f"on_input put out {what}, {len(output.payload)} long", f"1 to {room} bytes")
+        if isinstance(output, Send) and output.payload[0] & KIND_AUDIT:
+            raise UsageError("on_input sends a frame that begins like one of the audits", "a first byte below 0x80")
+    return outputs
+
+
+def checked_state(told: object, room: int) -> bytes:
+    """What a researcher's controller remembers, if there is room for it.
+
+    Args:
+        told: what `encode` returned.
+        room: longest state, bytes.
+    Raises: UsageError: not bytes, or too many.
+    Source: docs/own-controller.md.
+    """
+    if not isinstance(told, bytes):
+        raise UsageError(f"encode returned {_kind(told)}", "bytes, as struct packs them; b'' for nothing")
+    if len(told) > room:
+        raise UsageError(f"encode returned {len(told)} bytes", f"at most {room}, or BtiConfig(state_bytes={len(told)})")
+    return told
+
+
+def _kind(told: object) -> str:
+    return "None" if told is None else type(told).__name__
 
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:

@@ -1,0 +1,129 @@
+"""An attack on a mission: somebody between the operator, or the world, and a robot that is honest itself.
+
+An attack overrides what it lies about: what is delivered, the building, a scan, the wheels, messages. The rest goes
+through as it is. It is told what the adversary has and wants (`MissionPlan`), and nothing that only the robot knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from phalanx.mission import Mission
+from phalanx.mission.landmarks import FloorPlan, LaserScan
+from phalanx.robot.attacks.attack import Defence, Verdict
+
+from .harm import MissionHarm
+
+Pose = tuple[float, float, float]
+Look = Callable[[Pose], LaserScan]
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A mission on its way to a robot.
+
+    Args:
+        plain: what a robot without the shield gets.
+        file: what one with it gets; the paper's or ours.
+        key: the start key's bytes, which travel apart.
+        said: the messages of its controller.
+    """
+
+    plain: Mission
+    file: bytes
+    key: bytes
+    said: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPlan:
+    """What the adversary has and wants.
+
+    Args:
+        start_s: from when on it lies, seconds from the robot's start.
+        chance: its dice.
+        yesterday: what the operator sent to this robot a day ago, recorded.
+        others: what the operator sent to another robot today, recorded.
+        wanted: what the adversary would have the robot do.
+        options: what was asked for beside that.
+    """
+
+    start_s: float
+    chance: np.random.Generator
+    yesterday: Sent
+    others: Sent
+    wanted: Mission
+    options: Mapping[str, float | str] = field(default_factory=dict)
+
+
+class MissionAttack:
+    """One way to attack a mission.
+
+    Class attributes:
+        name: as typed in commands.
+        against: what it lies about.
+        does: what it does, for people.
+        stopped_by: what stops it, or why nothing has to, or why nothing can.
+        verdicts: what each defence makes of it.
+        harm: how its damage is measured; from `bites_from` of it on, the attack bites.
+        limit: a defence that limits it keeps its damage below this.
+        ordered: whether the operator wants anything done at all while it goes on.
+        released: whether the controller sends its messages.
+        again: whether the robot has started what it gets before.
+        clock_s: by so much the robot's clock is wrong.
+        starts_s: when it begins to lie, unless it is told otherwise.
+        takes: options.
+    """
+
+    name: ClassVar[str]
+    against: ClassVar[str]
+    does: ClassVar[str]
+    stopped_by: ClassVar[str]
+    verdicts: ClassVar[Mapping[Defence, Verdict]]
+    harm: ClassVar[MissionHarm]
+    bites_from: ClassVar[float] = 1.0
+    limit: ClassVar[float] = 0.0
+    ordered: ClassVar[bool] = True
+    released: ClassVar[bool] = True
+    again: ClassVar[bool] = False
+    clock_s: ClassVar[float] = 0.0
+    starts_s: ClassVar[float] = 0.0
+    takes: ClassVar[tuple[str, ...]] = ("at", "unchecked")
+
+    def __init__(self, plan: MissionPlan) -> None:
+        self.plan = plan
+        self.now_s = 0.0
+
+    @property
+    def lies(self) -> bool:
+        """Whether it lies at this moment."""
+        return self.now_s >= self.plan.start_s
+
+    def deliver(self, sent: Sent) -> Sent:
+        """What arrives of what the operator sent."""
+        return sent
+
+    def building(self, plan: FloorPlan) -> FloorPlan:
+        """The building that the robot is in."""
+        return plan
+
+    def scan(self, pose: Pose, look: Look) -> LaserScan:
+        """What the lidar says.
+
+        Args:
+            pose: where the robot truly is.
+            look: the scan that is true from a pose.
+        """
+        return look(pose)
+
+    def wheels(self) -> tuple[float, float]:
+        """(left, right) share of each wheel's turn that moves the robot."""
+        return 1.0, 1.0
+
+    def messages(self, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
+        """What the robot hears of what was sent in this moment."""
+        return messages

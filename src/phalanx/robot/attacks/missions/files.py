@@ -1,0 +1,163 @@
+"""What is done to a mission's file on its way: altered, replaced, sent again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from phalanx.errors import UsageError
+from phalanx.mission import BuildOptions, Landmark, Observable, Profile, build, parse_mission, parse_start_key, sign
+from phalanx.mission.graph import Node
+from phalanx.robot.attacks.attack import Defence, Verdict
+
+from .attack import MissionAttack, Sent
+from .harm import WRONG
+
+BYTE = 8
+MM_PER_M = 1000
+NOT_CHECKED_ON_PAPER: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "stopped"}
+
+
+class FlipBit(MissionAttack):
+    """One bit of what was signed is another: a header's, a hash's, a payload's; `bit=N` or any.
+
+    In the plain graph it is a bit of the last node's place: the one for four metres.
+    """
+
+    name = "flip-bit"
+    against = "file"
+    does = "changes one bit of the mission on its way to the robot"
+    stopped_by = (
+        "each record is bound to what was experienced and to the header (`paper`, docs/adr/0017), or authenticated "
+        "under what that opens (`bound`): it does not decode; and before that the signature does not verify"
+    )
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "stopped", "bound": "stopped"}
+    harm = WRONG
+    takes = ("bit", "unchecked")
+
+    PLACE_BIT: ClassVar[int] = 12  # of millimetres: 4.096 m
+
+    def deliver(self, sent: Sent) -> Sent:
+        """With the bit changed.
+
+        Raises: UsageError: the file has no such bit.
+        """
+        bits = BYTE * len(parse_mission(sent.file).signed_part())
+        asked = float(self.plan.options.get("bit", self.plan.chance.integers(bits)))
+        if not 0 <= asked < bits:
+            raise UsageError(f"bit {asked:g} of a mission", f"0 to {bits - 1}")
+        bit = int(asked)
+        altered = bytearray(sent.file)
+        altered[bit // BYTE] ^= 1 << bit % BYTE
+        nodes = tuple(self._moved(node) if node.final else node for node in sent.plain.nodes)
+        return replace(sent, file=bytes(altered), plain=replace(sent.plain, nodes=nodes))
+
+    def _moved(self, node: Node) -> Node:
+        return replace(node, see=tuple(tuple(map(self._elsewhere, alias)) for alias in node.see))
+
+    def _elsewhere(self, thing: Observable) -> Observable:
+        if not isinstance(thing, Landmark):
+            return thing
+        return replace(thing, x_m=(round(thing.x_m * MM_PER_M) ^ 1 << self.PLACE_BIT) / MM_PER_M)
+
+
+class ForgeGraph(MissionAttack):
+    """A whole mission of the adversary's: who has a floor plan can write one, and sign it with some key of his own.
+
+    In `paper` nobody asks who wrote a mission. Who has guessed the nodes of a true one could alter that as well.
+    """
+
+    name = "forge-graph"
+    against = "file"
+    does = "puts a mission of its own in the place of the operator's, start key and all"
+    stopped_by = "in `bound` the signature is by nobody whom the robot trusts; `paper` has no signature to look for"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_CHECKED_ON_PAPER
+    harm = WRONG
+    ordered = False
+
+    def deliver(self, sent: Sent) -> Sent:
+        """The adversary's, in the profile of the operator's."""
+        header = parse_mission(sent.file).header
+        made = build(
+            replace(self.plan.wanted, coding=header.coding),
+            BuildOptions(profile=header.profile),
+            self.plan.chance.bytes,
+        )[0]
+        mission = made.mission
+        if header.profile is Profile.SEALED:
+            mission = sign(mission, Ed25519PrivateKey.from_private_bytes(self.plan.chance.bytes(32)))
+        return Sent(self.plan.wanted, mission.encode(), made.key.encode(), ())
+
+
+class _Replay(MissionAttack):
+    """Something true is sent when nobody ordered anything: the weakness that the paper names (§VI-G)."""
+
+    against = "file"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_CHECKED_ON_PAPER
+    harm = WRONG
+    ordered = False
+
+
+class ReplayDay(_Replay):
+    """The operator's mission of another day."""
+
+    name = "replay-day"
+    does = "sends the robot what it was sent yesterday: mission, start key and messages"
+    stopped_by = "in `bound` the mission's window is signed, and over"
+
+    def deliver(self, sent: Sent) -> Sent:
+        """Yesterday's."""
+        del sent
+        return self.plan.yesterday
+
+
+class ReplayRobot(_Replay):
+    """The operator's mission for another robot."""
+
+    name = "replay-robot"
+    does = "sends the robot what another was sent: mission, start key and messages"
+    stopped_by = "in `bound` the robots that may run a mission are signed, and this one is not among them"
+
+    def deliver(self, sent: Sent) -> Sent:
+        """The other robot's."""
+        del sent
+        return self.plan.others
+
+
+class ReplayAgain(_Replay):
+    """The operator's mission of today, once more: the robot has done it already."""
+
+    name = "replay-again"
+    does = "sends the robot today's mission once more, after it was done"
+    stopped_by = "in `bound` a robot remembers which missions it has started, and starts each once"
+    again = True
+
+
+class SetClock(ReplayDay):
+    """Yesterday's mission was held back, so that the robot never started it; today its clock is a day late."""
+
+    name = "set-clock"
+    against = "clock"
+    does = "holds back a mission for a day, and sets the robot's clock back by that day when it delivers it"
+    stopped_by = "nothing, if the robot has never started it: a window is worth what its clock is, and that is trusted"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "not covered"}
+    clock_s = -86_400.0
+
+
+class SwapKey(MissionAttack):
+    """The start key of another day comes with the mission of today."""
+
+    name = "swap-key"
+    against = "start key"
+    does = "sends yesterday's start key with today's mission"
+    stopped_by = "a start key names its mission, and its gates open no other; a mission in `none` or `paper` has none"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "harmless", "bound": "stopped"}
+    harm = WRONG
+
+    def deliver(self, sent: Sent) -> Sent:
+        """With the key of yesterday, which says that it is today's."""
+        key = replace(parse_start_key(self.plan.yesterday.key), mission_id=parse_start_key(sent.key).mission_id)
+        return replace(sent, key=key.encode())

@@ -1,0 +1,132 @@
+"""The brute force of a captured mission: what is tried, batch by batch; the caller says how long, and times it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from phalanx.crypto.sha3 import sha3_256
+from phalanx.mission import Landmark, Mission, Profile, parse_mission, parse_start_key
+from phalanx.mission.audit import OUT_OF_REACH, audit
+from phalanx.mission.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
+from phalanx.mission.gate import StartKey
+from phalanx.mission.making import alias_offset, observed_bytes
+from phalanx.mission.records import SECRET_BYTES
+from phalanx.mission.sealed import node_salt, try_observation
+from phalanx.robot.attacks.attack import Defence, Verdict
+
+from .attack import MissionAttack, Sent
+from .harm import READ
+
+GATES = 2.0 ** (8 * SECRET_BYTES)
+TOKEN_BYTES = 16
+TOKENS = 2.0 ** (8 * TOKEN_BYTES)
+TOKEN_BATCH = 16
+
+
+class Guess(MissionAttack):
+    """Whoever has the file tries to read it, away from any robot.
+
+    Class attributes:
+        tries_max: batches are run until so many tries, by profile: fast hashes, or slow ones.
+        one_node: whether it is about the node with the token alone.
+    """
+
+    against = "secrecy"
+    harm = READ
+    takes = ()
+    tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 1 << 30, Profile.SEALED: 64}
+    one_node: ClassVar[bool] = False
+
+    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+        """Batches of tries, for as long as the caller asks for more.
+
+        Args:
+            sent: captured.
+            box: where the places are, metres.
+        """
+        raise NotImplementedError(self.name)
+
+    def in_all(self, plain: Mission, known: int) -> float:
+        """How many tries the whole takes: as many as are `known` of, or what lies behind the nodes that are open."""
+        del plain
+        return float(known)
+
+
+class GuessGraph(Guess):
+    """The file and its start key, if it has one, were captured with the robot."""
+
+    name = "guess-graph"
+    does = "tries every place in an area of 40 m x 40 m against a captured mission and its start key"
+    stopped_by = "in `bound` each try is an scrypt, which limits how fast; `paper` is a commitment and hides no place"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "limited"}
+
+    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+        """Every place."""
+        mission = parse_mission(sent.file)
+        if mission.header.profile is Profile.PAPER:
+            return crack_paper(mission, box)
+        return crack_sealed(mission, parse_start_key(sent.key), box)
+
+    def in_all(self, plain: Mission, known: int) -> float:
+        """A sealed node that was not opened hides how many come after it: the author knows, and the audit says so."""
+        if plain.coding is None:  # the paper profile: every node can be tried at once
+            return float(known)
+        rows = audit(plain, Profile.SEALED, open_start=True).nodes
+        return max(float(known), sum(row.candidates for row in rows if row.candidates < OUT_OF_REACH))
+
+
+class GuessGate(GuessGraph):
+    """The file alone was captured: the start key came over the link, and is not in it."""
+
+    name = "guess-gate"
+    does = "tries to read a captured mission without its start key, with gates that it draws"
+    stopped_by = "in `bound` 2^256 gates stand before the first place; `paper` has no start key"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "harmless"}
+
+    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+        """Every place, behind one gate after the other."""
+        mission = parse_mission(sent.file)
+        if mission.header.profile is Profile.PAPER:
+            yield from crack_paper(mission, box)
+            return
+        key = parse_start_key(sent.key)  # for the shape and the offsets of what is behind: more than the adversary has
+        while True:
+            gates = {
+                node: replace(gate, share=self.plan.chance.bytes(SECRET_BYTES)) for node, gate in key.gates.items()
+            }
+            for batch in crack_sealed(mission, StartKey(key.mission_id, gates, {}), box):
+                yield replace(batch, of=int(batch.of * GATES))
+
+
+class GuessToken(Guess):
+    """A code on a wall says 128 random bits; the adversary knows where it hangs, and has all gates."""
+
+    name = "guess-token"
+    does = "tries random tokens against the node of a captured mission whose place it knows, with all that leads there"
+    stopped_by = "128 random bits in a code on the wall are on no floor plan, in either profile"
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "harmless", "bound": "harmless"}
+    tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
+    one_node = True
+
+    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+        """One token after the other, against the first node."""
+        del box
+        mission, node = parse_mission(sent.file), sent.plain.nodes[0]
+        header, mark = mission.header, mission.nodes[0].aliases[0].mark
+        (place,) = node.see[0]
+        assert isinstance(place, Landmark), "the captured node is a code"
+        offset = alias_offset(header.coding, node.see[0])
+        salt, do = b"", node.do
+        if header.profile is Profile.SEALED:
+            # The action is in the payload, and not among what was observed.
+            salt, do = node_salt(parse_start_key(sent.key).gates[0].share, (), header, 0, 0), None
+        while True:
+            found: list[Cracked] = []
+            for _ in range(TOKEN_BATCH):
+                code = replace(place, text=self.plan.chance.bytes(TOKEN_BYTES).hex())
+                observed = observed_bytes(header.coding, (code,), offset, do=do)
+                if mark == (try_observation(header, observed, salt)[0] if salt else sha3_256(observed)):
+                    found.append(Cracked(0, place.type, place.x_m, place.y_m, place.orientation_rad))
+            yield Tried(TOKEN_BATCH, int(TOKENS), tuple(found))

@@ -1,0 +1,92 @@
+"""What became of a robot whose mission was attacked, and of a mission that was guessed; and its damage as a number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walked:
+    """What became of the robot, by the world's truth.
+
+    Args:
+        refused: the reason for which it did not start, or "".
+        done: it believes its mission completed.
+        held: it has stopped for good, or never started.
+        decoded: nodes that it took for reached, in this order.
+        false_nodes: those of them that it took for reached more than a metre from where it believed to be.
+        actions: that it did.
+        wrong_actions: those of them that nobody ordered, or not there.
+        false_fixes: fixes that left it 0.3 m or 6 degrees off.
+        worst_fix_m: so far off did the worst of them leave it; 0 without one.
+        not_validated: reasons that it gave, in this order.
+        from_last_m: at the end, from the place of its last validated node; None if that is no place.
+        pose_error_m: at the end, between where it is and where it believes to be.
+        t_s: when it ended.
+    """
+
+    refused: str = ""
+    done: bool = False
+    held: bool = False
+    decoded: tuple[int, ...] = ()
+    false_nodes: int = 0
+    actions: tuple[str, ...] = ()
+    wrong_actions: tuple[str, ...] = ()
+    false_fixes: int = 0
+    worst_fix_m: float = 0.0
+    not_validated: tuple[str, ...] = ()
+    from_last_m: float | None = None
+    pose_error_m: float = 0.0
+    t_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Guessed:
+    """What came of trying to read a captured mission: a part of it really run, the rest from its rate.
+
+    Args:
+        nodes: of the mission.
+        read: those of them that were read.
+        tries: really made.
+        seconds: that they took.
+        tries_per_s: measured; 0 where nothing had to be tried.
+        candidates: to be tried in the worst case, as far as is known now.
+        whole_s: what all of them take at that rate.
+    """
+
+    nodes: int
+    read: int
+    tries: int
+    seconds: float
+    tries_per_s: float
+    candidates: float
+    whole_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionHarm:
+    """One way to measure damage.
+
+    Args:
+        words: what is measured, for people.
+        unit: of the number.
+        of: the number, of a `Walked` or, for guesses, of a `Guessed`.
+    """
+
+    words: str
+    unit: str
+    of: Callable[[Any], float]
+
+
+WRONG = MissionHarm(
+    "things done that nobody ordered, or not there", "actions", lambda walked: len(walked.wrong_actions)
+)
+FALSE = MissionHarm(
+    "nodes taken for reached by a robot more than a metre from where it believed to be",
+    "nodes",
+    lambda walked: walked.false_nodes,
+)
+FIX = MissionHarm("how far off the worst false fix left the robot", "m", lambda walked: walked.worst_fix_m)
+READ = MissionHarm("nodes read in the tries that were made", "nodes", lambda guessed: guessed.read)

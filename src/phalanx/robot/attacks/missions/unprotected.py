@@ -1,0 +1,113 @@
+"""The robot without this shield: it gets the mission in clear, and takes everything for what it says it is.
+
+It drives from place to place by odometry, around what its lidar shows; a code is what its text says, wherever it hangs,
+and a message is its name.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from phalanx.config.mission import MissionConfig
+from phalanx.mission import (
+    BuildOptions,
+    Claim,
+    Experience,
+    Kind,
+    Landmark,
+    Mission,
+    Opened,
+    Order,
+    Outcome,
+    Phase,
+    Profile,
+    Reason,
+    State,
+    Walker,
+    build,
+)
+from phalanx.mission.canonical import Shape
+from phalanx.mission.graph import Node
+from phalanx.mission.observable import Cell, Offset
+from phalanx.mission.walk import Event
+
+ARRIVE_M = 0.5
+ANY_REACH_M = 1e3
+# Nobody audits a robot without the shield.
+NOTHING_CLAIMED = Claim(0, 0, Shape(), Offset(), Cell(0, 0), b"")
+
+
+class PlainWalker(Walker):
+    """A plain mission, followed; messages are their names, in clear.
+
+    Args:
+        plain: what to do, of one part.
+        config: of the robot; its time-out holds at nodes without one.
+    """
+
+    def __init__(self, plain: Mission, config: MissionConfig | None = None) -> None:
+        # For which way leads where, and nothing else is read of it: so its "random" bytes may be zeros.
+        (encoded,) = build(plain, BuildOptions(profile=Profile.PAPER), bytes)
+        super().__init__(encoded.mission, None, config)
+        self._nodes = plain.nodes
+        self._start = next(i for i, node in enumerate(plain.nodes) if node.start)
+
+    def step(self, state: State, seen: Experience) -> tuple[State, Outcome]:
+        """The next state, and what came of an experience."""
+        if state.phase is not Phase.SEEKING:
+            return state, Outcome(self.order(state), reason=Reason.STOPPED)
+        since_s = seen.t_s if state.since_s is None else state.since_s
+        state = replace(
+            state, t_s=seen.t_s, since_s=since_s, heard=tuple(dict.fromkeys((*state.heard, *seen.messages)))
+        )
+        target = self._start if state.target is None else state.target
+        if self._has_reached(self._nodes[target], state, seen):
+            return self._reach(state, seen, target)
+        at = None if state.at is None else self._nodes[state.at]
+        late = seen.t_s - since_s > ((at and at.timeout_s) or self.config.timeout_s)
+        if late or seen.blocked:
+            state = replace(state, phase=Phase.HELD)
+            event, reason = (Event.TIMED_OUT, Reason.TIMED_OUT) if late else (Event.BLOCKED, Reason.NO_WAY)
+            return state, Outcome(self.order(state), reason=reason, event=event)
+        return state, Outcome(self.order(state), reason=Reason.NO_MATCH)
+
+    def order(self, state: State) -> Order:
+        """To the next place, straight on."""
+        if state.phase is not Phase.SEEKING or state.target is None:
+            return super().order(state)
+        return Order(Kind.GO, state.target, toward_m=self._nodes[state.target].place)
+
+    @staticmethod
+    def _has_reached(node: Node, state: State, seen: Experience) -> bool:
+        if not {name.encode() for name in node.wait} <= set(state.heard):
+            return False
+        texts = {thing.text for alias in node.see for thing in alias if isinstance(thing, Landmark) and thing.text}
+        if texts:
+            reach_m = node.within_m or ANY_REACH_M
+            return any(code.text in texts and _distance_m(seen, code) <= reach_m for code in seen.landmarks)
+        return node.place is not None and math.dist(node.place, (seen.x_m, seen.y_m)) <= ARRIVE_M
+
+    def _reach(self, state: State, seen: Experience, target: int) -> tuple[State, Outcome]:
+        node = self._nodes[target]
+        opened = Opened(
+            node=target,
+            alias=0,
+            name=node.name,
+            place_m=node.place,
+            landmark=None,
+            do=node.do,
+            sends=(),
+            ways=(),
+            proof=b"",
+            claim=NOTHING_CLAIMED,
+        )
+        following = self.map.next_target(target, (), (), {}, ())
+        over = node.final or following is None
+        phase, event = (Phase.DONE, Event.COMPLETED) if over else (Phase.SEEKING, Event.DECODED)
+        state = replace(state, phase=phase, at=target, target=following, since_s=seen.t_s)
+        return state, Outcome(self.order(state), opened, event=event)
+
+
+def _distance_m(seen: Experience, landmark: Landmark) -> float:
+    return math.hypot(landmark.x_m - seen.x_m, landmark.y_m - seen.y_m)

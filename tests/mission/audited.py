@@ -1,0 +1,131 @@
+"""Small audited missions in the office: robots go from the entrance through the lobby's door to the store's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+from worlds import CHEAP, built, draws
+
+from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, build
+from phalanx.mission.keyring import Keyring
+from phalanx.robot.attacks.mission_cheat import CheatPlan, DriveDark, MissionCheat
+from phalanx.robot.controllers.mission import Assignment, Missions
+from phalanx.robot.controllers.mission_input import Sensors
+from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.lidar import Lidar
+from phalanx.sim.mission_protected import MissionSwarm, ProtectedMission
+from phalanx.sim.mission_protected_body import MissionBody
+from phalanx.sim.odometry import OdometryNoise
+
+PLAN = load_floorplan("office_40x40")
+LOBBY = Landmark("doorway", 9.0, 12.0, math.pi / 2)
+STORE = Landmark("doorway", 11.6, 10.0, 0.0)
+POOL = (Action("inspect"), Action("pick", (("shelf", 3),)))
+# Of the store's wall, both sides of its door: a building of a liar's choice.
+STORE_WALL = np.array([[9.0, 10.0, 10.9, 10.0], [12.3, 10.0, 19.0, 10.0]])
+SENSORS = Sensors()
+ROBOTS = 5
+ELSEWHERE = (2.0, 11.0)
+
+
+@cache
+def errand(profile: Profile):
+    """Built: start, lobby (inspect), store (pick; final)."""
+    draft = Draft("errand", coding=CHEAP if profile is Profile.SEALED else None)
+    draft.node("start", Position(*PLAN.start[:2]), start=True)
+    draft.node("the lobby", LOBBY, do=POOL[0])
+    draft.node("the store", STORE, do=POOL[1], final=True)
+    draft.way("start", "the lobby")
+    draft.way("the lobby", "the store")
+    return built(draft.mission(), profile)
+
+
+@cache
+def two_halves(profile: Profile):
+    """Built: b's store opens by the message that a sends when it has been in the lobby."""
+    draft = Draft("two", coding=CHEAP if profile is Profile.SEALED else None)
+    for part in "ab":
+        draft.node(f"{part} start", Position(*PLAN.start[:2]), start=True, part=part)
+        draft.node(f"{part} lobby", LOBBY, part=part, send=("seen",) if part == "a" else (), final=part == "a")
+        draft.way(f"{part} start", f"{part} lobby")
+    draft.node("b store", STORE, part="b", wait=("seen",), final=True)
+    draft.way("b lobby", "b store")
+    return build(draft.mission(), BuildOptions(profile=profile), draws())
+
+
+def everybody(one, robots: int = ROBOTS) -> Missions:
+    """The same mission for all, from the same place."""
+    return Missions(dict.fromkeys(range(1, robots + 1), Assignment(one.mission, PLAN.start, POOL)))
+
+
+def swarm(profile: Profile, defence: str = "bound", **more) -> ProtectedMission:
+    one = errand(profile)
+    keys = dict.fromkeys(range(1, ROBOTS + 1), one.key)
+    return ProtectedMission(MissionSwarm(plan=PLAN, missions=everybody(one), keys=keys, defence=defence, **more))
+
+
+def imagined_store(pose) -> bytes:
+    """What the lidar would say of the store's wall, were nothing before it."""
+    return SENSORS.raw_of(Lidar(STORE_WALL, SENSORS.lidar).sweep(pose, np.random.default_rng(7)))
+
+
+def all_gates(profile: Profile) -> Keyring:
+    """The keyring of an accomplice that has been everywhere."""
+    return Recording.of(profile).controllers[-1].memory.walk.keys
+
+
+def cheating(kind: type[MissionCheat], profile: Profile, defence: str, after_s: float) -> ProtectedMission:
+    """Robot 1 cheats."""
+    plan = CheatPlan(
+        after_ms=round(1000 * after_s),
+        toward_m=ELSEWHERE if kind is DriveDark else (STORE.x_m, STORE.y_m),
+        imagine=imagined_store,
+        keys=all_gates(profile),
+        node=1,
+        onward=2,
+    )
+    return swarm(profile, defence, liars={1: partial(kind, plan=plan)})
+
+
+@dataclass
+class Step:
+    step: int
+    t_ms: int
+    reading: bytes
+    raw: bytes
+    evidence: bytes
+    outputs: list
+    state: bytes
+
+
+class Recording:
+    """One robot alone, driven to the end of its mission; all that a log would hold, and more."""
+
+    def __init__(self, profile: Profile, seconds: float = 60.0, seed: int = 0):
+        self.one = errand(profile)
+        self.missions = everybody(self.one, 2)
+        self.replays = self.missions.controllers_of(2, self.one.key)  # robot 2's: for robot 1 they hold no key
+        live = self.missions.controllers_of(1, self.one.key)(1)
+        body = MissionBody(1, PLAN, SENSORS, PLAN.start, OdometryNoise(), seed)
+        self.steps: list[Step] = []
+        self.boot = live.encode()
+        for step in range(round(seconds * 4)):
+            t_ms = 1000 + 250 * step
+            body.advance(0.25 * step)
+            reading, raw = body.sense(t_ms)
+            evidence = live.keep(step, t_ms, reading, raw)
+            outputs = live.on_evidence(step, t_ms, reading, evidence)
+            for output in outputs:
+                body.obey(output.payload)
+            self.steps.append(Step(step, t_ms, reading, raw, evidence, outputs, live.encode()))
+            if live.memory.walk.phase.name == "DONE":
+                break
+        self.body, self.controllers = body, [live]
+
+    @classmethod
+    @cache
+    def of(cls, profile: Profile) -> Recording:
+        return cls(profile)

@@ -1,0 +1,97 @@
+"""Cells: compiled as plain, and the memory of a search, which saves time and changes nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from worlds import built, corridor
+
+from phalanx.config.mission import MissionConfig
+from phalanx.crypto.sha3 import find_patched
+from phalanx.mission import Experience, Landmark, Profile, cells
+from phalanx.mission.cells import CELL_LIMIT, Searched, numbers_of
+from phalanx.mission.search import Budget, PaperSearch
+
+metres = st.floats(-1e6, 1e6)
+STEPS = (0.1, 0.1, math.pi / 12, 2.0)
+TURNS = (0.0, 0.03, -0.03)
+
+
+@settings(deadline=None)
+@given(metres, metres, st.floats(-10, 10), st.floats(-5, 1e5), st.tuples(*[st.floats(-0.2, 0.2)] * 4))
+def test_a_cell_is_what_python_rounds_to_compiled_and_plain(x, y, turn, area, offset):
+    rounded = [round((value - off) / step) for value, off, step in zip((x, y, turn, area), offset, STEPS, strict=True)]
+    expected = (rounded[0], rounded[1], rounded[2] % 24, max(0, min(CELL_LIMIT, rounded[3])))
+    assert numbers_of(x, y, turn, area, offset, STEPS, 24) == expected
+    assert numbers_of.py_func(x, y, turn, area, offset, STEPS, 24) == expected
+    assert numbers_of(x, y, math.nan, math.nan, offset, STEPS, 24) == (*expected[:2], -1, -1)
+
+
+def test_halves_go_to_the_even_cell_and_what_is_too_far_to_the_last():
+    def at(x: float, y: float, step: float) -> tuple[int, ...]:
+        return numbers_of(x, y, math.nan, math.nan, (0.0,) * 4, (step,) * 4, 1)[:2]
+
+    assert [at(x, 0.0, 1.0)[0] for x in (0.5, 1.5, -0.5, 2.5)] == [0, 2, 0, 2]
+    assert at(1e12, -1e12, 0.1) == (CELL_LIMIT, -CELL_LIMIT)
+
+
+def _search() -> PaperSearch:
+    return PaperSearch(built(corridor(5), Profile.PAPER).mission, MissionConfig())
+
+
+def _tried(search: PaperSearch, seen: Experience, tries: int) -> tuple[list[object], int]:
+    budget = Budget(tries)
+    return list(search.run((0, 1, 2, 3, 4), seen, (), b"", TURNS, budget)), budget.used
+
+
+doors = st.builds(
+    Landmark, st.just("doorway"), st.floats(-1, 20), st.floats(-1, 3), st.one_of(st.none(), st.floats(-3, 3))
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.lists(doors, max_size=4), st.integers(0, 30_000)), min_size=2, max_size=6))
+def test_what_was_searched_before_changes_neither_what_is_found_nor_the_tries(steps):
+    experienced = _search()
+    for landmarks, tries in steps + steps:
+        seen = Experience(0.0, 3.0, 0.2, 0.0, landmarks=tuple(landmarks))
+        assert _tried(experienced, seen, tries) == _tried(_search(), seen, tries)
+
+
+def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
+    search, hashed = _search(), []
+
+    def counted(*arguments):
+        hashed.append(arguments)
+        return find_patched(*arguments)
+
+    monkeypatch.setattr("phalanx.mission.search.find_patched", counted)
+    seen = Experience(0.0, 3.0, 0.2, 0.0, landmarks=(Landmark("doorway", 9.3, 1.1, 0.4),))
+    first, before = _tried(search, seen, 100_000), len(hashed)
+    assert before > 0
+    assert _tried(search, seen, 100_000) == first
+    assert len(hashed) == before
+
+
+def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
+    things, groups = np.array([[x_m, 0.0, math.nan, math.nan]]), np.zeros((1, 5))
+    pair, left, _ = searched.next_unsearched(0, things, (0.0, 0.0), 0.0, groups, STEPS, 1, lane, 10_000)
+    assert left == (10_000 if pair == 0 else 10_000 - 11 * 11)
+    return pair == 0
+
+
+def test_a_full_table_is_emptied_and_never_knows_what_was_not_added(monkeypatch):
+    monkeypatch.setattr(cells, "FULL", 50)
+    searched = Searched(rings=5)
+    lane = searched.lane("a", 2)
+    assert searched.lane("a", 2) == lane
+    assert searched.lane("b", 1) not in (lane, lane + 1)
+    for x in range(120):
+        searched.add(lane, (x, 0, -1, -1))
+    assert not [x for x in range(100, 120) if _is_new(searched, lane, x / 10)]
+    assert all(_is_new(searched, lane, x / 10) for x in range(100))
+    assert all(_is_new(searched, lane + 1, x / 10) for x in range(120))
+    assert all(_is_new(searched, lane, x / 10) for x in range(120, 200))

@@ -1,0 +1,128 @@
+"""The pilot that auditors replay: it arrives, keeps off walls, gives up; and the same commands uncompiled."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from audited import PLAN, SENSORS, Recording
+from worlds import BOTH
+
+from phalanx.mission import Kind, Order
+from phalanx.robot.controllers.mission_input import CLEAR
+from phalanx.robot.controllers.mission_pilot import Drive, Leg, Sectors, course, drive, free_way, hits
+from phalanx.sim.mission_protected_body import MissionBody
+from phalanx.sim.odometry import OdometryNoise
+
+HERE = Path(__file__).parent
+LIDAR = SENSORS.lidar
+SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
+OPEN = np.full(SENSORS.sectors, CLEAR, np.uint8)
+
+
+def driven(order: Order, start, seconds: float):
+    """A body that carries out an order in the office, odometry being true: (pose, leg, last command) at each step."""
+    body, leg = MissionBody(1, PLAN, SENSORS, start, OdometryNoise(0.0, 0.0), 0), Leg()
+    for k in range(round(4 * seconds)):
+        body.advance(0.25 * k)
+        reading, _ = body.sense(1000 + 250 * k)
+        leg, command = drive(leg, order, 0, body.wheels.pose, SENSORS.parse(reading).clear, SECTORS, 0.25 * k)
+        body._left_mps, body._right_mps = body.wheels.wheels(command.speed_mps, command.turn_radps)
+        yield body.wheels.pose, leg, command
+        if command.blocked:
+            return
+
+
+def test_it_goes_where_it_is_known_to_go_and_touches_nothing():
+    order = Order(Kind.GO, 1, (3.0, 1.5), None, (7.0, 10.0))
+    poses = [pose for pose, *_ in driven(order, PLAN.start, 30.0)]
+    assert min(math.dist(pose[:2], (7.0, 10.0)) for pose in poses) < 0.3
+    assert min(PLAN.clearance_m(x, y) for x, y, _ in poses) > 0.2
+
+
+def test_it_follows_a_direction_through_a_door():
+    order = Order(Kind.GO, 1, (3.0, 12.0), 0.0)
+    poses = [pose for pose, *_ in driven(order, (3.0, 12.0, 0.0), 25.0)]
+    assert max(x for x, _, _ in poses) > 10.0, "through the lobby's door at 9, 12"
+    assert min(PLAN.clearance_m(x, y) for x, y, _ in poses) > 0.2
+
+
+def test_a_place_behind_a_wall_is_given_up():
+    order = Order(Kind.GO, 1, (3.0, 12.0), None, (3.0, 16.0))
+    *_, (pose, leg, command) = driven(order, (3.0, 12.0, 1.57), 60.0)
+    assert command.blocked
+    assert leg == Leg()
+    assert pose[1] < 13.5
+
+
+@pytest.mark.parametrize("kind", [kind for kind in Kind if kind not in (Kind.GO, Kind.BACK)])
+def test_any_other_order_is_to_stand(kind):
+    assert drive(Leg((0, 1, 2)), Order(kind), 0, PLAN.start, OPEN, SECTORS, 1.0) == (Leg(), Drive())
+
+
+def test_nothing_in_range_is_not_in_sight():
+    """A place eight metres off, and sectors that end at five: first to where the order begins."""
+    order = Order(Kind.GO, 1, (0.0, 2.0), None, (8.0, 0.0))
+    leg, command = drive(Leg(), order, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0)
+    assert not leg.passed
+    assert command.turn_radps > 0
+    near = Order(Kind.GO, 1, (0.0, 2.0), None, (4.0, 0.0))
+    assert drive(Leg(), near, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0)[0].passed
+
+
+def test_kernels_give_the_same_compiled_and_not():
+    dice = np.random.default_rng(3)
+    for _ in range(200):
+        clear = dice.integers(0, 256, SENSORS.sectors).astype(np.uint8)
+        points = hits(clear, SECTORS.cosines, SECTORS.sines)
+        assert np.array_equal(points, hits.py_func(clear, SECTORS.cosines, SECTORS.sines))
+        x, y = dice.uniform(-4, 4, 2)
+        assert free_way(points, 0.6, 0.8) == free_way.py_func(points, 0.6, 0.8)
+        args = (points, SECTORS.cosines, SECTORS.sines, x, y)
+        assert course(*args) == course.py_func(*args)
+
+
+@pytest.mark.parametrize("profile", BOTH)
+def test_a_process_in_which_nothing_is_compiled_replays_the_same_commands_and_states(profile, tmp_path):
+    recording = Recording.of(profile)
+    path = tmp_path / "steps.json"
+    told = [
+        (each.step, each.t_ms, each.reading.hex(), each.evidence.hex(), [o.payload.hex() for o in each.outputs])
+        for each in recording.steps
+    ]
+    path.write_text(json.dumps({"profile": int(profile), "steps": told, "end": recording.steps[-1].state.hex()}))
+    child = subprocess.run(
+        [sys.executable, str(HERE / "test_mission_pilot.py"), str(path)],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.split() == ["same", str(len(told))]
+
+
+def replay(path: Path) -> None:
+    """The child: the whole walk from boot, uncompiled."""
+    from audited import errand, everybody
+
+    from phalanx.mission import Profile
+
+    assert not hasattr(course, "py_func"), "compiled"
+    told = json.loads(path.read_text())
+    one = errand(Profile(told["profile"]))
+    controller = everybody(one, 2).controllers_of(2, one.key)(1)
+    for step, t_ms, reading, evidence, outputs in told["steps"]:
+        done = controller.on_evidence(step, t_ms, bytes.fromhex(reading), bytes.fromhex(evidence))
+        assert [output.payload.hex() for output in done] == outputs, step
+    assert controller.encode().hex() == told["end"]
+    print("same", len(told["steps"]))
+
+
+if __name__ == "__main__":
+    replay(Path(sys.argv[1]))
