@@ -1,10 +1,13 @@
-"""Ray casting and feature extraction of a 1080-beam scan: microseconds, compiled and plain, in one run.
+"""What a scan of 1080 beams costs: casting its rays, and finding walls, corners, doorways and rooms in it.
 
-Asked: 1080 beams against 100 walls, and the extraction, in 150 us each (docs/adr/0019).
+    python benchmarks/bench_scan.py [--quick] [--json]
+
+Ends with 1 if a limit is exceeded. The notes say what the same functions take uncompiled.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
@@ -14,6 +17,7 @@ import sys
 import time
 
 import numpy as np
+from rows import Row, print_table
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks import extract
@@ -21,7 +25,15 @@ from phalanx.sim.floorplan import load_floorplan
 from phalanx.sim.lidar import Lidar
 from phalanx.sim.walkers import free_place
 
-RUNS = 400
+RUNS, QUICK_RUNS, PLAIN_RUNS = 400, 50, 6
+LIMIT_US = 150.0
+CAST, OFFICE, SWEEP, EXTRACT, LANDMARKS = (
+    "rays against 100 walls",
+    "rays in office_40x40",
+    "a sweep with noise, office_40x40",
+    "features of a scan",
+    "features as landmarks",
+)
 
 
 def median_us(work, arguments) -> float:
@@ -47,19 +59,24 @@ def measure(runs: int) -> dict[str, float]:
     scans = [office.sweep(pose, random) for pose in poses]
     features = [extract(scan) for scan in scans]
     return {
-        "cast, 100 walls": median_us(hundred.true_ranges, [(pose,) for pose in around]),
-        f"cast, office ({len(plan.walls)} walls)": median_us(office.true_ranges, [(pose,) for pose in poses]),
-        "sweep with noise, office": median_us(lambda pose: office.sweep(pose, random), [(pose,) for pose in poses]),
-        "extract": median_us(extract, [(scan,) for scan in scans]),
-        "landmarks": median_us(lambda seen, pose: seen.landmarks(*pose), list(zip(features, poses, strict=True))),
+        CAST: median_us(hundred.true_ranges, [(pose,) for pose in around]),
+        OFFICE: median_us(office.true_ranges, [(pose,) for pose in poses]),
+        SWEEP: median_us(lambda pose: office.sweep(pose, random), [(pose,) for pose in poses]),
+        EXTRACT: median_us(extract, [(scan,) for scan in scans]),
+        LANDMARKS: median_us(lambda seen, pose: seen.landmarks(*pose), list(zip(features, poses, strict=True))),
     }
 
 
-def main() -> None:
-    if "--plain" in sys.argv:
-        print(json.dumps(measure(6)))
-        return
-    compiled = measure(RUNS)
+def main() -> int:
+    words = argparse.ArgumentParser(description=__doc__)
+    words.add_argument("--quick", action="store_true", help="coarse, and no verdict")
+    words.add_argument("--json", action="store_true")
+    words.add_argument("--plain", action="store_true", help=argparse.SUPPRESS)
+    said = words.parse_args()
+    if said.plain:
+        print(json.dumps(measure(PLAIN_RUNS)))
+        return 0
+    compiled = measure(QUICK_RUNS if said.quick else RUNS)
     plain = json.loads(
         subprocess.run(
             [sys.executable, __file__, "--plain"],
@@ -69,10 +86,23 @@ def main() -> None:
             text=True,
         ).stdout
     )
-    print(f"{LidarConfig().beams} beams, median of {RUNS}, us")
-    for name, us in compiled.items():
-        print(f"{name:28}{us:9.1f}   plain {plain[name]:11.0f}   {plain[name] / us:6.0f} x")
+    rows = [
+        Row(
+            section=3 if name in (CAST, EXTRACT) else 0,
+            what=f"{name}, {LidarConfig().beams} beams",
+            measured=us,
+            unit="µs",
+            limit=LIMIT_US if name in (CAST, EXTRACT) else None,
+            note=f"uncompiled {plain[name]:.0f} µs, {plain[name] / us:.0f} times",
+        )
+        for name, us in compiled.items()
+    ]
+    if said.json:
+        print(json.dumps([row.json() for row in rows]))
+    else:
+        print_table(rows)
+    return 0 if said.quick or all(row.holds is not False for row in rows) else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

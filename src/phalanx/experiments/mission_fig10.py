@@ -230,7 +230,7 @@ def draw(table: CaseTable, picture: Picture) -> None:
     labels = [f"{name.removesuffix('_s').upper()}\n{words.replace(', ', chr(10))}" for name, words in STAGES.items()]
     stages.set_xticks(range(1, 1 + len(STAGES)), labels, fontsize=7)
     stages.set(ylabel="time for one picture (s)", yscale="log")
-    ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.14), ncols=2, frameon=False)
+    ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.09), ncols=4, frameon=False)
     over_time.legend(fontsize=8, loc="upper left")
 
 

@@ -1,7 +1,9 @@
 """Encoded graphs Fig. 8b: errors of odometry alone and with encoded landmarks, for growing noise of the odometry.
 
-The paper says neither what sigma is of nor how far its features reach. Four answers are measured; the cliff that it
-reports near sigma_t = 0.06 comes with a factor that is always 1 + sigma and features no farther than 3 m.
+The paper says neither what sigma is of nor how far its features reach. Five answers are measured; the cliff that it
+reports near sigma_t = 0.06 comes with a factor that is always 1 + sigma and features no farther than 3 m. With that
+factor a robot is lost at sigma_r = 0.05 for the last 25 s: the drive turns by 207 degrees within ten seconds, for the
+robot by 10 more, and headings are searched up to 6. The factor that Stage draws leaves half of that at most.
 """
 
 from __future__ import annotations
@@ -22,8 +24,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
 
 LEVELS = ((0.03, 0.0), (0.0, 0.05), (0.05, 0.0), (0.06, 0.0), (0.075, 0.0))
-# (model, reach of features in m); the first is nearest to the paper.
-SETTINGS = ((NoiseModel.FIXED, 3.0), (NoiseModel.FIXED, 10.0), (NoiseModel.STAGE, 10.0), (NoiseModel.STEP, 10.0))
+# (model, reach of features in m); the first is nearest to the paper's cliff.
+SETTINGS = (
+    (NoiseModel.FIXED, 3.0),
+    (NoiseModel.STAGE, 3.0),
+    (NoiseModel.FIXED, 10.0),
+    (NoiseModel.STAGE, 10.0),
+    (NoiseModel.STEP, 10.0),
+)
+SHORT = SETTINGS[:2]
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 COLUMNS = tuple(f"{way}_p{100 * share:.0f}_m" for way in ("odometry", "hash") for share in SHARES)
 ZERO_M = 0.15
@@ -75,19 +84,24 @@ def compare(table: CaseTable) -> list[Statement]:
                     why=f"at most {ZERO_M} m in every seed: the paper calls it virtually zero",
                 )
             )
-    model, reach_m = SETTINGS[0]
-    for level in LEVELS[:3]:
-        ours = _over_seeds(table, model, reach_m, level, "hash_p100_m")
-        out.append(
-            Statement(
-                what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
-                paper="robust up to sigma_t = 0.05",
-                reference="",
-                ours=quantiles(ours, ".2f"),
-                agrees=bool(np.all(ours <= LOST_M)),
-                why=f"found again in every seed: at most {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m",
+    for model, reach_m in SHORT:
+        for level in LEVELS[:3]:
+            ours = _over_seeds(table, model, reach_m, level, "hash_p100_m")
+            turns = level[1] and model is NoiseModel.FIXED
+            out.append(
+                Statement(
+                    what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
+                    paper="robust up to sigma_t = 0.05",
+                    reference="",
+                    ours=quantiles(ours, ".2f"),
+                    agrees=bool(np.all(ours <= LOST_M)),
+                    why=f"found again in every seed: at most {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m"
+                    + (
+                        "; 5 % of an about-turn at 125 s is more than the ±6 degrees that are searched" if turns else ""
+                    ),
+                )
             )
-        )
+    model, reach_m = SETTINGS[0]
     for level in LEVELS[3:]:
         ours = _over_seeds(table, model, reach_m, level, "hash_p100_m")
         out.append(
@@ -100,7 +114,7 @@ def compare(table: CaseTable) -> list[Statement]:
                 why=f"lost in every seed: more than {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m",
             )
         )
-    for model, reach_m in SETTINGS[1:]:
+    for model, reach_m in SETTINGS[2:]:
         ours = _over_seeds(table, model, reach_m, LEVELS[4], "hash_p50_m")
         out.append(
             Statement(
@@ -159,5 +173,5 @@ FIGURE = MissionFigure(
     measure=measure_case,
     compare=compare,
     draw=draw,
-    size_in=(14.0, 5.5),
+    size_in=(16.0, 5.5),
 )

@@ -1,0 +1,88 @@
+"""A small building and an errand in it: on this, attacks on missions are tried.
+
+Three rooms in a row: into the second by a door, into the third by another; a code on its far wall says which shelf it
+is, and what was picked there is handed over at a door in the side, when a controller has released it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+from phalanx.config.mission import CodingConfig
+from phalanx.mission import Action, Draft, Landmark, Mission, Position
+from phalanx.mission.landmarks import FloorPlan, WallCode, floorplan_of_yaml
+
+# What an adversary must search who knows no more than how large the building may be.
+AREA_M = (0.0, 0.0, 40.0, 40.0)
+START = (1.5, 2.0, 0.0)
+TOKEN = "7d1f0c52a9e84b3666c0e2f1b8d49a07"  # noqa: S105  # hangs on a wall
+RELEASED = "goods-released"
+SHELF_WITHIN_M, DOOR_WITHIN_M = 3.0, 2.5
+TIMEOUT_S = 15
+_SHELF = Landmark("qr", 18.0, 3.0, math.pi, text=TOKEN)
+_BUILDING = b"""
+name: errand
+size: [18, 8]
+start_pose: [1.5, 2.0, 0.0]
+walls:
+- [0, 0, 18, 0]
+- [0, 0, 0, 8]
+- [18, 0, 18, 8]
+- [0, 8, 14.2, 8]
+- [15.8, 8, 18, 8]
+- [5, 0, 5, 2.2]
+- [5, 3.8, 5, 8]
+- [10, 0, 10, 4.1]
+- [10, 5.9, 10, 8]
+"""
+
+
+@cache
+def building() -> FloorPlan:
+    """The three rooms, with the code where it belongs."""
+    code = WallCode(TOKEN, _SHELF.x_m - 0.01, _SHELF.y_m, 0.3, math.pi)
+    plan = floorplan_of_yaml(_BUILDING)
+    return FloorPlan(plan.name, plan.walls, plan.outlines, plan.bounds, plan.start, (code,))
+
+
+def errand(coding: CodingConfig | None = None) -> Mission:
+    """Fetch and hand over."""
+    draft = Draft("errand", coding=coding, area_m=AREA_M)
+    draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)
+    draft.node("first door", Landmark("doorway", 5.0, 3.0, math.pi / 2), within_m=DOOR_WITHIN_M, timeout_s=TIMEOUT_S)
+    draft.node("second door", Landmark("doorway", 10.0, 5.0, math.pi / 2), within_m=DOOR_WITHIN_M, timeout_s=TIMEOUT_S)
+    draft.node("shelf", _SHELF, do=Action("pick"), within_m=SHELF_WITHIN_M, timeout_s=TIMEOUT_S)
+    draft.node(
+        "hand-over",
+        Landmark("doorway", 15.0, 8.0, 0.0),
+        do=Action("hand_over"),
+        wait=(RELEASED,),
+        within_m=DOOR_WITHIN_M,
+        final=True,
+    )
+    for node, following in zip(draft.nodes[:-1], draft.nodes[1:], strict=True):
+        draft.way(node.name, following.name)
+    return draft.mission()
+
+
+def shelf_alone(coding: CodingConfig | None = None) -> Mission:
+    """The node with the token as a mission of its own: whoever has its start key has all that leads there."""
+    draft = Draft("shelf", coding=coding)
+    draft.node("shelf", _SHELF, do=Action("pick"), within_m=SHELF_WITHIN_M, start=True)
+    return draft.mission()
+
+
+def theft() -> Mission:
+    """What an adversary would have the robot do: hand over at the first door, to whoever waits there."""
+    draft = Draft("theft")
+    draft.node("start", Position(*START[:2]), start=True, timeout_s=TIMEOUT_S)
+    draft.node(
+        "first door",
+        Landmark("doorway", 5.0, 3.0, math.pi / 2),
+        do=Action("hand_over"),
+        within_m=DOOR_WITHIN_M,
+        final=True,
+    )
+    draft.way("start", "first door")
+    return draft.mission()

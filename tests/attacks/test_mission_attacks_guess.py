@@ -1,0 +1,90 @@
+"""The brute force of a captured mission: it reads what it can read, at a rate that is measured; and no more."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from phalanx.config.mission import CodingConfig
+from phalanx.experiments.mission_attacked import ROBOT, Operator, plan_of
+from phalanx.experiments.mission_errand import TOKEN, errand
+from phalanx.experiments.mission_guess import try_guess
+from phalanx.experiments.mission_trial import try_mission_attack
+from phalanx.mission import parse_start_key
+from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guess
+from phalanx.sim.scenario import DEFENCES
+
+GUESSES = [name for name, kind in MISSION_ATTACKS.items() if issubclass(kind, Guess)]
+CHEAP = CodingConfig(delta_mm=800, kdf_log2_n=1, kdf_r=1)
+PLACES = 3  # nodes that are a place and nothing else; the others take a token or a message
+
+
+@cache
+def trial(name: str, defence: str):
+    return try_mission_attack(name, defence)
+
+
+def guess(name: str, defence: str, chance=None, **more):
+    plan = plan_of(defence, 0, 0.0, {})
+    if chance is not None:
+        object.__setattr__(plan, "chance", chance)
+    return try_guess(MISSION_ATTACKS[name](plan), defence, 0, **more)
+
+
+class Loaded:
+    """Dice that always show the same."""
+
+    def __init__(self, shows: bytes):
+        self.shows = shows
+
+    def bytes(self, length: int) -> bytes:
+        assert length == len(self.shows)
+        return self.shows
+
+
+@pytest.mark.parametrize("defence", DEFENCES)
+@pytest.mark.parametrize("name", GUESSES)
+def test_the_guess_comes_to_what_it_declares(name, defence):
+    told, verdict = trial(name, defence).attacked, MISSION_ATTACKS[name].verdicts[defence]
+    assert trial(name, defence).kept
+    assert (told.read > 0) == (verdict == "bites")
+    if defence == "none":
+        assert told.read == told.nodes
+        return
+    assert told.tries > 0
+    assert told.tries_per_s == pytest.approx(told.tries / told.seconds)
+    assert told.whole_s == pytest.approx(told.candidates / told.tries_per_s)
+    year_s = 3.2e7
+    if verdict == "bites":
+        assert told.read == PLACES
+        assert told.tries == told.candidates, "it was run to the end"
+    elif verdict == "limited":
+        assert told.candidates < 1e9
+        assert 10 < told.whole_s < year_s
+    else:
+        assert told.whole_s > 1e20 * year_s
+
+
+def test_paper_falls_a_thousand_times_as_fast_as_sealed():
+    paper, sealed = (trial("guess-graph", defence).attacked for defence in ("paper", "bound"))
+    assert paper.tries_per_s > 1000 * sealed.tries_per_s
+
+
+def test_sealed_falls_too_to_who_has_its_start_key_and_the_time():
+    """At a try that costs nothing: the places are read, the token and what needs a message are not."""
+    told = guess("guess-graph", "bound", coding=CHEAP, tries=1 << 30)
+    assert told.read == PLACES
+
+
+def test_without_the_right_gate_nothing_is_read_wherever_one_looks_and_with_it_all_places_are():
+    whole_box = 51 * 51
+    assert guess("guess-gate", "bound", coding=CHEAP, tries=2 * whole_box).read == 0
+    (gate,) = parse_start_key(Operator("bound", 0).send(errand(CHEAP), ROBOT, 1).key).gates.values()
+    assert guess("guess-gate", "bound", Loaded(gate.share), coding=CHEAP, tries=whole_box).read == PLACES
+
+
+@pytest.mark.parametrize("defence", ["paper", "bound"])
+def test_a_token_that_is_guessed_right_does_open(defence):
+    coding = CHEAP if defence == "bound" else None
+    assert guess("guess-token", defence, Loaded(bytes.fromhex(TOKEN)), tries=16, coding=coding).read == 1
