@@ -7,15 +7,17 @@ import math
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 
 from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
+from phalanx.cli.sim import show
 from phalanx.robot.attacks import ATTACKS
 from phalanx.sim.play import play
-from phalanx.sim.scenario import parse_attack
+from phalanx.sim.scenario import Scenario, parse_attack
 from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
 
 QUICK = ("--duration", "3", "--robots", "6")
@@ -112,6 +114,51 @@ class TestRun:
         assert "never stopped" in out
         assert "3 of 3 s simulated" in err
 
+    def test_a_liar_is_told_with_its_end_whether_or_not_its_log_shows_a_lie(self, said, capsys):
+        summary = said("sim", "run", "flock-12", "--duration", "1")
+        ends = [(None, None), (None, 10.0), (1.5, None), (1.5, 10.25)]
+        liars = [
+            {"robot": robot, "attack": "drain", "first_deviation_s": began, "safe_mode_s": stopped}
+            for robot, (began, stopped) in enumerate(ends, start=1)
+        ]
+        show(find_scenario("flock-12"), summary | {"compromised": liars})
+        (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("compromised"))
+        assert line.removeprefix("compromised").strip().split("; ") == [
+            "robot 1 (drain) never deviated in its log, never stopped",
+            "robot 2 (drain) never deviated in its log, in Safe Mode at 10.00 s",
+            "robot 3 (drain) deviated at 1.50 s, never stopped",
+            "robot 4 (drain) deviated at 1.50 s, in Safe Mode at 10.25 s",
+        ]
+
+    def test_a_crowd_is_warned_of_before_it_runs(self, phalanx):
+        crowd = ("sim", "run", "flock-12", "--robots", "144", "--spacing", "4", "--duration", "0.1")
+        code, _, err = phalanx(*crowd)
+        assert code == 0
+        assert err.startswith("phalanx: warning: 144 robots in one radio range: their audits want 82% of the channel")
+        for few in ((*crowd, "--defence", "none"), (*crowd[:4], "100", *crowd[5:])):
+            code, _, err = phalanx(*few)
+            assert code == 0
+            assert "warning" not in err
+
+    def test_half_a_second_has_a_distance(self, said):
+        told = said("sim", "run", "bti-fig8", "--duration", "0.5")
+        assert told["mean_distance_to_goal_m"] == pytest.approx(math.hypot(450, 450), rel=0.02)
+
+    @pytest.mark.parametrize("words", [["sim", "list"], ["sim", "run", "flock-12", "--duration", "0.1", "--json"]])
+    def test_a_full_disk_behind_stdout_is_one_line(self, words):
+        with Path("/dev/full").open("w") as full:
+            done = subprocess.run([*PHALANX, *words], stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+        assert done.returncode == 1
+        assert "Traceback" not in done.stderr
+        assert done.stderr.splitlines()[-1] == "phalanx: error: cannot write: No space left on device"
+
+    def test_a_swarm_that_memory_does_not_hold_is_one_line(self):
+        words = " ".join([*PHALANX, "sim run bti-fig8 --robots 65535 --duration 1"])
+        done = subprocess.run(["bash", "-c", f"ulimit -v 4000000; {words}"], capture_output=True, text=True, cwd=ROOT)
+        assert done.returncode == 1
+        assert "Traceback" not in done.stderr
+        assert "phalanx: error: 65535 robots do not fit into memory" in done.stderr
+
     def test_nobody_honest_is_left(self, said):
         told = said("sim", "run", "flock-12", "--robots", "2", "--duration", "2", *("--attack", "spoof") * 2)
         assert told["mean_distance_to_goal_m"] is None
@@ -130,11 +177,20 @@ class TestRun:
         [
             (["bti-fig7"], "no scenario 'bti-fig7'", "did you mean bti-fig"),
             (["none.yaml"], "no file none.yaml", "phalanx sim list"),
-            (["bti-fig8", "--attack", "spoff"], "no 'spoff'", "did you mean spoof?"),
+            (["bti-fig8", "--attack", "spoff"], "no attack 'spoff'", "did you mean spoof?"),
             (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "robots are 1 to 25"),
             (["bti-fig8", "--attack", "spoof:at"], "'at' in 'spoof:at'", "for example"),
             (["bti-fig8", "--robots", "0"], "0 robots", "1 to 65535"),
             (["bti-fig8", "--t-audit", "9"], "tokens count for 10000 ms", "1.5 times"),
+            (["bti-fig8", "--t-audit", "inf"], "--t-audit", ""),
+            (["bti-fig8", "--t-audit", "1e300"], "--t-audit is 1e+300", "0 to 604800"),
+            (["bti-fig8", "--t-audit", "0.1"], "--t-audit in ms is 100", "500 to 600000"),
+            (["bti-fig8", "--t-val", "nan"], "--t-val", ""),
+            (["bti-fig8", "--duration", "0"], "--duration is 0", "0.1 to 604800"),
+            (["bti-fig8", "--spacing", "0"], "--spacing is 0", "0.01 to 10000"),
+            (["bti-fig8", "--f-max", "99"], "--f-max is 99", "1 to 15"),
+            (["bti-fig8", "--seed", "-1"], "--seed is -1", "0 to 4294967295"),
+            (["bti-fig8", "--attack", "spoof:at=-1"], "'spoof:at=-1': at_s is -1", "0 to 604800"),
             (["bti-fig8", "--record", "none/x.mcap"], "no folder none", "make it first"),
             (["bti-fig8", "--defence", "prayer"], "prayer", "--help"),
         ],
@@ -156,7 +212,8 @@ class TestRun:
         assert f"{path}:2: scenario has no 'defense'" in err
         assert "did you mean defence?" in err
 
-    def test_ctrl_c_ends_it_with_a_whole_recording(self, tmp_path):
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_ctrl_c_and_kill_end_it_with_a_whole_recording(self, tmp_path, number):
         path = tmp_path / "x.mcap"
         process = subprocess.Popen(
             [*PHALANX, "sim", "run", "bti-fig9", "--duration", "5000", "--record", str(path)],
@@ -170,7 +227,7 @@ class TestRun:
                 assert time.monotonic() < deadline
                 assert process.poll() is None
                 time.sleep(0.1)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, err = process.communicate(timeout=20)
         finally:
             process.kill()
@@ -199,6 +256,7 @@ class TestLists:
             assert set(each["verdicts"]) == {"none", "paper", "bound"}
             assert each["does"]
             assert each["stopped_by"]
+            assert each["robots"] == ("f_max" if ATTACKS[each["name"]].crowd else 1)
         _, out, _ = phalanx("attack", "list")
         for name in ATTACKS:
             assert any(line.startswith(f"{name} ") for line in out.splitlines())
@@ -210,12 +268,39 @@ class TestAttack:
         told = said(*words)
         (stop,) = told["stops"]
         assert told["stopped_in_time"] is True
-        assert stop["safe_mode_s"] - stop["first_deviation_s"] <= told["bound_s"] == 10.251
+        assert stop["safe_mode_s"] - stop["first_deviation_s"] <= told["bound_s"] == 10.101
         assert (told["declared"], told["defence"], told["attack"]) == ("stopped", "bound", "spoof")
         code, out, _ = phalanx(*words)
         assert code == 0
-        assert "10.251 s from deviation to Safe Mode: kept" in out
-        assert f"robot {stop['robot']}" in out
+        assert "10.101 s from deviation to Safe Mode, 0.15 s more where an output was missing: kept" in out
+        (line,) = (line for line in out.splitlines() if line.startswith(f"robot {stop['robot']} "))
+        began, stopped = (f"{stop[name]:.2f} s" for name in ("first_deviation_s", "safe_mode_s"))
+        assert f"deviated at {began}, in Safe Mode at {stopped}" in line
+
+    def test_who_leaves_something_out_has_its_own_bound(self, said):
+        (stop,) = said("attack", "run", "omit-sends:at=5", "--duration", "18", "--robots", "9")["stops"]
+        assert stop["output_missing"] is True
+        assert stop["bound_s"] == 10.251
+
+    def test_safe_mode_is_told_even_of_a_robot_that_did_nothing_wrong(self, phalanx):
+        """Two robots are too few for f_max + 1 tokens."""
+        code, out, _ = phalanx("attack", "run", "gps-spoof:at=20,robot=1", "--duration", "12", "--robots", "2")
+        assert code == 0
+        assert "never deviated, in Safe Mode at 10." in out
+        assert "none is promised" in out
+
+    def test_a_limited_one_is_held_to_its_bucket_and_not_to_a_time(self, phalanx, said):
+        words = ("attack", "run", "covert-talk:at=5", "--duration", "18", "--robots", "9")
+        told = said(*words)
+        assert told["bound_s"] is told["stopped_in_time"] is told["stops"][0]["safe_mode_s"] is None
+        assert told["within_buckets"] is True
+        (airtime,) = told["airtime"]
+        assert airtime["seconds"] == pytest.approx(13, abs=0.3)
+        assert 0.5 * airtime["bucket_s"] < airtime["used_s"] <= airtime["bucket_s"]
+        code, out, _ = phalanx(*words)
+        assert code == 0
+        assert "its bucket lets out" in out
+        assert "kept" in out
 
     def test_undefended_it_goes_on(self, said):
         told = said("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9", "--defence", "none")
@@ -227,13 +312,44 @@ class TestAttack:
         told = said("attack", "run", "collude:robot=3,at=1", "--duration", "2", "--robots", "9")
         robots = [stop["robot"] for stop in told["stops"]]
         assert 3 in robots
-        assert len(robots) == ATTACKS["collude"].liars > 1
+        assert len(robots) == Scenario().bti.f_max > 1
+
+    def test_and_f_max_says_how_many_those_are(self, said):
+        words = ("attack", "run", "collude:at=1", "--duration", "2", "--robots", "9", "--f-max", "2")
+        assert len(said(*words)["stops"]) == 2
 
     def test_too_late_ends_with_1(self, phalanx, monkeypatch):
         monkeypatch.setattr("phalanx.experiments.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
         code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
         assert code == 1
         assert "BROKEN" in out
+
+    def test_nobody_correct_is_left_to_be_harmed(self, said):
+        told = said("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "1")
+        assert told["harm"] is told["honest_distance_m"] is None
+
+    def test_an_option_without_effect_is_said_to_be_so(self, phalanx, said):
+        words = ("attack", "run", "spoof:at=1,strong=1", "--duration", "2", "--robots", "4")
+        assert said(*words)["idle"] == ["strong"]
+        assert said(*words, "--defence", "none")["idle"] == []
+        _, out, _ = phalanx(*words)
+        assert "strong: makes no difference under bound" in out
+
+    @pytest.mark.parametrize(
+        "words, complaint, hint",
+        [
+            ("spoof:at=1,foo=bar", "no 'foo'", "strong, robot, at, until"),
+            ("spoof:stong=1", "no 'stong'", "did you mean strong?"),
+            ("spoof:strong=2", "strong=2", "0 or 1"),
+            ("spoof:strong=yes", "strong='yes'", "0 or 1"),
+            ("hijack:strong=1", "no 'strong'", "robot, at, until"),
+        ],
+    )
+    def test_options_are_checked(self, phalanx, words, complaint, hint):
+        code, _, err = phalanx("attack", "run", words)
+        assert code == 2
+        assert complaint in err
+        assert hint in err
 
     def test_an_unknown_one_is_refused(self, phalanx):
         code, _, err = phalanx("attack", "run", "spoff")

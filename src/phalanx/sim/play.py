@@ -20,7 +20,7 @@ STEP_S = 0.25
 
 @contextlib.contextmanager
 def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
-    """Ctrl-C is kept until the function given is called, which then raises KeyboardInterrupt; a second comes at once.
+    """Ctrl-C and SIGTERM wait for the function given, which then raises KeyboardInterrupt; a second comes at once.
 
     In the middle of a call of compiled code it can be lost: numba, looking at arguments, forgets exceptions (seen).
     Outside the main thread, which alone is sent signals, nothing changes.
@@ -39,11 +39,12 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         if waiting:
             raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, keep)
+    before = {number: signal.signal(number, keep) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run], None] = lambda _run: None) -> Run:

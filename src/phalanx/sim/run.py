@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks import ATTACKS, Attack, Plan
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
@@ -22,6 +22,7 @@ from phalanx.robot.controllers.python_controller import Controller
 from . import loop, pybot
 from .body import POINT_MASS
 from .events import refused
+from .quorum import Quorum
 from .radio import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
 from .scenario import AttackSpec, Scenario
 from .setup import PROFILES, Setup, make_world, start
@@ -37,7 +38,7 @@ class Run:
     Args:
         scenario: what runs.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
-    Raises: UsageError: an attack that does not exist.
+    Raises: Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
     """
 
@@ -47,38 +48,35 @@ class Run:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        for spec in drawn:
-            if spec.name not in ATTACKS:
-                raise UsageError(f"no attack {spec.name!r}", f"one of {', '.join(sorted(ATTACKS))}")
-        self.world = make_world(
-            Setup(
-                robots=n,
-                starts_m=np.array(scenario.starts_m, np.float64),
-                profile=PROFILES[scenario.defence],
-                controller=0 if controller else int(dispatch.Kind.FLOCK),
-                params=flock_params(scenario.flock),
-                body=POINT_MASS,
-                seed=scenario.seed,
-                contact_m=scenario.contact_m,
-                obstacles=scenario.obstacles,
-                bti=scenario.bti,
-                radio=scenario.radio,
-                before_key={int(spec.robot or 0) - 1: ATTACKS[spec.name].before_key for spec in drawn},
-            ),
-            chance,
+        setup = Setup(
+            robots=n,
+            starts_m=np.array(scenario.starts_m, np.float64),
+            profile=PROFILES[scenario.defence],
+            controller=0 if controller else int(dispatch.Kind.FLOCK),
+            params=flock_params(scenario.flock),
+            body=POINT_MASS,
+            seed=scenario.seed,
+            contact_m=scenario.contact_m,
+            obstacles=scenario.obstacles,
+            bti=scenario.bti,
+            radio=scenario.radio,
+            before_key={int(spec.robot or 0) - 1: ATTACKS[spec.name].before_key for spec in drawn},
         )
+        try:
+            self.world = make_world(setup, chance)
+        except MemoryError as error:
+            raise Unavailable(f"{n} robots do not fit into memory", "fewer robots, or a smaller n_max") from error
         self._verdicts = VerdictReader(self.world)
         self._wall_s = 0.0
         self._sampled_s = 0
         self._distances: list[tuple[float, float | None]] = []
-        self._in_quorum: list[NDArray[np.bool_]] = []
-        self._without_quorum, self._counted = np.zeros(n, bool), np.zeros(n, bool)
-        self._digest = hashlib.sha256(repr(scenario).encode())
+        self._digest = hashlib.sha256()
         self.robots: dict[int, CNode] = {}
         self._compromise(drawn, controller, chance)
         if controller:
             for i in range(n):
                 self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
+        self._quorum = Quorum(self.world, scenario.bti, self._correct)
         start(self.world, self.robots)
         loop.run(self.world, 0)  # compiles, if need be: that is not the world's slowness
 
@@ -133,21 +131,15 @@ class Run:
 
     def _sample(self) -> None:
         self._sampled_s += 1
-        correct = self._correct
-        goal = np.array(self.scenario.goal_m)
-        distance = np.sqrt(((self.world.pos - goal) ** 2).sum(axis=1))
-        mean = float(distance[correct].mean()) if correct.any() else None
-        self._distances.append((float(self._sampled_s), mean))
-        alive = correct & ~self.in_safe_mode
-        start, ids = self.world.reach.start, self.world.reach.ids
-        near = np.array([int(alive[ids[start[i] : start[i + 1]]].sum()) for i in range(len(alive))])
-        self._in_quorum.append((near >= self.scenario.bti.tokens_needed) & (np.diff(start) <= self.scenario.bti.n_max))
-        keep = self.scenario.bti.t_val_ms // 1000 + 2
-        del self._in_quorum[:-keep]
-        self._without_quorum |= self.in_safe_mode & ~self._counted & ~np.all(self._in_quorum, axis=0)
-        self._counted |= self.in_safe_mode
+        self._distances.append((float(self._sampled_s), self._mean_distance_m()))
+        self._quorum.look()
         for part in (self.world.pos, self.world.vel, self.world.safe, self.world.fleet.hckpt):
             self._digest.update(part.tobytes())
+
+    def _mean_distance_m(self) -> float | None:
+        correct = self._correct
+        distance = np.sqrt(((self.world.pos - np.array(self.scenario.goal_m)) ** 2).sum(axis=1))
+        return float(distance[correct].mean()) if correct.any() else None
 
     # --- watching -----------------------------------------------------------------------------------------------------
 
@@ -196,26 +188,27 @@ class Run:
         """What `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
         world, counts = self.world, self.world.air.counts
         n, seconds = len(self.ids), max(self.now_s, 1e-9)
-        correct = self._correct
-        safe, alone = self.in_safe_mode, self._without_quorum & correct
+        alone = self._quorum.stopped_without()
+        wronged = self._correct & self.in_safe_mode & ~alone
 
         def rate(first: int) -> float:
             return float(counts[:, first : first + 2, BYTES].sum()) / n / seconds
 
         digest = self._digest.copy()
-        digest.update(counts.tobytes())
-        digest.update(world.verdicts.tobytes())
+        digest.update(f"{world.clock[0].now_us} {world.clock[0].contacts}".encode())
+        for part in (world.pos, world.vel, world.safe, counts, world.verdicts):
+            digest.update(part.tobytes())
         return {
             "robots": n,
             "duration_s": self.now_s,
             "seed": self.scenario.seed,
             "defence": self.scenario.defence,
             "digest": digest.hexdigest(),
-            "mean_distance_to_goal_m": self._distances[-1][1] if self._distances else None,
+            "mean_distance_to_goal_m": self._mean_distance_m(),
             "distance_series": self._distances,
             "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Attack)],
-            "correct_in_safe_mode": [int(each) for each in self.ids[safe & correct & ~alone]],
-            "without_quorum": [int(each) for each in self.ids[safe & alone]],
+            "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
+            "without_quorum": [int(each) for each in self.ids[alone]],
             "contacts": int(world.clock[0].contacts),
             "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
             "log_bytes_max": int(world.fleet.robot["log_max"].max()),

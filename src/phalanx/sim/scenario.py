@@ -129,6 +129,11 @@ class Scenario:
         rows, columns = np.divmod(np.arange(self.robots), self.robots_per_edge)
         return np.stack((columns, rows), axis=1) * self.grid_step_m
 
+    @property
+    def robots_in_range(self) -> float:
+        """Of a robot, itself included, in the middle of the grid and while that keeps its step."""
+        return min(math.pi * (self.radio.range_m / self.grid_step_m) ** 2, self.robots)
+
     def drawn_attacks(self) -> tuple[AttackSpec, ...]:
         """The attacks, each with the robot it is about: no two with the same.
 
@@ -164,6 +169,9 @@ class Scenario:
         Raises: UsageError: as for the scenario.
         Source: none.
         """
+        for name, value in (("t_audit_s", t_audit_s), ("t_val_s", t_val_s)):
+            if value is not None:
+                _within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
         changes: dict[str, object] = {
             "robots": robots,
             "grid_step_m": spacing_m,
@@ -190,12 +198,10 @@ class Scenario:
             if attack.name not in ATTACKS:
                 near = difflib.get_close_matches(attack.name, ATTACKS, 1, 0.5)
                 guess = f"did you mean {near[0]}? " if near else ""
-                raise UsageError(f"attacks has no {attack.name!r}", f"{guess}one of {', '.join(sorted(ATTACKS))}")
+                raise UsageError(f"no attack {attack.name!r}", f"{guess}one of {', '.join(sorted(ATTACKS))}")
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:
-                    raise UsageError(
-                        f"attacks has {attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}"
-                    )
+                    raise UsageError(f"{attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}")
                 if attack.robot in seen:
                     raise UsageError(f"two attacks in robot {attack.robot}", "one a robot")
                 seen.add(attack.robot)
@@ -203,8 +209,7 @@ class Scenario:
             raise UsageError(f"{len(self.attacks)} attacks and {self.robots} robots", "one a robot")
 
     def _neighbours(self) -> int:
-        in_range = math.pi * (self.radio.range_m / self.grid_step_m) ** 2
-        provided = min(self.robots - 1, math.ceil(CLOSER * min(in_range, MOST_ROBOTS)) + SPARE, MOST_NEIGHBOURS)
+        provided = min(self.robots - 1, math.ceil(CLOSER * self.robots_in_range) + SPARE, MOST_NEIGHBOURS)
         return max(provided, self.bti.f_max + 1)
 
     def _flock(self, bti: BtiConfig) -> FlockConfig:
@@ -237,7 +242,10 @@ def parse_attack(words: str) -> AttackSpec:
         if key in said:
             raise UsageError(f"{key} twice in {words!r}", hint)
         said[key] = _number(value)
-    return make_attack(name, said)
+    try:
+        return make_attack(name, said)
+    except UsageError as error:
+        raise UsageError(f"{words!r}: {error}", error.hint) from error
 
 
 def make_attack(name: str, said: Mapping[str, float | str]) -> AttackSpec:

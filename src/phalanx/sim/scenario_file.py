@@ -12,7 +12,8 @@ import importlib.resources
 import re
 import types
 import typing
-from collections.abc import Mapping
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NoReturn, get_args, get_origin
 
@@ -27,9 +28,10 @@ from .scenario import Scenario
 MOST_BYTES = 1 << 16
 MOST_DIGITS = 40
 SCHEMA_NAME = "scenario.schema.json"
-# A scenario says these once, for all that need them.
+# A scenario says these once, for all that need them; the sizes are the controller's.
+SIZES = {"reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
 DERIVED: Mapping[type, frozenset[str]] = {
-    BtiConfig: frozenset({"n_max"}),
+    BtiConfig: frozenset({"n_max", *SIZES}),
     FlockConfig: frozenset({"goal_m", "d_m", "n_max", "state_every", "discs", "boxes"}),
 }
 WORDS = {int: "a whole number", float: "a number", str: "text"}
@@ -198,9 +200,7 @@ class _Reader:
         try:
             return kind(**values)
         except UsageError as error:
-            # The line of the key that the error is about, if it names one.
-            named = [key for key in pairs if re.search(rf"\b{key}\b", str(error))]
-            self._refuse(pairs[named[0]][0] if named else node, str(error), error.hint)
+            self._refuse(_culprit(kind, values, pairs, str(error)) or node, str(error), error.hint)
 
     def _pairs(self, node: yaml.Node, name: str) -> dict[str, tuple[yaml.Node, yaml.Node]]:
         """Key to its node and its value's."""
@@ -218,6 +218,38 @@ class _Reader:
 
     def _refuse(self, node: yaml.Node, what: str, allowed: str) -> NoReturn:
         raise UsageError(f"{self._source}:{_line(node)}: {what}", allowed)
+
+
+def _culprit(
+    kind: Any, values: dict[str, Any], pairs: dict[str, tuple[yaml.Node, yaml.Node]], complaint: str
+) -> yaml.Node | None:
+    """What a complaint about a whole record is about; None if that cannot be told."""
+
+    def still(said: dict[str, Any]) -> bool:
+        try:
+            kind(**said)
+        except UsageError as error:
+            return str(error) == complaint
+        return False
+
+    # The first item of a list with which it is said, then the key that it names, then one without which it is not said.
+    for key, (_, node) in pairs.items():
+        items = values[key]
+        if isinstance(items, tuple) and dataclasses.is_dataclass(next(iter(items), None)):
+            lengths = range(len(items) + 1)
+            shortest = bisect_left(lengths, True, key=lambda n: still(values | {key: items[:n]}))
+            if shortest > 0:
+                item = node.value[shortest - 1]
+                return _named(item.value, complaint) or item
+    fields = _keys(kind)
+    others = {key: {name: value for name, value in values.items() if name != key} for key in pairs}
+    needed = {key: pairs[key][0] for key in reversed(pairs) if _has_default(fields[key]) and not still(others[key])}
+    return _named(pairs.values(), complaint) or next(iter(needed.values()), None)
+
+
+def _named(pairs: Iterable[tuple[yaml.Node, yaml.Node]], complaint: str) -> yaml.Node | None:
+    """The first key that a complaint names, or whose value it quotes."""
+    return next((k for k, v in pairs if re.search(rf"\b{k.value}\b", complaint) or repr(v.value) in complaint), None)
 
 
 def _line(node: yaml.Node) -> int:
