@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from chromium import PHONE, a_page, badge, choose, insecure, wait_until
+from chromium import PHONE, a_page, badge, choose, insecure, moves, wait_until
 from conftest import a_gateway
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
@@ -34,6 +34,20 @@ def shield(page, state: str):
     return page.locator(f"[data-testid=shield][data-state={state}]")
 
 
+def cut_off(page) -> int:
+    """Lines of the shield's words that do not fit."""
+    return page.evaluate(
+        "[...document.querySelectorAll('[data-testid=shield] p')].filter((p) => p.scrollWidth > p.clientWidth).length"
+    )
+
+
+def obeys_nobody(page) -> bool:
+    """Whether joystick, light and route are out of use."""
+    others = page.locator(".swatch, .any-colour, .route button, .route input")
+    still = page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
+    return still and others.count() > 12 and not any(each.is_enabled() for each in others.all())
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path, scheme):
     with (
@@ -45,23 +59,30 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         badge(phone, "live")
         choose(phone, "Cleo")
         shield(phone, "whole").wait_for(timeout=15_000)
-        assert re.search(r"Shield 4 of 4: (\w+ \d+ s( · )?){4}", shield(phone, "whole").inner_text())
+        said = shield(phone, "whole").inner_text()
+        assert re.search(r"Shield 4 of 4: \d+ s left without new vouchers\s+(\w+ \d+ s( · )?){4}\s", said)
+        assert cut_off(phone) == 0
         rings = pixels(phone, "--good")
         assert rings > 12 * 40
         phone.screenshot(path=tmp_path / "whole.png")
         desk.goto(ready["operator_url"])
         desk.get_by_test_id("fleet-table").get_by_text(re.compile("4/4")).first.wait_for()
-        assert "None." in desk.get_by_test_id("refusals").inner_text()
+        assert "None so far." in desk.get_by_test_id("refusals").inner_text()
+        assert desk.get_by_test_id("compromise-button").is_disabled(), "nobody is chosen"
         desk.get_by_test_id("victim").select_option(label="Cleo")
-        desk.get_by_test_id("attack").select_option(label="hijack")
+        assert desk.get_by_test_id("attack").input_value() == "hijack"
         desk.get_by_test_id("compromise-button").click()
         up.wait_for("compromised")
+        desk.get_by_test_id("lies").get_by_text(re.compile(r"Cleo: hijack since \d s")).wait_for()
+        assert desk.get_by_test_id("compromise-button").is_disabled(), "an impatient click does nothing"
         began = time.monotonic()
         wait_until(lambda: pixels(phone, "--bad") > 100, 12)
         phone.screenshot(path=tmp_path / "refused.png")
         shield(phone, "stopped").wait_for(timeout=15_000)
         assert time.monotonic() - began < 10 + 2
         assert "output wrong" in shield(phone, "stopped").inner_text()
+        assert cut_off(phone) == 0
+        assert obeys_nobody(phone)
         assert pixels(phone, "--unlit") > 100
         assert up.wait_for("safe_mode")["address"].endswith("3")
         phone.screenshot(path=tmp_path / "stopped.png")
@@ -70,9 +91,41 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         row.wait_for()
         assert "Cleo" in row.inner_text()
         assert "hijack" in row.inner_text()
-        assert desk.get_by_test_id("victim").locator("option").count() == 11
+        assert desk.get_by_test_id("victim").locator("option").count() == 1 + 11
+        desk.get_by_test_id("lies").get_by_text(re.compile(r"Cleo: hijack, stopped after \d+\.\d s")).wait_for()
+        assert len(up.events("compromised")) == 1
         desk.screenshot(path=tmp_path / "operator.png", full_page=True)
         assert "hijack" not in phone.locator("body").inner_text()
+        phone.reload()
+        badge(phone, "live")
+        choose(phone, "Cleo")
+        assert "output wrong" in shield(phone, "stopped").inner_text(), "who comes late is told why"
+        choose(phone, "Ada")
+        phone.locator("[data-testid=joystick][aria-disabled=false]").wait_for()
+
+
+def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser):
+    with (
+        a_gateway("--defence", "bound") as (up, ready),
+        a_page(browser) as phone,
+        a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
+    ):
+        phone.goto(insecure(ready["qr_url"]))
+        badge(phone, "live")
+        choose(phone, "Ada")
+        phone.get_by_test_id("joystick").focus()
+        phone.keyboard.down("KeyW")
+        wait_until(lambda: moves(up, "0001"))
+        desk.goto(ready["operator_url"])
+        desk.get_by_test_id("victim").select_option(label="Ada")
+        desk.get_by_test_id("attack").select_option(label="crash")
+        desk.get_by_test_id("compromise-button").click()
+        shield(phone, "stopped").wait_for(timeout=20_000)
+        wait_until(lambda: obeys_nobody(phone))
+        sent = len(moves(up))
+        assert sent > 50
+        phone.wait_for_timeout(600)
+        assert len(moves(up)) - sent <= 1, "the one that says that the stick is let go"
 
 
 def test_who_wants_no_motion_sees_the_same_without_fading(browser):

@@ -8,6 +8,7 @@ import math
 import urllib.error
 import urllib.request
 
+import numpy as np
 import pytest
 
 from conftest import a_gateway, child, eventually
@@ -17,7 +18,7 @@ from phalanx.io import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import ATTACKS as EVERY_ATTACK
 from phalanx.robot.shield import Shielded
-from phalanx.sim.protected import ProtectedSwarm
+from phalanx.sim.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
@@ -51,6 +52,26 @@ def apart(a: Point, b: Point) -> float:
 
 
 ATTACKS = [name for name, attack in EVERY_ATTACK.items() if attack.on_wheels]
+
+
+def nearest_mm(at: np.ndarray) -> float:
+    between = np.linalg.norm(at[:, None] - at, axis=2)
+    return between[~np.eye(len(at), dtype=bool)].min()
+
+
+class TestPlaces:
+    @pytest.mark.parametrize(("count", "apart_mm"), [(4, 200), (12, 200), (30, 200), (MOST_ROBOTS, 90)])
+    def test_robots_start_apart_whatever_the_seed_and_far_from_touching_where_they_are_many(self, count, apart_mm):
+        for seed in range(50):
+            at = draw_places(count, np.random.default_rng(seed))
+            assert nearest_mm(at) >= apart_mm
+            assert at.min() >= 200
+            assert at.max() <= 1800
+
+    def test_a_seed_gives_the_same_places_again_and_another_seed_others(self):
+        starts = [[robot.at for robot in a_swarm(seed=seed).robots()] for seed in (3, 3, 4)]
+        assert starts[0] == starts[1] != starts[2]
+        assert nearest_mm(np.array([(at.x_mm, at.y_mm) for at in starts[0]])) >= 200 - 1e-6
 
 
 class TestOrders:
@@ -183,7 +204,8 @@ class TestShields:
 
     def test_the_operator_has_a_choice_and_all_of_it_is_explained(self):
         choices = a_swarm().attacks()
-        assert [choice.name for choice in choices] == ATTACKS
+        assert sorted(choice.name for choice in choices) == sorted(ATTACKS)
+        assert choices[0].name == "hijack", "what anybody can see comes first"
         assert len(choices) >= 5
         assert all(len(choice.does) > 10 for choice in choices)
 
@@ -283,7 +305,16 @@ class TestUp:
                 await asyncio.sleep(0.3)
                 last = {robot["address"]: robot for robot in await client.request(0, frames=True)}
                 assert [a for a, robot in last.items() if robot["shield"][0]] == [liar]
+                auditor, refusal = last[liar]["audited"]
+                assert refusal == "output wrong", "told to who comes when all is over"
+                assert auditor in {robot["n"] for robot in last.values()} - {last[liar]["n"]}
+                assert last[driven]["audited"][1] == ""
             shields = state_of(ready)["shields"]
+            assert shields["robots"][driven]["lie"] is None
+            lie = shields["robots"][liar]["lie"]
+            assert 0 < lie["stopped_after_s"] < lie["since_s"]
+            # On a busy machine the demo's ten seconds take longer than ten.
+            assert lie["stopped_after_s"] <= T_VAL_S + 5
             assert shields["robots"][liar]["safe_mode"]
             assert shields["robots"][liar]["attack"] == "hijack"
             assert {refusal["reason"] for refusal in shields["refusals"]} == {"output wrong"}
@@ -308,11 +339,19 @@ class TestUp:
         with a_gateway("--robots", "4") as (_, ready):
             async with Client(ready["qr_url"]) as client:
                 assert "shield" not in (await client.request(0, frames=True))[0]
-                assert "t_val_ms" not in await client.request(1, frames=True)
+                area = await client.request(1, frames=True)
+                assert not area.keys() & {"t_val_ms", "unprotected"}, "as was asked for: nothing to explain"
             state = state_of(ready)
             assert state["shields"] is None
             address = state["robots"][0]["address"]
             assert post(ready, {"address": address, "attack": "hijack"})[0] == 404
+
+    async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
+        with child("up", "--events", "--port", "0", "--robots", "101") as running:
+            async with Client(running.wait_for("ready")["qr_url"]) as client:
+                area = await client.request(1, frames=True)
+        assert area["unprotected"] == choose_protection(101, None, None).note
+        assert "t_val_ms" not in area
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

@@ -4,6 +4,7 @@ export * from "./core";
 export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
 export { SwarmLink, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
+export type { Lit, Missions, Phase, Progress, Walk, Wall } from "./mission";
 export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, shortAddress, shortName } from "./robot";
 export { type Audit, counting, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {
@@ -11,7 +12,9 @@ export {
   MOST_ROBOTS,
   NO_SWARM,
   REQUEST_AREA,
+  REQUEST_LIT,
   REQUEST_ROBOTS,
+  REQUEST_WALLS,
   type RosterEntry,
   type Swarm,
   type SwarmAction,

@@ -4,6 +4,7 @@
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
+import type { Walk } from "./mission";
 import type { Audit, Shield } from "./shield";
 import { type Point, Trail } from "./trail";
 
@@ -38,6 +39,8 @@ export interface Robot {
   readonly shield: Shield | undefined;
   /** Its last audit that we heard of. */
   readonly audited: Audit | undefined;
+  /** Undefined where robots live no missions. */
+  readonly walk: Walk | undefined;
 }
 
 // 64 that a server takes, and where the robot stood.
@@ -66,6 +69,7 @@ export function readRobot(words: Json | undefined): Robot | undefined {
     battery_v: readBattery(words["battery"]),
     shield: undefined,
     audited: undefined,
+    walk: undefined,
   };
 }
 

@@ -63,11 +63,23 @@ export function readShield(words: Json | undefined, at_ms: number): Shield | und
 /** `[auditor, auditee, refusal]`; undefined if it names robots that we do not know. */
 export function readAudit(words: Json, numbers: ReadonlyMap<number, string>, at_ms: number): Audit | undefined {
   const [auditor, auditee, refusal] = Array.isArray(words) ? (words as readonly Json[]) : [];
-  const [from, to] = [auditor, auditee].map((n) => (typeof n === "number" ? numbers.get(n) : undefined));
-  if (from === undefined || to === undefined || typeof refusal !== "string") return undefined;
+  const to = typeof auditee === "number" ? numbers.get(auditee) : undefined;
+  return to === undefined ? undefined : readVerdict([auditor ?? null, refusal ?? null], to, numbers, at_ms);
+}
+
+/** `[auditor, refusal]`: how the last audit of `auditee` ended; undefined for none, or by a robot that we do not know. */
+export function readVerdict(
+  words: Json | undefined,
+  auditee: string,
+  numbers: ReadonlyMap<number, string>,
+  at_ms: number,
+): Audit | undefined {
+  const [auditor, refusal] = Array.isArray(words) ? (words as readonly Json[]) : [];
+  const from = typeof auditor === "number" ? numbers.get(auditor) : undefined;
+  if (from === undefined || typeof refusal !== "string") return undefined;
   // An audit that was refused for reasons we cannot read was refused nevertheless.
   const reason = refusal === "" ? "" : (readText(refusal, LONGEST_REFUSAL) ?? "refused");
-  return { auditor: from, auditee: to, refusal: reason, at_ms };
+  return { auditor: from, auditee, refusal: reason, at_ms };
 }
 
 /** The tokens that count at `now_ms`, at most as many as are needed: those that count longest. */

@@ -5,6 +5,7 @@
 
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
+import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
 import {
   objectsOf,
   type Robot,
@@ -17,14 +18,17 @@ import {
   readRgb,
   readRobot,
   readStatus,
+  readText,
   readThreshold,
   readWaypoints,
 } from "./robot";
-import { type Audit, readAudit, readShield, readTerms, type ShieldTerms } from "./shield";
+import { type Audit, readAudit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
 import { type Point, Trail } from "./trail";
 
 export const REQUEST_ROBOTS = 0;
 export const REQUEST_AREA = 1;
+export const REQUEST_WALLS = 2;
+export const REQUEST_LIT = 3;
 
 const NOTIFY_RELOAD = 1;
 const NOTIFY_UPDATE = 2;
@@ -41,6 +45,7 @@ const UNIT_SQUARE_LIMIT = 1.5;
 /** Audits are kept for as long as a map may want to show them. */
 const AUDITS_FOR_MS = 3000;
 const MOST_AUDITS = 256;
+const LONGEST_NOTE = 160;
 
 /** The ground under the swarm, in the unit of the positions. */
 export interface Area {
@@ -70,8 +75,12 @@ export interface Swarm {
   readonly missed: number;
   /** Undefined where robots do not audit each other. */
   readonly terms: ShieldTerms | undefined;
+  /** Why they do not, where people expect that they do; else "". */
+  readonly unprotected: string;
   /** Those that ended lately, oldest first. */
   readonly audits: readonly Audit[];
+  /** Undefined where robots live no missions. */
+  readonly missions: Missions | undefined;
   /** When the newest answer or frame came. */
   readonly at_ms: number;
 }
@@ -92,7 +101,9 @@ export const NO_SWARM: Swarm = {
   seq: undefined,
   missed: 0,
   terms: undefined,
+  unprotected: "",
   audits: [],
+  missions: undefined,
   at_ms: 0,
 };
 
@@ -110,7 +121,7 @@ export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
     case "replied":
       if (action.request === REQUEST_ROBOTS) return withRobots(swarm, action.data, action.at_ms);
       if (action.request === REQUEST_AREA) return withArea(swarm, action.data);
-      return swarm;
+      return swarm.missions ? { ...swarm, missions: withMap(swarm.missions, action.request, action.data) } : swarm;
     case "notified":
       return notified(swarm, action.payload, action.at_ms);
     case "reconnected":
@@ -133,11 +144,14 @@ function notified(swarm: Swarm, payload: Json, at_ms: number): Swarm {
 function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
   if (!Array.isArray(data)) return swarm;
   const listed: Robot[] = [];
+  const verdicts: (Json | undefined)[] = [];
   for (const words of (data as readonly Json[]).slice(0, MOST_ROBOTS)) {
     const robot = readRobot(words);
     if (!robot || !isObject(words)) continue;
     const shield = readShield(words["shield"], at_ms);
-    listed.push({ ...robot, shield, audited: swarm.robots.get(robot.address)?.audited });
+    const walk = readWalk(words["walk"]);
+    listed.push({ ...robot, shield, walk, audited: swarm.robots.get(robot.address)?.audited });
+    verdicts.push(words["audited"]);
   }
   // An answer above the client's limit comes without histories: what was seen meanwhile is better than nothing.
   // Ours tells the newest points only.
@@ -148,7 +162,12 @@ function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
     const shorter = known && robot.trail.length < known.trail.length && (trimmed || robot.trail.length > 0);
     robots.set(robot.address, shorter ? { ...robot, trail: known.trail } : robot);
   }
-  return settled({ ...swarm, robots, numbers: numbersOf(robots), listed: true, at_ms });
+  const numbers = numbersOf(robots);
+  listed.forEach(({ address }, i) => {
+    const audited = readVerdict(verdicts[i], address, numbers, at_ms);
+    if (audited) change(robots, address, { audited });
+  });
+  return settled({ ...swarm, robots, numbers, listed: true, at_ms });
 }
 
 function withArea(swarm: Swarm, data: Json): Swarm {
@@ -156,7 +175,15 @@ function withArea(swarm: Swarm, data: Json): Swarm {
   const width = readNumber(data["width"], 1, LARGEST_AREA_MM);
   const height = readNumber(data["height"], 1, LARGEST_AREA_MM);
   if (width === undefined || height === undefined) return swarm;
-  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true, terms: readTerms(data) };
+  const missions = readMissions(data, swarm.missions);
+  const unprotected = readText(data["unprotected"], LONGEST_NOTE) ?? "";
+  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true, terms: readTerms(data), unprotected, missions };
+}
+
+function withMap(missions: Missions, request: number, data: Json): Missions {
+  if (request === REQUEST_WALLS) return { ...missions, walls: readWalls(data) ?? missions.walls };
+  if (request === REQUEST_LIT) return { ...missions, lit: withLit(missions.lit, data) };
+  return missions;
 }
 
 /** Notification 2: one robot, and only what it has to say. */
@@ -190,6 +217,7 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
     }
     for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
     for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
+    for (const words of list(frame["walks"])) walkInFrame(robots, numbers, words);
     for (const words of list(frame["audits"])) {
       const audit = readAudit(words, numbers, at_ms);
       if (audit) ended.push(audit);
@@ -197,9 +225,12 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
     for (const audit of ended) change(robots, audit.auditee, { audited: audit });
     for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
   });
+  const told = swarm.missions && missionsInFrame(swarm.missions, frame);
+  // Whatever was decoded before this frame, we were not told.
+  if (told?.another === true) missed = true;
   const recent = swarm.audits.filter((audit) => at_ms - audit.at_ms < AUDITS_FOR_MS);
   const audits = [...recent, ...ended].slice(-MOST_AUDITS);
-  return { ...next, numbers, seq, audits, at_ms, missed: next.missed + (missed ? 1 : 0) };
+  return { ...next, numbers, seq, audits, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
 /** `[number, x, y, direction]`; false for a robot that we do not know. */
@@ -232,6 +263,15 @@ function shieldInFrame(
   const address = typeof number === "number" ? numbers.get(number) : undefined;
   const shield = readShield(rest, at_ms);
   if (address !== undefined && shield) change(robots, address, { shield });
+}
+
+/** `[number, phase, decoded, of, why]`. */
+function walkInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, string>, words: Json): void {
+  if (!Array.isArray(words)) return;
+  const [number, ...rest] = words as readonly Json[];
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const walk = readWalk(rest);
+  if (address !== undefined && walk) change(robots, address, { walk });
 }
 
 function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {

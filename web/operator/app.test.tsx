@@ -33,6 +33,7 @@ const STATE = {
     },
   ],
   shields: null,
+  mission: null,
   counters: { commands: 12, requests: 4, notifications: 90, knocks: 0, reconnects: 0 },
   rejected: { stale: 3, replayed: 0 },
 };
@@ -49,6 +50,7 @@ const SHIELDS = {
     B0B0F00D33333333: {
       safe_mode: false,
       attack: "",
+      lie: null,
       vouchers: [
         { name: "Bo", left_s: 8.1 },
         { name: "Cleo", left_s: 6.2 },
@@ -100,6 +102,14 @@ async function open(hash: string): Promise<void> {
 async function pass(ms: number): Promise<void> {
   await act(async () => {
     await vi.advanceTimersByTimeAsync(ms);
+  });
+}
+
+async function choose(id: string, value: string): Promise<void> {
+  const select = part(id) as HTMLSelectElement;
+  await act(async () => {
+    select.value = value;
+    select.dispatchEvent(new Event("change", { bubbles: true }));
   });
 }
 
@@ -175,13 +185,12 @@ describe("the operator page", () => {
     await open(`#token=${TOKEN}`);
     expect(part("fleet-table")?.textContent).toContain("2/2 · 7 s");
     expect(part("refusals")?.textContent).toContain("Bo refused Cleo: output wrong");
-    const attack = part("attack") as HTMLSelectElement;
-    await act(async () => {
-      attack.value = "crash";
-      attack.dispatchEvent(new Event("change", { bubbles: true }));
-    });
+    await choose("attack", "crash");
     expect(part("compromise")?.textContent).toContain("It does nothing.");
     asked = [];
+    await act(async () => (part("compromise-button") as HTMLButtonElement).click());
+    expect(asked, "nobody is chosen yet").toEqual([]);
+    await choose("victim", "B0B0F00D33333333");
     answer = () => Response.json({ error: "too late" }, { status: 404 });
     await act(async () => (part("compromise-button") as HTMLButtonElement).click());
     await pass(0);
@@ -191,8 +200,40 @@ describe("the operator page", () => {
     expect(part("compromise")?.querySelector('[role="alert"]')?.textContent).toBe("too late");
   });
 
+  it("says whom it compromised and when that was stopped, and chooses nobody in its place", async () => {
+    const [honest] = STATE.robots;
+    const robots = [honest, { ...honest, address: "B0B0F00D44444444", name: "Bo" }];
+    const state = (attack: string, lie: object | null) => ({
+      ...STATE,
+      robots,
+      shields: {
+        ...SHIELDS,
+        robots: { ...SHIELDS.robots, B0B0F00D44444444: { safe_mode: false, attack, lie, vouchers: [] } },
+      },
+    });
+    answer = () => Response.json(state("", null));
+    await open(`#token=${TOKEN}`);
+    expect(part("lies")).toBeNull();
+    await choose("victim", "B0B0F00D44444444");
+    asked = [];
+    const button = part("compromise-button") as HTMLButtonElement;
+    await act(async () => button.click());
+    await pass(0);
+    await act(async () => button.click());
+    expect(asked.map(({ url }) => url), "an impatient click").toEqual(["/api/compromise"]);
+    answer = () => Response.json(state("hijack", { since_s: 3.4, stopped_after_s: null }));
+    await pass(1000);
+    expect(part("lies")?.textContent).toBe("Bo: hijack since 3 s");
+    expect((part("victim") as HTMLSelectElement).value).toBe("");
+    expect(button.disabled).toBe(true);
+    answer = () => Response.json(state("hijack", { since_s: 20, stopped_after_s: 9.8 }));
+    await pass(1000);
+    expect(part("lies")?.textContent).toBe("Bo: hijack, stopped after 9.8 s");
+  });
+
   it("greys a robot in Safe Mode, and does not offer it", async () => {
-    const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", vouchers: [] } };
+    const lie = { since_s: 60, stopped_after_s: 9 };
+    const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", lie, vouchers: [] } };
     answer = () => Response.json({ ...STATE, shields: { ...SHIELDS, robots } });
     await open(`#token=${TOKEN}`);
     expect(part("fleet-table")?.querySelector('[data-safe-mode="true"]')?.textContent).toContain("Safe Modecrash");
@@ -203,6 +244,7 @@ describe("the operator page", () => {
     await open(`#token=${TOKEN}`);
     expect(part("compromise")).toBeNull();
     expect(part("refusals")).toBeNull();
+    expect(part("unprotected")?.textContent).toContain("do not audit each other");
   });
 
   it("says that the broker is gone", async () => {

@@ -7,10 +7,12 @@ import { Fleet } from "./fleet";
 import type { GatewayState } from "./gateway_state";
 import { Invitation } from "./invitation";
 import { BrokerCard, CountersCard, VisitorsCard } from "./link_health";
+import { MissionCard } from "./mission/card";
+import { Editor } from "./mission/editor";
 import { type Polled, useGateway } from "./poll";
 import { useWindow } from "./rates";
 import { Rejections } from "./rejections";
-import { AuditsCard, CompromiseCard } from "./shields";
+import { AuditsCard, CompromiseCard, UnprotectedCard } from "./shields";
 import { takeToken } from "./token";
 import { ago } from "./words";
 
@@ -23,15 +25,22 @@ export function App() {
   const exhibition = useExhibition();
   const { newest, trouble, refused } = polled;
   const window = useWindow(newest);
+  const [drawing, setDrawing] = useState<boolean>();
   const silent_ms = useNow(1000) - (newest?.at_ms ?? 0);
 
   if (token === undefined || refused) return <OpenTheLink refused={refused} />;
   const dead = trouble !== undefined && silent_ms > DEAD_AFTER_MS;
   return (
     <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
-      {!exhibition.on && <Header state={newest?.state} />}
+      {!exhibition.on && <Header state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} />}
       <Banner polled={polled} silent_s={silent_ms / 1000} />
-      {newest && (
+      {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
+      {drawing !== undefined && newest?.state.mission && (
+        <div hidden={!drawing}>
+          <Editor token={token} running={newest.state.mission.running} />
+        </div>
+      )}
+      {newest && !drawing && (
         <main>
           <Invitation newest={newest} outOfOrder={dead ? "Back in a moment" : undefined} exhibition={exhibition} />
           {!exhibition.on && (
@@ -46,7 +55,9 @@ export function App() {
                   <AuditsCard refusals={newest.state.shields.refusals} />
                 </div>
               )}
-              <Fleet robots={newest.state.robots} shields={newest.state.shields} />
+              {!newest.state.shields && !newest.state.mission && <UnprotectedCard />}
+              {newest.state.mission && <MissionCard mission={newest.state.mission} />}
+              <Fleet robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
               <div className="pair roomy">
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />
@@ -71,13 +82,30 @@ function useToken(): string | undefined {
   return token;
 }
 
-function Header({ state }: { readonly state: GatewayState | undefined }) {
+interface HeaderProps {
+  readonly state: GatewayState | undefined;
+  readonly drawing: boolean;
+  readonly onDrawing: (on: boolean) => void;
+}
+
+function Header({ state, drawing, onDrawing }: HeaderProps) {
   return (
     <header className="top">
       <p className="brand">
         <img src="./icon.svg" alt="" width="28" height="28" />
         Phalanx <span className="quiet">operator</span>
       </p>
+      {state?.mission && (
+        <button
+          type="button"
+          className="mission-button"
+          data-testid="to-editor"
+          aria-pressed={drawing}
+          onClick={() => onDrawing(!drawing)}
+        >
+          Mission editor
+        </button>
+      )}
       {state && (
         <p className="quiet">
           mode <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}

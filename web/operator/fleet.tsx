@@ -1,6 +1,6 @@
 // The robots, one a row.
 
-import type { LinkQuality, Rgb, Robot, RobotShield, Shields } from "./gateway_state";
+import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } from "./gateway_state";
 import { ago } from "./words";
 
 // A DotBot's range: below it brakes out, above it has just been charged.
@@ -17,9 +17,10 @@ const byName = new Intl.Collator("en", { numeric: true });
 interface Props {
   readonly robots: readonly Robot[];
   readonly shields: Shields | undefined;
+  readonly mission: Missions | undefined;
 }
 
-export function Fleet({ robots, shields }: Props) {
+export function Fleet({ robots, shields, mission }: Props) {
   const sorted = [...robots].sort((a, b) => byName.compare(a.name, b.name) || byName.compare(a.address, b.address));
   const counted = LINKS.map((link) => [link, robots.filter((robot) => robot.link === link).length] as const);
 
@@ -48,11 +49,18 @@ export function Fleet({ robots, shields }: Props) {
               <th scope="col">Heard</th>
               <th scope="col">Link</th>
               {shields && <th scope="col">Shield</th>}
+              {mission && <th scope="col">Mission</th>}
             </tr>
           </thead>
           <tbody>
             {sorted.map((robot) => (
-              <Row key={robot.address} robot={robot} needed={shields?.tokens_needed} shield={shields?.robots[robot.address]} />
+              <Row
+                key={robot.address}
+                robot={robot}
+                needed={shields?.tokens_needed}
+                shield={shields?.robots[robot.address]}
+                walk={mission?.robots[robot.address]}
+              />
             ))}
           </tbody>
         </table>
@@ -66,9 +74,10 @@ interface RowProps {
   readonly robot: Robot;
   readonly needed: number | undefined;
   readonly shield: RobotShield | undefined;
+  readonly walk: Walk | undefined;
 }
 
-function Row({ robot, needed, shield }: RowProps) {
+function Row({ robot, needed, shield, walk }: RowProps) {
   return (
     <tr data-status={STATUS[robot.status]} data-safe-mode={shield?.safe_mode === true}>
       <th scope="row">
@@ -83,7 +92,7 @@ function Row({ robot, needed, shield }: RowProps) {
       <td>
         <Battery volts={robot.battery_v} />
       </td>
-      <td>{MODE[robot.mode]}</td>
+      <td>{walk ? "mission" : MODE[robot.mode]}</td>
       <td className="number">{ago(robot.last_seen_s)}</td>
       <td>
         <span className="tag" data-link={robot.link} title={`The robot is ${STATUS[robot.status]}`}>
@@ -91,6 +100,14 @@ function Row({ robot, needed, shield }: RowProps) {
         </span>
       </td>
       {needed !== undefined && <td>{shield && <Shield shield={shield} needed={needed} />}</td>}
+      {walk && (
+        <td className="number" title={walk.why}>
+          <span className="tag" data-link={walk.phase === "done" ? "ok" : walk.phase === "held" ? "lost" : "quiet"}>
+            {walk.phase}
+          </span>{" "}
+          {walk.of > 0 && `${walk.decoded}/${walk.of}`}
+        </td>
+      )}
     </tr>
   );
 }

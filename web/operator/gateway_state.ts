@@ -37,10 +37,19 @@ export interface Robot {
 export const COUNTERS = ["commands", "requests", "notifications", "knocks", "reconnects"] as const;
 export type Counters = Readonly<Record<(typeof COUNTERS)[number], number>>;
 
+/** What became of a robot that the operator has lie. */
+export interface Lie {
+  readonly since_s: number;
+  /** How long it took until it was stopped; undefined while it is not. */
+  readonly stopped_after_s: number | undefined;
+}
+
 export interface RobotShield {
   readonly safe_mode: boolean;
   /** What the operator has it do; "" for an honest robot. */
   readonly attack: string;
+  /** Undefined for an honest robot. */
+  readonly lie: Lie | undefined;
   /** Neighbours that vouch for it, and for how many seconds more. */
   readonly vouchers: readonly { readonly name: string; readonly left_s: number }[];
 }
@@ -68,6 +77,32 @@ export interface Shields {
   readonly robots: Readonly<Record<string, RobotShield>>;
 }
 
+export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as const;
+
+/** How far one robot's mission has got. */
+export interface Walk {
+  readonly phase: (typeof PHASES)[number];
+  readonly decoded: number;
+  readonly of: number;
+  readonly why: string;
+}
+
+/** The mission that runs, or ran last. */
+export interface RunningMission {
+  readonly id: string;
+  readonly name: string;
+  readonly nodes: number;
+  readonly left: number;
+  readonly completed: number;
+}
+
+/** Of robots that live missions. */
+export interface Missions {
+  readonly world: string;
+  readonly running: RunningMission | undefined;
+  readonly robots: Readonly<Record<string, Walk>>;
+}
+
 export interface GatewayState {
   readonly mode: string;
   readonly page_url: string;
@@ -83,6 +118,8 @@ export interface GatewayState {
   readonly robots: readonly Robot[];
   /** Undefined where robots do not audit each other. */
   readonly shields: Shields | undefined;
+  /** Undefined where robots live no missions. */
+  readonly mission: Missions | undefined;
   readonly counters: Counters;
   /** Refused messages by reason; a reason of which there was none may be absent. */
   readonly rejected: Readonly<Record<string, number>>;
@@ -119,6 +156,7 @@ export function parseState(json: unknown): GatewayState {
     visitors: list(state["visitors"], "visitors").map(visitor),
     robots: list(state["robots"], "robots").map(robot),
     shields: state["shields"] === null ? undefined : shields(state["shields"]),
+    mission: state["mission"] === null ? undefined : missions(state["mission"]),
     counters: Object.fromEntries(COUNTERS.map((name) => [name, finite(counters[name], name)])) as Counters,
     rejected: Object.fromEntries(
       Object.entries(record(state["rejected"], "rejected")).map(([reason, n]) => [reason, finite(n, reason)]),
@@ -183,10 +221,52 @@ function robotShield(json: unknown): RobotShield {
   return {
     safe_mode: it["safe_mode"] === true,
     attack: text(it["attack"], "shield.attack"),
+    lie: it["lie"] === null ? undefined : lie(it["lie"]),
     vouchers: list(it["vouchers"], "shield.vouchers").map((each) => {
       const voucher = record(each, "voucher");
       return { name: text(voucher["name"], "voucher.name"), left_s: finite(voucher["left_s"], "voucher.left_s") };
     }),
+  };
+}
+
+function lie(json: unknown): Lie {
+  const it = record(json, "lie");
+  const took = it["stopped_after_s"];
+  return {
+    since_s: finite(it["since_s"], "lie.since_s"),
+    stopped_after_s: took === null ? undefined : finite(took, "lie.stopped_after_s"),
+  };
+}
+
+function missions(json: unknown): Missions {
+  const it = record(json, "mission");
+  return {
+    world: text(it["world"], "mission.world"),
+    running: it["running"] === null ? undefined : runningMission(it["running"]),
+    robots: Object.fromEntries(
+      Object.entries(record(it["robots"], "mission.robots")).map(([address, each]) => [address, walk(each)]),
+    ),
+  };
+}
+
+function runningMission(json: unknown): RunningMission {
+  const it = record(json, "mission.running");
+  return {
+    id: text(it["id"], "running.id"),
+    name: text(it["name"], "running.name"),
+    nodes: finite(it["nodes"], "running.nodes"),
+    left: finite(it["left"], "running.left"),
+    completed: finite(it["completed"], "running.completed"),
+  };
+}
+
+function walk(json: unknown): Walk {
+  const it = record(json, "walk");
+  return {
+    phase: oneOf(it["phase"], PHASES, "walk.phase"),
+    decoded: finite(it["decoded"], "walk.decoded"),
+    of: finite(it["of"], "walk.of"),
+    why: text(it["why"], "walk.why"),
   };
 }
 

@@ -27,7 +27,7 @@ export function Invitation({ newest, outOfOrder, exhibition }: Props) {
 
   return (
     <section className="invitation" aria-label="Invitation for visitors">
-      <h1>Scan to drive the robots</h1>
+      <h1>{newest.state.mission ? "Scan to watch the robots" : "Scan to drive the robots"}</h1>
       <QrCode svg={newest.state.qr_svg} outOfOrder={outOfOrder} />
       <p className="page-url">{shortUrl(newest.state.page_url)}</p>
       <div className="invitation-foot">

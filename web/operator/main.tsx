@@ -3,6 +3,7 @@ import { App } from "./app";
 import "./styles.css";
 import "./invitation.css";
 import "./tables.css";
+import "./mission/editor.css";
 
 const root = document.getElementById("root");
 if (root) createRoot(root).render(<App />);

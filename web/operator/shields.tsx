@@ -2,7 +2,7 @@
 
 import { useState } from "react";
 import { compromise } from "./compromise";
-import type { Refusal, Robot, Shields } from "./gateway_state";
+import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
 import { ago } from "./words";
 
 interface Props {
@@ -20,16 +20,22 @@ export function CompromiseCard({ token, robots, shields }: Props) {
     const shield = shields.robots[robot.address];
     return shield && !shield.safe_mode && shield.attack === "";
   });
-  // The one chosen may have been stopped meanwhile.
-  const robot = honest.find((each) => each.address === address) ?? honest[0];
+  // Nobody is chosen for the operator: a second, impatient click would have one more robot lie. Nor does a choice outlive
+  // its robot.
+  const robot = honest.find((each) => each.address === address);
   const attack = shields.attacks.find((each) => each.name === name) ?? shields.attacks[0];
-  const lying = robots.filter((each) => shields.robots[each.address]?.attack);
+  const lying = robots.flatMap((each) => {
+    const shield = shields.robots[each.address];
+    return shield?.lie ? [{ robot: each, attack: shield.attack, lie: shield.lie }] : [];
+  });
   const tolerated = shields.tokens_needed - 1;
 
   async function onSubmit() {
     if (!robot || !attack) return;
     setBusy(true);
-    setTrouble(await compromise(token, robot.address, attack.name));
+    const refused = await compromise(token, robot.address, attack.name);
+    setTrouble(refused);
+    if (refused === undefined) setAddress("");
     setBusy(false);
   }
 
@@ -48,6 +54,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
         <label>
           Robot
           <select data-testid="victim" value={robot?.address ?? ""} onChange={(event) => setAddress(event.target.value)}>
+            <option value="">Choose one…</option>
             {honest.map((each) => (
               <option key={each.address} value={each.address}>
                 {each.name}
@@ -69,6 +76,15 @@ export function CompromiseCard({ token, robots, shields }: Props) {
           Compromise
         </button>
       </form>
+      {lying.length > 0 && (
+        <ul className="scroll lies" data-testid="lies" aria-live="polite" aria-label="Compromised robots">
+          {lying
+            .sort((a, b) => a.lie.since_s - b.lie.since_s)
+            .map((each) => (
+              <Lying key={each.robot.address} {...each} />
+            ))}
+        </ul>
+      )}
       {attack && (
         <p className="quiet">
           It {attack.does}. Its trusted nodes stay as they are; visitors are not told which robot it is.
@@ -88,6 +104,37 @@ export function CompromiseCard({ token, robots, shields }: Props) {
   );
 }
 
+interface LyingProps {
+  readonly robot: Robot;
+  readonly attack: string;
+  readonly lie: Lie;
+}
+
+function Lying({ robot, attack, lie: { since_s, stopped_after_s } }: LyingProps) {
+  return (
+    <li data-stopped={stopped_after_s !== undefined}>
+      <strong>{robot.name}</strong>: {attack}
+      {stopped_after_s !== undefined ? (
+        `, stopped after ${stopped_after_s.toFixed(1)} s`
+      ) : (
+        // Not read out: it changes every second.
+        <span aria-hidden="true"> since {Math.floor(since_s)} s</span>
+      )}
+    </li>
+  );
+}
+
+export function UnprotectedCard() {
+  return (
+    <section className="card" data-testid="unprotected" aria-labelledby="unprotected-title">
+      <header>
+        <h2 id="unprotected-title">No shields</h2>
+      </header>
+      <p className="quiet">These robots do not audit each other: nothing would stop one that lies.</p>
+    </section>
+  );
+}
+
 export function AuditsCard({ refusals }: { readonly refusals: readonly Refusal[] }) {
   return (
     <section className="card audits" data-testid="refusals" aria-labelledby="refusals-title">
@@ -95,7 +142,7 @@ export function AuditsCard({ refusals }: { readonly refusals: readonly Refusal[]
         <h2 id="refusals-title">Refused audits</h2>
       </header>
       {refusals.length === 0 ? (
-        <p className="quiet">None. Every robot’s log replays to what it did.</p>
+        <p className="quiet">None so far.</p>
       ) : (
         <ul className="scroll" tabIndex={0} aria-label="Refused audits, the newest first">
           {refusals.map((refusal, i) => (

@@ -34,15 +34,20 @@ describe("shields", () => {
         { auditor: 3, until_ms: 5000 },
       ],
     });
-    expect(words(START)).toEqual(["whole", "Shield 2 of 2: Bo 9 s · Cleo 4 s", "No audit heard of yet."]);
+    expect(words(START)).toEqual([
+      "whole",
+      "Shield 2 of 2: 4 s left without new vouchers",
+      "Bo 9 s · Cleo 4 s",
+      "No audit heard of yet.",
+    ]);
   });
 
   test("tokens drain without another word, and frames renew them", () => {
     const later = play([frame(1, 6000, {})], START);
     expect(words(later)[0]).toBe("thin");
-    expect(words(later)[1]).toBe("Shield 1 of 2: Bo 4 s");
+    expect(words(later).slice(1, 3)).toEqual(["Shield 1 of 2: 1 more must vouch for it", "Bo 4 s"]);
     const renewed = play([frame(2, 7000, { shields: [[1, 0, [[3, 100], [2, 30]]]] })], later);
-    expect(words(renewed)[1]).toBe("Shield 2 of 2: Cleo 10 s · Bo 3 s");
+    expect(words(renewed).slice(1, 3)).toEqual(["Shield 2 of 2: 3 s left without new vouchers", "Cleo 10 s · Bo 3 s"]);
   });
 
   test("only so many tokens count as are needed, those that count longest", () => {
@@ -56,17 +61,31 @@ describe("shields", () => {
       { auditor: B, auditee: A, refusal: "output wrong", at_ms: 2000 },
       { auditor: C, auditee: B, refusal: "", at_ms: 2000 },
     ]);
-    expect(words(refused)[2]).toBe("Last audit: Bo refused it, output wrong.");
-    expect(words(refused, B)[2]).toBe("Last audit: passed, by Cleo.");
+    expect(words(refused)[3]).toBe("Refused by Bo: output wrong.");
+    expect(words(refused, B)[3]).toBe("Audited by Cleo: passed.");
     const again = play([told(0, [robot(A, 1, "Ada"), robot(B, 2, "Bo")], 3000)], refused);
-    expect(words(again)[2]).toContain("output wrong");
+    expect(words(again)[3]).toContain("output wrong");
     expect(play([frame(2, 9000, {})], refused).audits).toEqual([]);
   });
 
-  test("a robot in Safe Mode is said to be stopped", () => {
+  test("who comes late is told the last verdict with the list, and sees no line for it", () => {
+    const ada = { ...robot(A, 1, "Ada", [1, []]), audited: [2, "output wrong"] };
+    const late = play([told(1, AREA), told(0, [ada, { ...robot(B, 2, "Bo"), audited: null }], 1000)]);
+    expect(words(late)[3]).toBe("Refused by Bo: output wrong.");
+    expect(words(late, B)[3]).toBe("No audit heard of yet.");
+    expect(late.audits).toEqual([]);
+  });
+
+  test("a robot in Safe Mode is said to be stopped, and to obey nobody", () => {
     const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
     expect(words(stopped)[0]).toBe("stopped");
     expect(words(stopped)[1]).toContain("Safe Mode");
+    expect(words(stopped)[2]).toContain("obeys nobody");
+  });
+
+  test("of every robot there are three lines, whatever its shield: nothing below them moves", () => {
+    const stopped = play([frame(1, 2000, { shields: [[1, 1, []]] })], START);
+    for (const each of [words(START), words(START, B), words(START, "?"), words(stopped)]) expect(each).toHaveLength(4);
   });
 
   test("of a swarm without shields nothing is said", () => {
@@ -75,18 +94,24 @@ describe("shields", () => {
     expect(plain.robots.get(A)?.shield).toBeUndefined();
   });
 
+  test("why robots are unprotected is said whoever is chosen, and gone when they are not", () => {
+    const plain = play([told(1, { ...AREA, t_val_ms: undefined, unprotected: "too\nmany" }), told(0, [{ address: A }])]);
+    expect([shieldWords(plain, A), shieldWords(plain, undefined)]).toEqual(Array(2).fill("unprotected\ntoomany."));
+    expect(shieldWords(play([told(1, AREA)], plain), undefined)).toContain("audit each other");
+  });
+
   test("nonsense never throws, and what is kept stays small", () => {
     const rows = fc.array(fc.jsonValue(), { maxLength: 300 });
     fc.assert(
-      fc.property(rows, rows, fc.jsonValue(), (shields, audits, shield) => {
+      fc.property(rows, rows, fc.jsonValue(), fc.jsonValue(), (shields, audits, shield, audited) => {
         const many = audits.concat(Array.from({ length: 300 }, () => [1, 2, "\u202e\u0000".repeat(9)]));
         const swarm = play(
-          [told(0, [{ ...robot(A, 1, "Ada"), shield }, robot(B, 2, "Bo")]), frame(1, 1, { shields, audits: many })],
+          [told(0, [{ ...robot(A, 1, "Ada"), shield, audited }, robot(B, 2, "Bo")]), frame(1, 1, { shields, audits: many })],
           START,
         );
         expect(swarm.audits.length).toBeLessThanOrEqual(256);
         for (const known of swarm.robots.values()) expect(known.shield?.vouchers.length ?? 0).toBeLessThanOrEqual(32);
-        expect(words(swarm, B)[2]).toBe("Last audit: Ada refused it, refused.");
+        expect(words(swarm, B)[3]).toBe("Refused by Ada: refused.");
       }),
     );
   });

@@ -7,6 +7,7 @@ import type { Wheels } from "./drive";
 import { Joystick } from "./joystick";
 import { Led } from "./led";
 import { MapView } from "./map/map_view";
+import { MissionWords } from "./mission_words";
 import { RobotPicker } from "./robot_picker";
 import { MOST_WAYPOINTS, Route, routePayload } from "./route";
 import { ShieldWords } from "./shield_words";
@@ -26,11 +27,15 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const [threshold, setThreshold] = useState(40);
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
   const health = useSwarm(link, (view) => view.health);
+  const onMission = useSwarm(link, ({ swarm }) => swarm.missions !== undefined);
 
   // A robot that left is no longer driven; of a single one there is nothing to choose.
   const only = roster.length === 1 ? roster[0]?.address : undefined;
   const entry = roster.find(({ address }) => address === chosen) ?? roster.find(({ address }) => address === only);
   const selected = entry?.address;
+  const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
+  // One in Safe Mode would ignore whatever it is told.
+  const obeying = stopped ? undefined : selected;
   const command = useCommand(link, selected);
   const sendWheels = useCallback(
     ({ left, right }: Wheels) => {
@@ -44,13 +49,13 @@ export function Cockpit({ to, link, onLeave }: Props) {
     if (only !== undefined) setChosen((now) => now ?? only);
   }, [only]);
 
-  // Another robot, another route: with the threshold that it has.
+  // Another robot, another route: with the threshold that it has. Of one that was stopped, none.
   useEffect(() => {
     setDraft(NO_POINTS);
     setRouting(false);
-    const known = selected === undefined ? undefined : link?.view.swarm.robots.get(selected)?.threshold;
+    const known = obeying === undefined ? undefined : link?.view.swarm.robots.get(obeying)?.threshold;
     if (known !== undefined && known >= 10) setThreshold(Math.min(known, 500));
-  }, [selected, link]);
+  }, [obeying, link]);
 
   function startRoute() {
     if (!command("waypoints", routePayload(threshold, draft))) return;
@@ -77,7 +82,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
         )}
       </header>
       <main className="cockpit">
-        <h1 className="unseen">Drive the swarm</h1>
+        <h1 className="unseen">{onMission ? "Watch the mission" : "Drive the swarm"}</h1>
         <MapView
           link={link}
           selected={selected}
@@ -95,31 +100,38 @@ export function Cockpit({ to, link, onLeave }: Props) {
             onClearTrail={() => command("clear_position_history", "")}
           />
           <ShieldWords link={link} selected={selected} />
-          <div className="hands">
-            <div className="stick">
-              <Joystick send={sendWheels} disabled={selected === undefined} robotName={entry?.name} />
-              <p id="joystick-help" className="stick-help">
-                Hold to drive, let go to stop.
-                <span className="keys-help">
-                  {" "}
-                  By keyboard: <kbd>Tab</kbd> to it, then hold the arrow keys or <kbd>W A S D</kbd>.
-                </span>
-              </p>
-            </div>
-            <Led key={selected} link={link} selected={selected} command={command} />
-          </div>
-          <Route
-            link={link}
-            selected={selected}
-            routing={routing}
-            onRouting={setRouting}
-            draft={draft}
-            onUndo={() => setDraft((points) => points.slice(0, -1))}
-            threshold={threshold}
-            onThreshold={setThreshold}
-            onStart={startRoute}
-            onClear={clearRoute}
-          />
+          <MissionWords link={link} selected={selected} />
+          {onMission ? (
+            <Led key={selected} link={link} selected={obeying} command={command} />
+          ) : (
+            <>
+              <div className="hands">
+                <div className="stick">
+                  <Joystick send={sendWheels} disabled={obeying === undefined} robotName={entry?.name} />
+                  <p id="joystick-help" className="stick-help">
+                    Hold to drive, let go to stop.
+                    <span className="keys-help">
+                      {" "}
+                      By keyboard: <kbd>Tab</kbd> to it, then hold the arrow keys or <kbd>W A S D</kbd>.
+                    </span>
+                  </p>
+                </div>
+                <Led key={selected} link={link} selected={obeying} command={command} />
+              </div>
+              <Route
+                link={link}
+                selected={obeying}
+                routing={routing}
+                onRouting={setRouting}
+                draft={draft}
+                onUndo={() => setDraft((points) => points.slice(0, -1))}
+                threshold={threshold}
+                onThreshold={setThreshold}
+                onStart={startRoute}
+                onClear={clearRoute}
+              />
+            </>
+          )}
         </div>
       </main>
     </>

@@ -55,7 +55,7 @@ export function Led({ link, selected, command }: Props) {
             type="button"
             className="swatch"
             aria-label={`Light ${name}`}
-            style={{ backgroundColor: disabled ? undefined : colour }}
+            style={{ backgroundColor: colour }}
             onClick={() => send(colour)}
           />
         ))}

@@ -47,6 +47,7 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
     const mode = robot.mode === 1 ? "following its route" : "";
     const battery = robot.battery_v ? `battery ${robot.battery_v.toFixed(1)} V` : "";
     const place = robot.position ? "" : "position unknown";
+    if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
     return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
   });
   return <p className="about">{words}</p>;

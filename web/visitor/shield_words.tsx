@@ -1,6 +1,15 @@
-// The chosen robot's shield in words: who vouches for it and for how long, and how its last audit ended.
+// The chosen robot's shield in words: how long it lives without new vouchers, who vouches, how its last audit ended.
 
 import { counting, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
+
+const LEGEND = `unknown
+Robots audit each other.
+Each arc of a ring is a neighbour that vouches.
+A line is an audit: green passed, red refused.`;
+
+const STOPPED = `stopped
+Safe Mode: too few neighbours vouched for it.
+It obeys nobody until the gateway starts again.`;
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -21,28 +30,36 @@ export function ShieldWords({ link, selected }: Props) {
   );
 }
 
-/** The shield's state, then lines to show; as of the newest frame. */
+/** The shield's state, then lines to show, as of the newest frame: always three of a robot, or the page would jump. */
 export function shieldWords(swarm: Swarm, selected: string | undefined): string {
   const { terms, at_ms } = swarm;
+  if (swarm.unprotected !== "") return `unprotected\n${swarm.unprotected}.`;
   if (!terms) return "none";
   const robot = selected === undefined ? undefined : swarm.robots.get(selected);
-  if (!robot?.shield) return "unknown\nRobots audit each other:\neach arc of a ring is a neighbour that vouches.";
-  if (robot.shield.safeMode)
-    return ["stopped", "Safe Mode: too few neighbours vouched for it.", lastAudit(swarm, robot)].join("\n");
+  if (!robot?.shield) return LEGEND;
+  if (robot.shield.safeMode) return `${STOPPED}\n${lastAudit(swarm, robot)}`;
   const vouchers = counting(robot.shield, terms, at_ms);
   const names = vouchers.map(
     ({ auditor, until_ms }) => `${nameOf(swarm, auditor)} ${Math.ceil((until_ms - at_ms) / 1000)} s`,
   );
-  const summary = `Shield ${vouchers.length} of ${terms.needed}: ${names.join(" · ") || "nobody vouches for it"}`;
-  const state = vouchers.length < terms.needed ? "thin" : "whole";
-  return [state, summary, lastAudit(swarm, robot)].join("\n");
+  // With the last one needed the robot is stopped.
+  const last = vouchers[terms.needed - 1];
+  const summary = last
+    ? `${Math.ceil((last.until_ms - at_ms) / 1000)} s left without new vouchers`
+    : `${terms.needed - vouchers.length} more must vouch for it`;
+  return [
+    last ? "whole" : "thin",
+    `Shield ${vouchers.length} of ${terms.needed}: ${summary}`,
+    names.join(" · ") || "Nobody vouches for it yet.",
+    lastAudit(swarm, robot),
+  ].join("\n");
 }
 
 function lastAudit(swarm: Swarm, { audited }: Robot): string {
   if (!audited) return "No audit heard of yet.";
   const auditor = swarm.robots.get(audited.auditor);
   const by = auditor ? shortName(auditor) : "a robot that left";
-  return audited.refusal === "" ? `Last audit: passed, by ${by}.` : `Last audit: ${by} refused it, ${audited.refusal}.`;
+  return audited.refusal === "" ? `Audited by ${by}: passed.` : `Refused by ${by}: ${audited.refusal}.`;
 }
 
 function nameOf(swarm: Swarm, number: number): string {

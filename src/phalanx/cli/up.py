@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +15,50 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
-from phalanx.gateway.simulated import DEFENCES
+from phalanx.gateway.simulated import DEFENCES, mission_swarm
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
+from phalanx.mission import BuildOptions, EncodedMission, Profile, StartKey, build, check_signature
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.records import FILE_LIMIT, OPEN_START
+from phalanx.robot import Swarm
+from phalanx.sim.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.mission_orders import Orders, orders_of, orders_of_file
+from phalanx.sim.mission_swarm import DEFAULT_ROBOTS
 
+from .mission_files import (
+    MAGIC,
+    built_in_missions,
+    read_bytes,
+    read_encoded,
+    read_plain,
+    read_start_key,
+    read_trusted,
+)
 from .options import broker_options, link_options, read_login
 from .run import run
-from .terminal import EventLines, end_status_line, qr_text, status_line
+from .terminal import EventLines, end_status_line, plain, qr_text, status_line
+
+ROBOTS = 12
 
 
-@click.command(epilog="Example: phalanx up --host 0.0.0.0 --robots 20")
+@click.command(epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office")
 @link_options
-@click.option("--robots", type=int, default=12, show_default=True, help="Simulated robots.")
+@click.option("--robots", type=int, help=f"Simulated robots.  [default: {ROBOTS}; on a mission {DEFAULT_ROBOTS}]")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
+@click.option(
+    "--mission",
+    "mission",
+    metavar="FILE|BUILTIN",
+    help="Robots live this mission, and are not driven; the operator's page has an editor for others.",
+)
+@click.option(
+    "--world",
+    metavar="NAME|FILE",
+    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
+)
+@click.option("--start-key", type=click.Path(path_type=Path), help="Of a sealed --mission FILE; without, FILE.key.")
+@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
 @click.option(
     "--defence",
     type=click.Choice(DEFENCES),
@@ -51,8 +85,12 @@ def up(
     rotate_s: float,
     overlap_s: float,
     root: str,
-    robots: int,
+    robots: int | None,
     seed: int,
+    mission: str | None,
+    world: str | None,
+    start_key: Path | None,
+    trust: tuple[str, ...],
     defence: str | None,
     f_max: int | None,
     broker: str,
@@ -71,8 +109,12 @@ def up(
     """
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
+    on_mission = mission is not None or world is not None
+    if on_mission and (defence not in (None, "none") or f_max is not None):
+        raise UsageError("robots on a mission do not audit each other", "leave --defence and --f-max away")
+    count = robots if robots is not None else DEFAULT_ROBOTS if on_mission else ROBOTS
     options = UpOptions(
-        robots=robots,
+        robots=count,
         seed=seed,
         defence=defence,
         f_max=f_max,
@@ -88,21 +130,72 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    if events:
-        lines = EventLines()
-        try:
-            run(run_gateway(options, lines, talk=_talk))
-        finally:
-            lines.close()
-    else:
-        _run_for_people(options)
+    with _robots(mission, world, start_key, trust, count, seed) as swarm:
+        if events:
+            lines = EventLines()
+            try:
+                run(run_gateway(options, lines, swarm=swarm, talk=_talk))
+            finally:
+                lines.close()
+        else:
+            _run_for_people(options, swarm)
+
+
+@contextlib.contextmanager
+def _robots(
+    mission: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...], count: int, seed: int
+) -> Iterator[Swarm | None]:
+    """Robots that live missions, the first of which has begun if there is one; None where no mission is wanted."""
+    if (start_key is not None or trust) and (mission is None or not _is_encoded(mission)):
+        raise UsageError("--start-key and --trust are for encoded missions", "phalanx mission build makes one")
+    if mission is None and world is None:
+        yield None
+        return
+    plan, orders = _orders(mission, world, start_key, trust)
+    with mission_swarm(plan, count, seed, _talk) as swarm:
+        if orders is not None:
+            swarm.begin(orders)
+        yield swarm
+
+
+def _orders(
+    mission: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...]
+) -> tuple[FloorPlan, Orders | None]:
+    if mission is None:
+        return load_floorplan(world or DEFAULT), None
+    if _is_encoded(mission):
+        path = Path(mission)
+        encoded = read_encoded(path)
+        if trust:
+            check_signature(encoded, [read_trusted(key) for key in trust])
+        plan = load_floorplan(world or DEFAULT)
+        return plan, orders_of_file(path.stem, encoded, _start_key(path, start_key, encoded), plan)
+    told = read_plain(mission)
+    plan = load_floorplan(world or told.floor_plan or DEFAULT)
+    return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
+
+
+def _is_encoded(source: str) -> bool:
+    if source in built_in_missions():
+        return False
+    what = f"a mission's file, or one of {', '.join(built_in_missions())}"
+    return read_bytes(Path(source), FILE_LIMIT, what).startswith(MAGIC)
+
+
+def _start_key(path: Path, given: Path | None, encoded: EncodedMission) -> StartKey | None:
+    beside = path.with_name(path.name + ".key")
+    if given is not None or beside.exists():
+        return read_start_key(given or beside)
+    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
+        raise UsageError(f"{path} needs its start key", f"--start-key FILE, or {beside.name} beside it")
+    return None
 
 
 def _talk(words: str) -> None:
     click.echo(f"phalanx: {words}", err=True)
 
 
-def _run_for_people(options: UpOptions) -> None:
+def _run_for_people(options: UpOptions, swarm: Swarm | None) -> None:
     watch: list[asyncio.Task[None]] = []
 
     def say(event: dict[str, Any]) -> None:
@@ -117,12 +210,25 @@ def _run_for_people(options: UpOptions) -> None:
                 end_status_line()
                 click.echo("a new code; the old one works for a while yet")
                 _show_code("visitors", event["qr_url"])
+            case "mission" if event["what"] != "decoded":
+                end_status_line()
+                click.echo(_mission_line(event))
 
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
 
-    run(run_gateway(options, say, started, talk=_talk))
+    run(run_gateway(options, say, started, swarm, _talk))
     end_status_line()
+
+
+def _mission_line(event: dict[str, Any]) -> str:
+    match event["what"]:
+        case "begun":
+            return f"mission {plain(event['name'])}: {event['nodes']} nodes, all dark"
+        case "completed":
+            return f"{event['who']} completed the mission"
+        case _:
+            return f"{event['who']}: not validated: {event['reason']}"
 
 
 def _show_code(what: str, url: str) -> None:

@@ -14,10 +14,13 @@ from phalanx.io import Server
 from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.shield import Shielded
+from phalanx.sim import Dotbots
+from phalanx.sim.mission_swarm import MissionSwarm
 
 from . import vocabulary
 from .frames import Frames, Tick
 from .joystick import EXPIRES_S, Joysticks
+from .mission_watch import MissionWatch
 from .shields import ShieldWatch
 from .visitors import Visitors
 from .vocabulary import Notice
@@ -42,7 +45,7 @@ class Gateway:
     Args:
         swarm: the robots.
         server: the link; its handlers are registered here.
-        say: told what happens to shields (see ShieldWatch).
+        say: told what happens to shields and on missions (see ShieldWatch, MissionWatch).
         clock: seconds since 1970.
     """
 
@@ -60,6 +63,7 @@ class Gateway:
         self._joysticks = Joysticks()
         self._frames = Frames(server.config.part_plaintext_bytes)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
+        self.missions = MissionWatch(swarm, say) if isinstance(swarm, MissionSwarm) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
@@ -72,6 +76,9 @@ class Gateway:
             server.on_command(name)(self._checked(handler))
         server.on_request(vocabulary.REQUEST_ROBOTS)(self._tell_robots)
         server.on_request(vocabulary.REQUEST_AREA)(self._tell_area)
+        if missions := self.missions:
+            server.on_request(vocabulary.REQUEST_WALLS)(lambda _: missions.walls())
+            server.on_request(vocabulary.REQUEST_LIT)(lambda _: missions.lit())
 
     async def run(self) -> None:
         """Tell visitors what happens, and stop robots that nobody drives any longer, until cancelled."""
@@ -126,17 +133,24 @@ class Gateway:
         # Nor are the routes of many: with 64 points each they were nine tenths of the answer, a part for every robot.
         with_routes = sum(len(robot.route) for robot in robots) <= ROUTE_POINTS_IN_ALL
         shields = self.shields.in_list(self._frames.number) if self.shields else {}
+        walks = self.missions.in_list() if self.missions else {}
         return [
             vocabulary.tell_robot(robot if with_routes else replace(robot, route=()), now_s, trail)
             | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
             | shields.get(robot.address, {})
+            | walks.get(robot.address, {})
             for robot in robots
         ]
 
     def _tell_area(self, request: Request) -> dict[str, Any]:
         self._asked(request)
         width, height = self.swarm.area_mm
-        return {"width": width, "height": height} | (self.shields.in_area() if self.shields else {})
+        told: dict[str, Any] = {"width": width, "height": height}
+        if self.shields:
+            told |= self.shields.in_area()
+        elif isinstance(self.swarm, Dotbots) and self.swarm.unprotected:
+            told["unprotected"] = self.swarm.unprotected
+        return told | (self.missions.in_area() if self.missions else {})
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True
@@ -157,7 +171,8 @@ class Gateway:
 
     async def _tell_tick(self) -> None:
         robots = self.swarm.robots()
-        more = self.shields.news(self._frames.number, time.monotonic()) if self.shields else None
+        watches = [watch for watch in (self.shields, self.missions) if watch]
+        more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
         for frame in tick.frames if tick else ():
             await self._notify(frame)

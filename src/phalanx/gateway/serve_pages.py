@@ -16,8 +16,10 @@ from typing import Any, Self
 
 from aiohttp import web
 
-from phalanx.errors import Unavailable, Unknown
+from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
 from phalanx.io.ports import LOOPBACK
+
+from .mission_desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 
 PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
@@ -48,7 +50,7 @@ def pages_are_built() -> bool:
 class _Site:
     """An HTTP server for one page."""
 
-    def __init__(self, page: str, policy: str, host: str, port: int) -> None:
+    def __init__(self, page: str, policy: str, host: str, port: int, longest: int = 4096) -> None:
         self.host, self.port = host, port
         self._folder = PAGES / page
         # By connection: when it asked last, and what works on the answer.
@@ -69,7 +71,7 @@ class _Site:
                 response.headers.setdefault(name, value)
             return response
 
-        self.app = web.Application(middlewares=[guard], client_max_size=4096)
+        self.app = web.Application(middlewares=[guard], client_max_size=longest)
         self.app.router.add_get("/", self._index)
         self._add_routes()
         if self._folder.is_dir():
@@ -150,17 +152,31 @@ class OperatorPages(_Site):
         token: what `Authorization: Bearer` must carry.
         state: called for each answer.
         compromise: has a robot of this address run an attack of this name; raises Unknown.
+        desk: of robots that live missions, or None.
     """
 
-    def __init__(self, token: str, state: Callable[[], dict[str, Any]], compromise: Callable[[str, str], None]) -> None:
+    def __init__(
+        self,
+        token: str,
+        state: Callable[[], dict[str, Any]],
+        compromise: Callable[[str, str], None],
+        desk: MissionDesk | None = None,
+    ) -> None:
         self._token = token
         self._state = state
         self._compromise = compromise
-        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0)
+        self._desk = desk
+        # As JSON a text may be twice as long as it is.
+        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0, 2 * TEXT_MAX_BYTES + 1024 if desk else 4096)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/api/state", self._tell_state)
         self.app.router.add_post("/api/compromise", self._do_compromise)
+        if self._desk:
+            self.app.router.add_get("/api/mission/world", self._tell_world)
+            self.app.router.add_get("/api/mission/job", self._tell_job)
+            for name, act in (("read", self._read), ("compile", self._compile), ("send", self._send)):
+                self.app.router.add_post(f"/api/mission/{name}", self._asked_with(act))
 
     def refuse(self, request: web.Request) -> web.Response | None:
         """Turn away names that are not ours: a foreign page that rebinds its name to loopback comes with such a one."""
@@ -185,6 +201,46 @@ class OperatorPages(_Site):
             return _answer({"error": "an object with 'address' and 'attack'"}, 400)
         return _answer({})
 
+    async def _tell_world(self, request: web.Request) -> web.Response:
+        assert self._desk is not None, "or there is no such route"
+        return self._stranger(request) or _answer(await self._desk.world())
+
+    async def _tell_job(self, request: web.Request) -> web.Response:
+        assert self._desk is not None, "or there is no such route"
+        return self._stranger(request) or _answer(self._desk.job())
+
+    def _asked_with(self, act: Callable[[MissionDesk, Any], Awaitable[dict[str, Any]]]) -> Handler:
+        """A handler of POSTs: what went wrong is told in a line, with a hint of what to do about it."""
+
+        async def handle(request: web.Request) -> web.Response:
+            assert self._desk is not None, "or there is no such route"
+            if stranger := self._stranger(request):
+                return stranger
+            try:
+                return _answer(await act(self._desk, json.loads(await request.text())))
+            except (UsageError, Unavailable) as error:
+                return _answer({"error": str(error), "hint": error.hint}, 400)
+            except PeerError as error:
+                return _answer({"error": str(error), "hint": ""}, 409)
+            except (ValueError, KeyError, TypeError, RecursionError):
+                return _answer({"error": "that is not what this page asks", "hint": "reload the page"}, 400)
+
+        return handle
+
+    @staticmethod
+    async def _read(desk: MissionDesk, words: Any) -> dict[str, Any]:
+        return await desk.read(_text(words, "mission"))
+
+    @staticmethod
+    async def _compile(desk: MissionDesk, words: Any) -> dict[str, Any]:
+        desk.compile(_text(words, "mission"), parse_profile(words["profile"]))
+        return {}
+
+    @staticmethod
+    async def _send(desk: MissionDesk, words: Any) -> dict[str, Any]:
+        desk.send(_text(words, "id"))
+        return {}
+
     def _stranger(self, request: web.Request) -> web.Response | None:
         """An answer for whoever has not the token, or comes from another page.
 
@@ -196,6 +252,13 @@ class OperatorPages(_Site):
         if request.headers.get("Origin", f"http://{request.host}") != f"http://{request.host}":
             return _answer({"error": "not from this page"}, 403)
         return None
+
+
+def _text(words: Any, key: str) -> str:
+    text = words[key]
+    if not isinstance(text, str):
+        raise TypeError(key)
+    return text
 
 
 def _answer(words: dict[str, Any], status: int = 200) -> web.Response:

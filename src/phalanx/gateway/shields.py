@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from phalanx.robot.shield import Audit, Shield, Shielded
@@ -20,6 +21,14 @@ SAME_WITHIN_S = 0.5
 # Of a tick; honest swarms of a hundred end ten. Refusals come first.
 MOST_AUDITS = 64
 REFUSALS_KEPT = 50
+
+
+@dataclass(slots=True)
+class _Lie:
+    """When the operator had a robot lie, and when it was stopped; monotonic seconds."""
+
+    since_s: float
+    stopped_at_s: float | None = None
 
 
 class ShieldWatch:
@@ -35,6 +44,8 @@ class ShieldWatch:
         self._say = say
         self._told: dict[str, tuple[bool, dict[str, float]]] = {}
         self._refused: deque[tuple[float, Audit]] = deque(maxlen=REFUSALS_KEPT)
+        self._last: dict[str, Audit] = {}
+        self._lies: dict[str, _Lie] = {}
         self._look_at_s = 0.0
         self._terms: dict[str, int] = {}
 
@@ -47,6 +58,7 @@ class ShieldWatch:
         """
         audits = list(self._swarm.new_audits())
         for audit in audits:
+            self._last[audit.auditee] = audit
             if audit.refusal:
                 self._refused.append((uptime_s, audit))
                 self._say(
@@ -54,7 +66,8 @@ class ShieldWatch:
                 )
         audits = sorted(audits, key=lambda audit: not audit.refusal)[:MOST_AUDITS]
         changed: list[Shield] = []
-        if uptime_s >= self._look_at_s:
+        # Every tick while a liar is at large: the operator is told how long it took.
+        if uptime_s >= self._look_at_s or any(lie.stopped_at_s is None for lie in self._lies.values()):
             self._look_at_s = uptime_s + LOOK_EVERY_S
             changed = [shield for shield in self._swarm.shields() if self._is_news(shield, uptime_s)]
         return {
@@ -70,6 +83,8 @@ class ShieldWatch:
         was_safe, before = self._told.get(shield.address, (False, {}))
         if shield.safe_mode and not was_safe:
             self._say({"event": "safe_mode", "address": shield.address})
+            if lie := self._lies.get(shield.address):
+                lie.stopped_at_s = uptime_s
         same = shield.address in self._told and was_safe == shield.safe_mode and until.keys() == before.keys()
         if same and all(abs(until[auditor] - before[auditor]) <= SAME_WITHIN_S for auditor in until):
             return False
@@ -79,7 +94,10 @@ class ShieldWatch:
     def in_list(self, number: Callable[[str], int]) -> dict[str, dict[str, Any]]:
         """What an answer to request 0 says of each robot beside the rest, by address."""
         return {
-            shield.address: {"shield": [int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)]}
+            shield.address: {
+                "shield": [int(shield.safe_mode), vocabulary.tell_vouchers(shield, number)],
+                "audited": vocabulary.tell_verdict(self._last.get(shield.address), number),
+            }
             for shield in self._swarm.shields()
         }
 
@@ -96,6 +114,7 @@ class ShieldWatch:
         Raises: Unknown: no such robot or attack, or it is compromised or stopped already.
         """
         self._swarm.compromise(address, attack)
+        self._lies[address] = _Lie(time.monotonic())
         self._say({"event": "compromised", "address": address, "attack": attack})
 
     def state(self, name: Callable[[str], str]) -> dict[str, Any]:
@@ -104,13 +123,13 @@ class ShieldWatch:
         Args:
             name: of a robot, for people.
         """
-        shields = self._swarm.shields()
+        shields, now_s = self._swarm.shields(), time.monotonic()
         return {
             **self.in_area(),
             "attacks": [{"name": attack.name, "does": attack.does} for attack in self._swarm.attacks()],
             "refusals": [
                 {
-                    "ago_s": round(time.monotonic() - at_s, 1),
+                    "ago_s": round(now_s - at_s, 1),
                     "auditor": name(audit.auditor),
                     "auditee": name(audit.auditee),
                     "reason": audit.refusal,
@@ -121,8 +140,16 @@ class ShieldWatch:
                 shield.address: {
                     "safe_mode": shield.safe_mode,
                     "attack": shield.attack,
+                    "lie": _tell_lie(self._lies.get(shield.address), now_s),
                     "vouchers": [{"name": name(a), "left_s": round(left_s, 1)} for a, left_s in shield.vouchers],
                 }
                 for shield in shields
             },
         }
+
+
+def _tell_lie(lie: _Lie | None, now_s: float) -> dict[str, float | None] | None:
+    if lie is None:
+        return None
+    took_s = None if lie.stopped_at_s is None else round(lie.stopped_at_s - lie.since_s, 1)
+    return {"since_s": round(now_s - lie.since_s, 1), "stopped_after_s": took_s}

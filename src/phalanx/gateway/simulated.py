@@ -10,8 +10,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from phalanx.errors import UsageError
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
+from phalanx.sim.mission_swarm import MissionSwarm
 from phalanx.sim.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
 DEFENCES = ("none", "paper", "bound")
@@ -19,6 +21,7 @@ DEFAULT_F_MAX = 3
 # Long enough for a round of audits, for attacks to be refused, and for the robots to be stopped.
 REHEARSAL_S = 12.0
 PATIENCE_S = 1.0
+MISSION_PATIENCE_S = 10.0  # a process of their own takes a few seconds at any time
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +84,37 @@ def simulated_swarm(
 
 def _make(robots: int, seed: int, protection: Protection, talk: Callable[[str], None]) -> Dotbots | ProtectedSwarm:
     if protection.defence == "none":
-        return Dotbots(robots, seed, time.time)
-    slow = threading.Timer(PATIENCE_S, talk, ["preparing what robots run; the first time, this takes minutes"])
-    slow.daemon = True
-    slow.start()
-    try:
+        return Dotbots(robots, seed, time.time, unprotected=protection.note)
+    with _patiently(talk):
         with _interruptible():
             _rehearse(protection.defence)
         return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max)
+
+
+@contextlib.contextmanager
+def mission_swarm(plan: FloorPlan, robots: int, seed: int, talk: Callable[[str], None]) -> Iterator[MissionSwarm]:
+    """Simulated robots that live missions in a building, ready to run, while the body does.
+
+    Args:
+        plan: the building.
+        robots: how many.
+        seed: of their odometry.
+        talk: told what people should know, in one line.
+    Raises: UsageError: too many robots, or a building without walls or a start. Unavailable: they do not come up.
+    """
+    with contextlib.ExitStack() as stack:
+        with _patiently(talk, MISSION_PATIENCE_S):
+            swarm = stack.enter_context(MissionSwarm(plan, robots, seed, time.time))
+        yield swarm
+
+
+@contextlib.contextmanager
+def _patiently(talk: Callable[[str], None], patience_s: float = PATIENCE_S) -> Iterator[None]:
+    slow = threading.Timer(patience_s, talk, ["preparing what robots run; the first time, this takes minutes"])
+    slow.daemon = True
+    slow.start()
+    try:
+        yield
     finally:
         slow.cancel()
 

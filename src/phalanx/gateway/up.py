@@ -28,11 +28,13 @@ from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.sim import Dotbots
+from phalanx.sim.mission_swarm import MissionSwarm
 from phalanx.sim.protected import ProtectedSwarm
 
 from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
+from .mission_desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
 from .simulated import simulated_swarm
 
@@ -172,6 +174,7 @@ class Running:
                 for robot in robots
             ],
             "shields": self.gateway.shields.state(names.__getitem__) if self.gateway.shields else None,
+            "mission": self.gateway.missions.state() if self.gateway.missions else None,
             "counters": {key: server.counters[key] for key in ("commands", "requests", "notifications", "knocks")}
             | {"reconnects": server.reconnects},
             "rejected": dict(server.rejected),
@@ -288,7 +291,10 @@ async def up(
         # After all that can be wrong: the first time it takes minutes.
         swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)
         running = Running(options, broker, page_url, server, swarm, say)
-        operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise))
+        desk = MissionDesk(swarm) if isinstance(swarm, MissionSwarm) else None
+        if desk:
+            stack.callback(desk.stop)
+        operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise, desk))
         await stack.enter_async_context(server)
         async with for_at_most(options.duration_s):
             await _until_connected(server, say)

@@ -20,6 +20,8 @@ from phalanx.robot.shield import Audit, Shield
 APPLICATION = "0"
 REQUEST_ROBOTS = 0
 REQUEST_AREA = 1
+REQUEST_WALLS = 2
+REQUEST_LIT = 3
 WHEEL_LIMIT = 128  # what a signed byte holds
 MAX_WAYPOINTS = 64
 THRESHOLD_MM = (1, 1000)
@@ -185,6 +187,11 @@ def _tell_place(place: Point) -> dict[str, float]:
 def tell_vouchers(shield: Shield, number: Callable[[str], int]) -> list[list[int]]:
     """Who vouches for a robot and for how many tenths of a second more, auditors by their numbers."""
     return [[number(auditor), round(left_s * 10)] for auditor, left_s in shield.vouchers]
+
+
+def tell_verdict(audit: Audit | None, number: Callable[[str], int]) -> list[int | str] | None:
+    """How a robot's last audit ended, the auditor by its number; None before the first."""
+    return [number(audit.auditor), audit.refusal] if audit else None
 
 
 def tell_audit(audit: Audit, number: Callable[[str], int]) -> list[int | str]:

@@ -61,14 +61,16 @@ class Dotbots:
         count: robots at the start, 1..2000.
         seed: places, headings and batteries are drawn from it.
         clock: seconds since 1970, for when a robot was last heard.
+        unprotected: why they do not audit each other, for people who expect that they do; else "".
     Raises: UsageError: the count is out of range.
     """
 
-    def __init__(self, count: int, seed: int, clock: Callable[[], float]) -> None:
+    def __init__(self, count: int, seed: int, clock: Callable[[], float], *, unprotected: str = "") -> None:
         if not 1 <= count <= MAX_ROBOTS:
             raise UsageError(f"a swarm of {count} robots", f"1 to {MAX_ROBOTS}")
         self._random = np.random.default_rng(seed)
         self._clock = clock
+        self.unprotected = unprotected
         self._row: dict[str, int] = {}
         self._addresses: list[str] = []
         self._names: list[str] = []

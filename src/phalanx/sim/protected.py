@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.bti.audit import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
@@ -20,6 +21,7 @@ from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.attacks.hijack import Hijack
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders, wheels
 from phalanx.robot.shield import AttackChoice, Audit, Shield
@@ -50,6 +52,11 @@ MOST_ROBOTS = 100
 # Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
 DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40)
 EDGE_MM = 200.0
+# Told apart on a phone, and far from touching. Where so many do not fit, as far apart as so many tries find.
+APART_MM = 200.0
+TRIES = 64
+# The first that an operator is offered: anybody can see what it does.
+PLAIN_TO_SEE = Hijack.name
 # A robot's log has room for so many bytes of orders a second, which is what this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 20
 ORDER_BYTES_PER_S = 450
@@ -63,6 +70,20 @@ MOTION, COLOUR = 0, 1  # kinds of orders that wait
 def least_robots(f_max: int) -> int:
     """So many can lose f_max and still audit each other. Source: docs/spec/rebound.md (P2)."""
     return 2 * f_max + 2
+
+
+def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
+    """Places inside the area, APART_MM from each other or, where so many do not fit, as far as TRIES tries find.
+
+    Returns: (count, 2), mm.
+    Source: none.
+    """
+    places = np.empty((count, 2))
+    for i in range(count):
+        tried = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (TRIES, 2))
+        nearest = np.linalg.norm(tried[:, None] - places[:i], axis=2).min(axis=1, initial=APART_MM)
+        places[i] = tried[nearest.argmax()]
+    return places
 
 
 class ProtectedSwarm:
@@ -88,12 +109,11 @@ class ProtectedSwarm:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
         self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
-        places = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (count, 2)) / 1000
         station = np.array([AREA_MM]) / 2000
         self.world = make_world(
             Setup(
                 robots=count,
-                starts_m=np.vstack((places, station)),
+                starts_m=np.vstack((draw_places(count, chance) / 1000, station)),
                 profile=PROFILES[defence],
                 controller=int(dispatch.Kind.WHEELS),
                 params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
@@ -234,8 +254,9 @@ class ProtectedSwarm:
         ]
 
     def attacks(self) -> Sequence[AttackChoice]:
-        """What a robot can be made to do."""
-        return [AttackChoice(name, attack.does) for name, attack in ATTACKS.items() if attack.on_wheels]
+        """What a robot can be made to do, first what is plain to see."""
+        choices = [AttackChoice(name, attack.does) for name, attack in ATTACKS.items() if attack.on_wheels]
+        return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
 
     def compromise(self, address: str, attack: str) -> None:
         """The robot lies from now on."""

@@ -3,7 +3,16 @@
 import type { Json, JsonObject } from "../core/json";
 import type { Pin } from "../core/pin";
 import type { Invitation } from "../core/qrurl";
-import { NO_SWARM, REQUEST_AREA, REQUEST_ROBOTS, type Swarm, type SwarmAction, swarmReducer } from "../swarm";
+import {
+  NO_SWARM,
+  REQUEST_AREA,
+  REQUEST_LIT,
+  REQUEST_ROBOTS,
+  REQUEST_WALLS,
+  type Swarm,
+  type SwarmAction,
+  swarmReducer,
+} from "../swarm";
 import { type Health, Watch } from "../watch";
 import { Connection, type ConnectionEvent } from "./connection";
 
@@ -16,6 +25,8 @@ export interface SwarmView {
 const TICK_MS = 250;
 /** A swarm answers well within this, if the connection still carries anything. */
 const WAKE_MS = 3000;
+/** Walls are told once; in many parts, where there are many. */
+const WALLS_AGAIN_MS = 5000;
 
 export class SwarmLink {
   readonly connection: Connection;
@@ -25,6 +36,7 @@ export class SwarmLink {
   readonly #onMoved: (pin: Pin) => void;
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
+  #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
 
   /** @param onMoved told of every new pin, so that it can be kept for a reload. */
@@ -121,9 +133,19 @@ export class SwarmLink {
     if (this.#watch.due(now_ms, Math.random())) {
       this.#ask(REQUEST_ROBOTS);
       if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
+      if (this.#view.swarm.missions) this.#ask(REQUEST_LIT);
     }
+    this.#askForWalls(now_ms);
     const health = this.#watch.health(now_ms);
     if (JSON.stringify(health) !== JSON.stringify(this.#view.health)) this.#show({ ...this.#view, health });
+  }
+
+  #askForWalls(now_ms: number): void {
+    const { missions } = this.#view.swarm;
+    if (!missions || missions.walls || now_ms - this.#wallsAskedAt_ms < WALLS_AGAIN_MS) return;
+    this.#wallsAskedAt_ms = now_ms;
+    this.#ask(REQUEST_WALLS);
+    this.#ask(REQUEST_LIT);
   }
 
   #ask(request: number): void {

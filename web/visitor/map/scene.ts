@@ -2,6 +2,7 @@
 // glides (robots and their names).
 
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm, shortName } from "../../client";
+import { drawLit, drawWalls } from "./building";
 import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
 import { drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
@@ -64,6 +65,11 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
   ctx.roundRect(left, top, area.width * scale, area.height * scale, 6);
   ctx.fill();
   drawGrid(ctx, p, theme);
+  const { missions } = scene.swarm;
+  if (missions) {
+    drawWalls(ctx, p, theme, missions.walls ?? []);
+    drawLit(ctx, p, theme, missions);
+  }
   const robots = shownRobots(scene.swarm);
   const short = robots.length <= MOST_NAMES ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
   for (const robot of short > 0 ? robots : []) {

@@ -13,6 +13,9 @@ export interface Theme {
   readonly warn: string;
   readonly bad: string;
   readonly muted: string;
+  readonly wall: string;
+  /** A landmark that was decoded. */
+  readonly lit: string;
 }
 
 export function readTheme(element: Element): Theme {
@@ -30,5 +33,7 @@ export function readTheme(element: Element): Theme {
     warn: colour("--warn"),
     bad: colour("--bad"),
     muted: colour("--muted"),
+    wall: colour("--wall"),
+    lit: colour("--lit"),
   };
 }

@@ -1,0 +1,225 @@
+"""The operator's desk for missions: read, compiled, audited and sent, by whoever has the token and by nobody else."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+
+import aiohttp
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from conftest import eventually
+from phalanx.cli.mission_files import _missions, read_plain
+from phalanx.errors import UsageError
+from phalanx.gateway import OperatorPages
+from phalanx.gateway.mission_desk import MissionDesk, _read, parse_profile
+from phalanx.gateway.serve_pages import TEXT_MAX_BYTES
+from phalanx.mission import Profile
+from test_gateway_mission import THROUGH, Silent, plain_of
+
+TOKEN = "t0ken" * 6
+HEADERS = {"Authorization": f"Bearer {TOKEN}"}
+
+
+@pytest.fixture
+async def desk():
+    swarm = Silent()
+    desk = MissionDesk(swarm)
+    async with (
+        OperatorPages(TOKEN, dict, lambda _address, _attack: None, desk) as pages,
+        aiohttp.ClientSession() as http,
+    ):
+
+        async def ask(what: str, words=None, headers=HEADERS, data=None):
+            url = f"http://127.0.0.1:{pages.port}/api/mission/{what}"
+            body = data if data is not None else None if words is None else json.dumps(words)
+            async with http.request("GET" if body is None else "POST", url, headers=headers, data=body) as answer:
+                text = await answer.text()
+                return answer.status, json.loads(text) if answer.content_type == "application/json" else text
+
+        ask.swarm = swarm
+        yield ask
+
+
+async def compiled(desk, text=THROUGH, profile="sealed"):
+    assert (await desk("compile", {"mission": text, "profile": profile}))[0] == 200
+    deadline = time.monotonic() + 30
+    while (job := (await desk("job"))[1])["state"] == "compiling":
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.05)
+    return job
+
+
+class TestDesk:
+    async def test_nothing_is_told_or_done_without_the_token(self, desk):
+        for what, words in (("world", None), ("job", None), ("read", {}), ("compile", {}), ("send", {})):
+            assert (await desk(what, words, headers={}))[0] == 401
+            assert (await desk(what, words, headers=HEADERS | {"Origin": "http://evil.example"}))[0] == 403
+
+    async def test_the_building_shows_its_walls_and_landmarks(self, desk):
+        status, world = await desk("world")
+        assert (status, world["name"], world["bounds"]) == (200, "two rooms", [0, 0, 8, 6])
+        assert len(world["walls"]) == 6
+        (door,) = [site for site in world["sites"] if site["type"] == "doorway"]
+        assert door["see"] == {"doorway": [5.0, 3.0], "facing": 90.0}
+        assert door["width"] == 1.2
+
+    async def test_what_the_building_shows_compiles_and_no_landmark_is_missed(self, desk):
+        _, world = await desk("world")
+        nodes = {"start": {"start": True, "see": {"position": world["start"]}}}
+        nodes |= {f"n{i}": {"see": site["see"]} for i, site in enumerate(world["sites"])}
+        ways = [["start", f"n{i}"] for i in range(len(world["sites"]))]
+        job = await compiled(desk, json.dumps({"mission": "all", "nodes": nodes, "ways": ways}))
+        assert job["state"] == "compiled"
+        assert job["unseen"] == []
+        assert job["nodes"] == len(nodes) > 3
+
+    async def test_compile_audit_send_and_the_robots_begin(self, desk):
+        assert (await desk("job"))[1] == {"state": "none"}
+        job = await compiled(desk)
+        assert (job["nodes"], job["profile"], job["unseen"]) == (2, "sealed", [])
+        start, door = job["audit"]["nodes"]
+        assert start["out_of_reach"]
+        assert 1 < door["candidates"] < 10_000
+        assert door["core_s"] > door["gpu_s"] > 0
+        assert "without the start key" in job["audit"]["problems"][0]
+        assert await desk("send", {"id": job["id"]}) == (200, {})
+        number, run = desk.swarm.sent[-1]
+        assert (number, run.robots) == (1, 2)
+        assert run.parts[0].mission.header.mission_id.hex() == job["id"]
+        assert desk.swarm.progress().name == "through"
+        status, answer = await desk("send", {"id": job["id"]})
+        assert (status, answer["error"]) == (409, "this robot has started this mission before")
+
+    async def test_a_mission_of_another_profile_is_audited_as_such(self, desk):
+        job = await compiled(desk, profile="paper")
+        assert job["profile"] == "paper"
+        assert not job["audit"]["nodes"][0]["out_of_reach"]
+
+    async def test_the_newest_mission_takes_the_place_of_the_one_before(self, desk):
+        slow = THROUGH.replace("kdf_log2_n: 4", "kdf_log2_n: 15")
+        for text in (slow, slow, THROUGH):
+            await desk("compile", {"mission": text, "profile": "sealed"})
+        job = await compiled(desk, THROUGH.replace("through", "newest"))
+        assert job["name"] == "newest"
+        await desk("compile", {"mission": slow, "profile": "sealed"})
+        assert (await desk("send", {"id": job["id"]}))[0] == 409
+
+    async def test_who_ends_the_gateway_does_not_wait_for_a_mission_of_minutes(self):
+        see = ", ".join(f"{{position: [1.5, {k / 100}]}}" for k in range(250))
+        slow = THROUGH.replace("{position: [1.5, 3.0]}", f"[{see}]").replace("kdf_log2_n: 4", "kdf_log2_n: 15")
+        desk = MissionDesk(Silent())
+        desk.compile(slow, Profile.SEALED)
+        await eventually(lambda: desk.job().get("done", 0) > 2)
+        assert desk.job()["of"] == 251
+        began = time.monotonic()
+        desk.stop()
+        await asyncio.gather(*desk._tasks)
+        assert time.monotonic() - began < 3
+        assert desk.job()["state"] == "compiling"
+
+    async def test_what_is_wrong_with_a_mission_is_said_in_a_line_with_a_hint(self, desk):
+        for text, error in (
+            ("mission: x\nnodes: {a: {see: {doorway: [1]}}}", "node a: doorway has 1 numbers"),
+            ("mission: x\nnodes: {a: {see: {position: [1, 1]}}}", "no node is marked as a start"),
+            (THROUGH.replace("position: [1.5, 3.0]", "position: [5, 1]"), "no robot can stand at 'start'"),
+            ("{", "the mission is not YAML"),
+        ):
+            job = await compiled(desk, text)
+            assert job["state"] == "failed"
+            assert error in job["error"], job
+        assert (await desk("send", {"id": "00" * 16}))[0] == 409
+
+    async def test_a_landmark_that_the_building_does_not_have_is_told(self, desk):
+        job = await compiled(desk, THROUGH.replace("doorway: [5.0, 3.0]", "doorway: [5.0, 2.0]"))
+        assert job["unseen"] == ["door"]
+
+    @pytest.mark.parametrize("name", ["office", "delivery", "inspection"])
+    async def test_a_mission_that_is_read_and_written_again_is_the_same(self, desk, name):
+        text = (_missions() / f"{name}.yaml").read_text()
+        status, told = await desk("read", {"mission": text})
+        assert status == 200
+        again = {
+            "mission": told["name"],
+            **told["rest"],
+            "nodes": {node["name"]: node["words"] for node in told["nodes"]},
+            "ways": [
+                {"from": way["from"], "to": way["to"], **({"both": True} if way["both"] else {}), **way["rest"]}
+                for way in told["ways"]
+            ],
+        }
+        mine, theirs = plain_of(json.dumps(again)), read_plain(name)
+        assert mine == theirs
+
+    async def test_too_much_is_refused_before_it_is_read(self, desk):
+        assert (await desk("read", {"mission": "x" * (4 * TEXT_MAX_BYTES)}))[0] == 413
+        status, answer = await desk("read", {"mission": "x" * (TEXT_MAX_BYTES + 1)})
+        assert (status, answer["hint"]) == (400, f"at most {TEXT_MAX_BYTES} from this page")
+        laughs = "ways: [" + ", ".join(["*a"] * 101) + "]"
+        status, answer = await desk("read", {"mission": f"{THROUGH}{laughs}"})
+        assert (status, answer["error"]) == (400, "a mission that repeats itself too often")
+        nodes = {f"n{i}": {"see": [{"position": [k, i]} for k in range(250)]} for i in range(21)}
+        nodes["n0"]["start"] = True
+        job = await compiled(desk, json.dumps({"mission": "many", "nodes": nodes}))
+        assert "5250 ways" in job["error"]
+
+    async def test_garbage_is_answered_with_a_line_and_nothing_breaks(self, desk, caplog):
+        bodies = ["", "[]", "null", "{", '{"mission": 3}', '{"id": {}}', '{"mission": "x", "profile": []}', "[" * 5000]
+        for what in ("read", "compile", "send"):
+            for body in bodies:
+                status, answer = await desk(what, data=body)
+                assert status in (400, 409), (what, body)
+                assert answer["error"]
+            assert (await desk(what, data=b"\xff\xfe{"))[0] == 400
+        assert not caplog.records
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "mission: x\nnodes: 2026-01-01",
+            "mission: .nan\nnodes: {a: {start: true, see: {position: [.nan, 1]}}}",
+            "mission: x\nnodes: {a: {start: true, see: {position: [1, 1]}, do: {lift: {h: .nan}}}}",
+            "mission: x\nnodes: {? [1, 2] : {start: true}}",
+            "mission: x\nnodes: {1: {start: true, see: {position: [1, 1]}}}\nways: [[1, 1]]",
+            "mission: x\nnodes: {2026-01-01: {start: true, see: {position: [1, 1]}}}\nways: null",
+            "a: &a [*a]",
+            "mission: &x [*x]\nnodes: *x",
+        ],
+    )
+    async def test_yaml_that_is_no_mission_is_said_to_be_none(self, desk, text):
+        status, answer = await desk("read", {"mission": text})
+        assert status == 400, answer
+        assert answer["error"]
+        assert (await compiled(desk, text))["state"] == "failed"
+
+    @settings(max_examples=50, deadline=None)
+    @given(
+        st.recursive(
+            st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
+            lambda inner: (
+                st.lists(inner, max_size=4)
+                | st.dictionaries(
+                    st.sampled_from(["mission", "nodes", "ways", "see", "do", "from", "to", "start", "a"]),
+                    inner,
+                    max_size=4,
+                )
+            ),
+            max_leaves=12,
+        )
+    )
+    def test_whatever_a_mission_says_reading_it_gives_json_or_a_usage_error(self, words):
+        try:
+            told = _read(yaml.safe_dump(words))
+        except UsageError:
+            return
+        json.dumps(told, allow_nan=False)
+
+    def test_profiles_have_names(self):
+        assert parse_profile("sealed") is Profile.SEALED
+        for word in ("open", "", 3, None, [], "SEALED "):
+            with pytest.raises(UsageError):
+                parse_profile(word)

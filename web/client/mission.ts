@@ -1,0 +1,123 @@
+// Missions: how far each robot is, what they have decoded, and how much is still dark (docs/spec/vocabulary.md).
+
+import type { Json, JsonObject } from "./core/json";
+import { readNumber, readPointXy, readText } from "./robot";
+import type { Point } from "./trail";
+
+export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as const;
+export type Phase = (typeof PHASES)[number];
+
+/** How far one robot is. */
+export interface Walk {
+  readonly phase: Phase;
+  readonly decoded: number;
+  readonly of: number;
+  /** Why it fell back or stopped, or "". */
+  readonly why: string;
+}
+
+/** A landmark that some robot has decoded. */
+export interface Lit extends Point {
+  readonly type: string;
+}
+
+/** x, y of both ends. */
+export type Wall = readonly [number, number, number, number];
+
+/** The mission that runs: how many nodes it has, and how many of them nobody has decoded. */
+export interface Progress {
+  readonly id: string;
+  readonly nodes: number;
+  readonly left: number;
+}
+
+/** Of robots that live missions. */
+export interface Missions {
+  /** Undefined until it was told. */
+  readonly walls: readonly Wall[] | undefined;
+  /** Undefined before the first mission. */
+  readonly progress: Progress | undefined;
+  readonly lit: readonly Lit[];
+}
+
+const MOST_WALLS = 20_000;
+const MOST_LIT = 5000;
+const MOST_NODES = 1 << 20;
+const LONGEST_WHY = 48;
+const LONGEST_ID = 64;
+const LONGEST_TYPE = 24;
+
+/** In the answer to request 1; undefined where robots live no missions. */
+export function readMissions(words: JsonObject, before: Missions | undefined): Missions | undefined {
+  if (readNumber(words["walls"], 0, Number.MAX_SAFE_INTEGER) === undefined) return undefined;
+  const progress = readProgress(words["mission"]);
+  return { walls: before?.walls, lit: before?.lit ?? [], progress: progress ?? before?.progress };
+}
+
+/** `[id, nodes, left]`. */
+export function readProgress(words: Json | undefined): Progress | undefined {
+  const [idWord, nodesWord, leftWord] = rowOf(words);
+  const id = readText(idWord, LONGEST_ID);
+  const nodes = readCount(nodesWord);
+  const left = readCount(leftWord);
+  return id === undefined || nodes === undefined || left === undefined ? undefined : { id, nodes, left };
+}
+
+/** `[phase, decoded, of, why]`. */
+export function readWalk(words: Json | undefined): Walk | undefined {
+  const [phaseWord, decodedWord, ofWord, why] = rowOf(words);
+  const phase = PHASES.find((each) => each === phaseWord);
+  const decoded = readCount(decodedWord);
+  const of = readCount(ofWord);
+  if (phase === undefined || decoded === undefined || of === undefined) return undefined;
+  return { phase, decoded, of, why: readText(why, LONGEST_WHY) ?? "" };
+}
+
+/** The answer to request 2: `[[x, y, x, y], …]`. */
+export function readWalls(words: Json): readonly Wall[] | undefined {
+  if (!Array.isArray(words)) return undefined;
+  return (words as readonly Json[]).slice(0, MOST_WALLS).flatMap((row) => {
+    const [ax, ay, bx, by] = rowOf(row);
+    const [a, b] = [readPointXy(ax, ay), readPointXy(bx, by)];
+    return a && b ? [[a.x, a.y, b.x, b.y] as const] : [];
+  });
+}
+
+/** `known` and those among `words` that are new: the answer to request 3 and frames may tell the same. */
+export function withLit(known: readonly Lit[], words: Json | undefined): readonly Lit[] {
+  if (!Array.isArray(words) || words.length === 0) return known;
+  const seen = new Set(known.map(keyOf));
+  const lit = [...known];
+  for (const row of (words as readonly Json[]).slice(0, MOST_LIT)) {
+    const [x, y, type] = rowOf(row);
+    const at = readPointXy(x, y);
+    if (!at || lit.length >= MOST_LIT) continue;
+    const one = { ...at, type: readText(type, LONGEST_TYPE) ?? "" };
+    if (seen.has(keyOf(one))) continue;
+    seen.add(keyOf(one));
+    lit.push(one);
+  }
+  return lit.length === known.length ? known : lit;
+}
+
+/** What a frame says of the mission; `another` if it is not the one that we knew. */
+export function missionsInFrame(missions: Missions, frame: JsonObject): { missions: Missions; another: boolean } {
+  const told = Array.isArray(frame["mission"]) ? readProgress((frame["mission"] as readonly Json[])[0]) : undefined;
+  const another = told !== undefined && told.id !== missions.progress?.id;
+  const lit = withLit(another ? [] : missions.lit, frame["lit"]);
+  if (told === undefined && lit === missions.lit) return { missions, another };
+  return { missions: { ...missions, lit, progress: told ?? missions.progress }, another };
+}
+
+function keyOf({ x, y, type }: Lit): string {
+  return `${x} ${y} ${type}`;
+}
+
+function readCount(word: unknown): number | undefined {
+  const number = readNumber(word, 0, MOST_NODES);
+  return number !== undefined && Number.isInteger(number) ? number : undefined;
+}
+
+function rowOf(words: Json | undefined): readonly Json[] {
+  return Array.isArray(words) ? (words as readonly Json[]) : [];
+}

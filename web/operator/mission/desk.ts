@@ -1,0 +1,248 @@
+// What the editor asks of the gateway, each answer checked once here: a building, a mission read from YAML, a mission
+// compiled and audited, robots that begin it.
+
+import type { Draft, Place, Site, Words } from "./draft";
+
+export interface World {
+  readonly name: string;
+  /** x0, y0, x1, y1: metres. */
+  readonly bounds: readonly [number, number, number, number];
+  readonly start: Place | undefined;
+  readonly walls: readonly (readonly [number, number, number, number])[];
+  readonly sites: readonly Site[];
+}
+
+/** What a captured file is worth, node by node. */
+export interface WorthRow {
+  readonly name: string;
+  readonly candidates: number;
+  readonly core_s: number;
+  readonly gpu_s: number;
+  readonly robot_ms: number;
+  readonly problems: readonly string[];
+  readonly out_of_reach: boolean;
+}
+
+export interface Compiled {
+  readonly id: string;
+  readonly nodes: number;
+  readonly bytes: number;
+  readonly profile: string;
+  readonly rows: readonly WorthRow[];
+  readonly core_s: number;
+  readonly gpu_s: number;
+  readonly notes: readonly string[];
+  /** Nodes of which the building shows no such landmark. */
+  readonly unseen: readonly string[];
+  /** Assumed: tries a second. */
+  readonly rates: Readonly<Record<"hash_core" | "hash_gpu" | "kdf_core" | "kdf_gpu", number>>;
+}
+
+export type Job =
+  | { readonly state: "none" }
+  | { readonly state: "compiling"; readonly done: number; readonly of: number }
+  | { readonly state: "failed"; readonly trouble: Trouble }
+  | { readonly state: "compiled"; readonly compiled: Compiled };
+
+/** What went wrong, in the gateway's words, and what to do about it. */
+export class Trouble extends Error {
+  readonly hint: string;
+
+  constructor(message: string, hint = "") {
+    super(message);
+    this.hint = hint;
+  }
+}
+
+const ANSWER_WITHIN_MS = 20_000;
+
+/** All of them: @throws Trouble. */
+export class Desk {
+  readonly #token: string;
+
+  constructor(token: string) {
+    this.#token = token;
+  }
+
+  async world(): Promise<World> {
+    return checked(readWorld, await this.#ask("world"));
+  }
+
+  async read(yaml: string): Promise<Draft> {
+    return checked(readDraft, await this.#ask("read", { mission: yaml }));
+  }
+
+  async compile(yaml: string, profile: string): Promise<void> {
+    await this.#ask("compile", { mission: yaml, profile });
+  }
+
+  async job(): Promise<Job> {
+    return checked(readJob, await this.#ask("job"));
+  }
+
+  async send(id: string): Promise<void> {
+    await this.#ask("send", { id });
+  }
+
+  async #ask(what: string, words?: object): Promise<unknown> {
+    let answer: Response;
+    let said: unknown;
+    try {
+      answer = await fetch(`/api/mission/${what}`, {
+        method: words ? "POST" : "GET",
+        headers: { Authorization: `Bearer ${this.#token}`, ...(words && { "Content-Type": "application/json" }) },
+        ...(words && { body: JSON.stringify(words) }),
+        cache: "no-store",
+        credentials: "omit",
+        redirect: "error",
+        signal: AbortSignal.timeout(ANSWER_WITHIN_MS),
+      });
+      said = await answer.json().catch(() => undefined);
+    } catch {
+      throw new Trouble("The gateway does not answer.");
+    }
+    if (answer.ok) return said;
+    if (answer.status === 413) throw new Trouble("The mission is too long for this page.", "phalanx mission build takes it");
+    const { error, hint } = isRecord(said) ? said : {};
+    throw new Trouble(
+      typeof error === "string" ? error : `The gateway answered ${answer.status}.`,
+      typeof hint === "string" ? hint : "",
+    );
+  }
+}
+
+function checked<T>(read: (json: unknown) => T, json: unknown): T {
+  try {
+    return read(json);
+  } catch {
+    throw new Trouble("Gateway and page are of different versions.", "reload this page");
+  }
+}
+
+// --- readers: each throws if something is missing ---------------------------------------------------------------------
+
+export function readWorld(json: unknown): World {
+  const it = record(json);
+  return {
+    name: text(it["name"]),
+    bounds: four(it["bounds"]),
+    start: it["start"] === null ? undefined : place(it["start"]),
+    walls: list(it["walls"]).map(four),
+    sites: list(it["sites"]).map((each) => {
+      const site = record(each);
+      return {
+        type: text(site["type"]),
+        at: place(site["at"]),
+        see: site["see"],
+        width: site["width"] === null ? undefined : finite(site["width"]),
+      };
+    }),
+  };
+}
+
+export function readDraft(json: unknown): Draft {
+  const it = record(json);
+  return {
+    name: text(it["name"]),
+    rest: record(it["rest"]),
+    nodes: list(it["nodes"]).map((each) => {
+      const node = record(each);
+      const { start, final, ...words } = record(node["words"]);
+      return {
+        name: text(node["name"]),
+        start: start === true,
+        final: final === true,
+        words,
+        at: node["at"] === null ? undefined : place(node["at"]),
+        type: text(node["type"]),
+      };
+    }),
+    ways: list(it["ways"]).map((each) => {
+      const way = record(each);
+      return { from: text(way["from"]), to: text(way["to"]), both: way["both"] === true, rest: record(way["rest"]) };
+    }),
+  };
+}
+
+export function readJob(json: unknown): Job {
+  const it = record(json);
+  switch (it["state"]) {
+    case "none":
+      return { state: "none" };
+    case "compiling":
+      return { state: "compiling", done: finite(it["done"]), of: finite(it["of"]) };
+    case "failed":
+      return { state: "failed", trouble: new Trouble(text(it["error"]), text(it["hint"])) };
+    case "compiled":
+      return { state: "compiled", compiled: readCompiled(it) };
+    default:
+      throw new TypeError("state");
+  }
+}
+
+function readCompiled(it: Words): Compiled {
+  const audit = record(it["audit"]);
+  const rates = record(it["rates"]);
+  return {
+    id: text(it["id"]),
+    nodes: finite(it["nodes"]),
+    bytes: finite(it["bytes"]),
+    profile: text(it["profile"]),
+    core_s: finite(audit["core_s"]),
+    gpu_s: finite(audit["gpu_s"]),
+    notes: list(audit["problems"]).map(text),
+    unseen: list(it["unseen"]).map(text),
+    rates: {
+      hash_core: finite(rates["hash_core"]),
+      hash_gpu: finite(rates["hash_gpu"]),
+      kdf_core: finite(rates["kdf_core"]),
+      kdf_gpu: finite(rates["kdf_gpu"]),
+    },
+    rows: list(audit["nodes"]).map((each) => {
+      const row = record(each);
+      return {
+        name: text(row["name"]),
+        candidates: finite(row["candidates"]),
+        core_s: finite(row["core_s"]),
+        gpu_s: finite(row["gpu_s"]),
+        robot_ms: finite(row["robot_ms"]),
+        problems: list(row["problems"]).map(text),
+        out_of_reach: row["out_of_reach"] === true,
+      };
+    }),
+  };
+}
+
+function isRecord(json: unknown): json is Words {
+  return typeof json === "object" && json !== null && !Array.isArray(json);
+}
+
+function record(json: unknown): Words {
+  if (!isRecord(json)) throw new TypeError("an object");
+  return json;
+}
+
+function list(json: unknown): readonly unknown[] {
+  if (!Array.isArray(json)) throw new TypeError("a list");
+  return json;
+}
+
+function text(json: unknown): string {
+  if (typeof json !== "string") throw new TypeError("a text");
+  return json;
+}
+
+function finite(json: unknown): number {
+  if (typeof json !== "number" || !Number.isFinite(json)) throw new TypeError("a number");
+  return json;
+}
+
+function place(json: unknown): Place {
+  const [x, y] = list(json);
+  return [finite(x), finite(y)];
+}
+
+function four(json: unknown): readonly [number, number, number, number] {
+  const [a, b, c, d] = list(json);
+  return [finite(a), finite(b), finite(c), finite(d)];
+}

@@ -1,0 +1,139 @@
+// @vitest-environment jsdom
+// The editor against a gateway that answers as it likes.
+
+import { act } from "react";
+import { createRoot, type Root } from "react-dom/client";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { Editor } from "./editor";
+
+const WORLD = {
+  name: "two rooms",
+  bounds: [0, 0, 8, 6],
+  start: [1.5, 3],
+  walls: [[0, 0, 8, 0]],
+  sites: [{ type: "doorway", at: [5, 3], see: { doorway: [5, 3], facing: 90 }, width: 1.2 }],
+};
+const ROW = { name: "door1", candidates: 278, core_s: 2.78, gpu_s: 0.00993, robot_ms: 170, problems: ["too near"], out_of_reach: false };
+const COMPILED = {
+  state: "compiled",
+  id: "ab".repeat(16),
+  name: "mission",
+  nodes: 2,
+  bytes: 634,
+  profile: "sealed",
+  audit: { nodes: [ROW], core_s: 0, gpu_s: 0, robot_ms: 170, out_of_reach: 1, problems: ["nothing can be tried"] },
+  rates: { hash_core: 1.4e7, hash_gpu: 5e9, kdf_core: 100, kdf_gpu: 28_000 },
+  unseen: ["door1"],
+};
+
+type Answer = () => Response | Promise<Response>;
+let answers: Record<string, Answer> = {};
+let asked: { readonly what: string; readonly init: RequestInit }[] = [];
+let root: Root | undefined;
+
+beforeEach(async () => {
+  vi.stubGlobal("IS_REACT_ACT_ENVIRONMENT", true);
+  vi.useFakeTimers();
+  asked = [];
+  answers = {
+    world: () => Response.json(WORLD),
+    compile: () => Response.json({}),
+    job: () => Response.json(COMPILED),
+    send: () => Response.json({}),
+  };
+  vi.stubGlobal("fetch", (url: string, init: RequestInit) => {
+    const what = url.replace("/api/mission/", "");
+    asked.push({ what, init });
+    return Promise.resolve().then(answers[what] ?? (() => new Response("", { status: 404 })));
+  });
+});
+
+afterEach(() => {
+  act(() => root?.unmount());
+  document.body.replaceChildren();
+  vi.useRealTimers();
+  vi.unstubAllGlobals();
+});
+
+async function open(): Promise<void> {
+  root = createRoot(document.body.appendChild(document.createElement("div")));
+  await act(async () => root?.render(<Editor token="t0ken" running={undefined} />));
+  await pass(0);
+}
+
+async function pass(ms: number): Promise<void> {
+  await act(async () => {
+    await vi.advanceTimersByTimeAsync(ms);
+  });
+}
+
+const part = (id: string) => document.querySelector<HTMLElement>(`[data-testid="${id}"]`);
+async function press(id: string): Promise<void> {
+  await act(async () => part(id)?.click());
+  await pass(0);
+}
+
+describe("the mission editor", () => {
+  it("sends what was drawn with the token in a header, tells how far the compiler is, and what a file is worth", async () => {
+    await open();
+    await press("add-site");
+    expect((part("send") as HTMLButtonElement).disabled).toBe(true);
+    answers["job"] = () => Response.json({ state: "compiling", done: 3, of: 9 });
+    await press("compile");
+    const compile = asked.find(({ what }) => what === "compile");
+    expect(compile?.init).toMatchObject({ method: "POST", headers: { Authorization: "Bearer t0ken" } });
+    const body = JSON.parse(compile?.init.body as string) as { mission: string; profile: string };
+    expect(body.profile).toBe("sealed");
+    expect(body.mission).toContain('"door1": {see: {doorway: [5, 3], facing: 90}, width: 1.2}');
+    await pass(300);
+    expect(part("mission-status")?.textContent).toBe("Compiling: 3 of 9 locks");
+    answers["job"] = () => Response.json(COMPILED);
+    await pass(300);
+    expect(part("audit")?.textContent).toContain("door1too near2782.78 s9.93 ms170 ms");
+    expect(part("audit")?.textContent).toContain("All that can be guessednothingnothing");
+    expect(part("audit")?.textContent).toContain("door1: the building shows no such landmark");
+    await press("send");
+    expect(asked.at(-1)?.init.body).toBe(JSON.stringify({ id: COMPILED.id }));
+    expect(part("mission-status")?.textContent).toBe("Sent.");
+    expect((part("send") as HTMLButtonElement).disabled).toBe(true);
+  });
+
+  it("does not send what was changed since it was compiled", async () => {
+    await open();
+    await press("compile");
+    await pass(300);
+    expect((part("send") as HTMLButtonElement).disabled).toBe(false);
+    await press("add-site");
+    expect((part("send") as HTMLButtonElement).disabled).toBe(true);
+    expect(part("audit")).toBeNull();
+    await press("undo");
+    expect((part("send") as HTMLButtonElement).disabled).toBe(false);
+  });
+
+  it("says in one line what went wrong, and what to do", async () => {
+    await open();
+    const trouble = () => part("mission-trouble")?.textContent;
+    for (const [what, answer, said] of [
+      ["compile", () => Response.json({ error: "no such profile", hint: "sealed or paper" }, { status: 400 }), "no such profileHint: sealed or paper"],
+      ["compile", () => new Response("", { status: 413 }), "The mission is too long for this page.Hint: phalanx mission build takes it"],
+      ["compile", () => new Response("<html>", { status: 500 }), "The gateway answered 500."],
+      ["compile", () => Promise.reject(new TypeError("failed to fetch")), "The gateway does not answer."],
+      ["job", () => Response.json({ state: "failed", error: "no start", hint: "mark one" }), "no startHint: mark one"],
+      ["job", () => Response.json({ state: "compiled" }), "Gateway and page are of different versions.Hint: reload this page"],
+    ] as const) {
+      const before = answers[what];
+      answers[what] = answer;
+      await press("compile");
+      await pass(300);
+      expect(trouble()).toBe(said);
+      expect((part("compile") as HTMLButtonElement).disabled).toBe(false);
+      if (before) answers[what] = before;
+    }
+  });
+
+  it("says so when the building cannot be had", async () => {
+    answers["world"] = () => Response.json({ ...WORLD, walls: "none" });
+    await open();
+    expect(part("mission-trouble")?.textContent).toContain("different versions");
+  });
+});

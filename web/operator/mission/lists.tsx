@@ -1,0 +1,156 @@
+// The mission as lists: everything that the map does, for keyboards and for who cannot see it.
+
+import { useState } from "react";
+import { type Draft, type DraftNode, type Edit, nodeOf, type Site } from "./draft";
+
+interface Props {
+  readonly draft: Draft;
+  readonly sites: readonly Site[];
+  readonly picked: string | undefined;
+  readonly onPick: (name: string) => void;
+  readonly edit: (edit: Edit) => void;
+}
+
+const KINDS: Readonly<Record<string, string>> = {
+  doorway: "doorway",
+  corner_concave: "corner",
+  corner_convex: "inner corner",
+  room: "room",
+  qr: "code",
+};
+
+export function Landmarks({ draft, sites, picked, onPick, edit }: Props) {
+  const [chosen, setChosen] = useState(0);
+  const free = sites.flatMap((site, i) => (nodeOf(draft, site) ? [] : [[i, site] as const]));
+  const site = free.find(([i]) => i === chosen)?.[1] ?? free[0]?.[1];
+  return (
+    <section className="card" aria-labelledby="landmarks-title">
+      <header>
+        <h2 id="landmarks-title">
+          Landmarks <span className="count">{draft.nodes.length}</span>
+        </h2>
+      </header>
+      <div className="fields">
+        <label>
+          The building’s
+          <select data-testid="site" value={free.find(([, each]) => each === site)?.[0] ?? ""} onChange={(event) => setChosen(Number(event.target.value))}>
+            {free.map(([i, each]) => (
+              <option key={i} value={i}>
+                {KINDS[each.type] ?? each.type} at {each.at[0].toFixed(1)}, {each.at[1].toFixed(1)}
+              </option>
+            ))}
+          </select>
+        </label>
+        <button type="button" data-testid="add-site" disabled={!site} onClick={() => site && edit({ kind: "site", site })}>
+          Add
+        </button>
+      </div>
+      <ul data-testid="nodes">
+        {draft.nodes.map((node) => (
+          <NodeRow key={node.name} node={node} picked={node.name === picked} onPick={onPick} edit={edit} />
+        ))}
+      </ul>
+    </section>
+  );
+}
+
+interface RowProps {
+  readonly node: DraftNode;
+  readonly picked: boolean;
+  readonly onPick: (name: string) => void;
+  readonly edit: (edit: Edit) => void;
+}
+
+function NodeRow({ node, picked, onPick, edit }: RowProps) {
+  const { name, start, final } = node;
+  const [typed, setTyped] = useState(name);
+  const rename = () => {
+    edit({ kind: "rename", name, to: typed });
+    // A name that is empty or taken is not taken over.
+    setTyped(name);
+  };
+  return (
+    <li data-picked={picked}>
+      <input
+        aria-label={`Name of ${name}`}
+        value={typed}
+        maxLength={60}
+        onFocus={() => onPick(name)}
+        onChange={(event) => setTyped(event.target.value)}
+        onBlur={rename}
+        onKeyDown={(event) => {
+          if (event.key === "Enter") event.currentTarget.blur();
+        }}
+      />
+      <button type="button" aria-pressed={start} aria-label={`${name} is a start`} onClick={() => edit({ kind: "start", name })}>
+        Start
+      </button>
+      <button type="button" aria-pressed={final} aria-label={`${name} is final`} onClick={() => edit({ kind: "final", name })}>
+        Final
+      </button>
+      <button type="button" className="remove" aria-label={`Remove ${name}`} onClick={() => edit({ kind: "remove", name })}>
+        ✕
+      </button>
+    </li>
+  );
+}
+
+export function Ways({ draft, edit }: Pick<Props, "draft" | "edit">) {
+  const names = draft.nodes.map(({ name }) => name);
+  const [from, setFrom] = useState("");
+  const [to, setTo] = useState("");
+  // Whatever was chosen may have been renamed or removed.
+  const a = names.includes(from) ? from : (names[0] ?? "");
+  const b = names.includes(to) ? to : (names[1] ?? "");
+  return (
+    <section className="card" aria-labelledby="ways-title">
+      <header>
+        <h2 id="ways-title">
+          Ways <span className="count">{draft.ways.length}</span>
+        </h2>
+      </header>
+      <div className="fields">
+        <label>
+          From
+          <select data-testid="way-from" value={a} onChange={(event) => setFrom(event.target.value)}>
+            {names.map((name) => (
+              <option key={name}>{name}</option>
+            ))}
+          </select>
+        </label>
+        <label>
+          To
+          <select data-testid="way-to" value={b} onChange={(event) => setTo(event.target.value)}>
+            {names.map((name) => (
+              <option key={name}>{name}</option>
+            ))}
+          </select>
+        </label>
+        <button type="button" data-testid="connect" disabled={a === b} onClick={() => edit({ kind: "connect", from: a, to: b })}>
+          Connect
+        </button>
+      </div>
+      <ul data-testid="ways">
+        {draft.ways.map((way, i) => {
+          const words = `${way.from} ${way.both ? "↔" : "→"} ${way.to}`;
+          return (
+            <li key={i}>
+              <span className="wrap">{words}</span>
+              <button type="button" aria-label={`Turn the way ${words}`} onClick={() => edit({ kind: "turn", way })}>
+                Turn
+              </button>
+              <button
+                type="button"
+                className="remove"
+                aria-label={`Remove the way ${words}`}
+                onClick={() => edit({ kind: "disconnect", way })}
+              >
+                ✕
+              </button>
+            </li>
+          );
+        })}
+      </ul>
+    </section>
+  );
+}
