@@ -8,7 +8,7 @@ PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
-KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/bti src/phalanx/robot src/phalanx/sim -name '*.py')
+KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 DEMO ?=
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
@@ -51,8 +51,10 @@ $(NEEDED):
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
 .venv/kernels: .venv/runtime $(KERNELS)
 	@echo "compiling what robots run (a minute or two)"
-	@$(BIN)/phalanx sim run flock-12 --duration 0.5 --json >/dev/null 2>&1
+	@$(BIN)/phalanx sim run flock-12 --duration 0.5 --json >/dev/null
 	@$(BIN)/python -c "from phalanx.gateway.simulated import simulated_swarm as s; s(12, 0, None, None, lambda _: None)"
+	@$(BIN)/phalanx mission run delivery --robots 1 --json >/dev/null
+	@$(BIN)/python -c "from phalanx.gateway.simulated import mission_swarm as s; from phalanx.sim.floorplan import DEFAULT, load_floorplan as p; w = s(p(DEFAULT), 1, 0, print); w.__enter__(); w.__exit__(None, None, None)"
 	@touch $@
 
 .venv/dev: requirements-dev.lock .venv/runtime
@@ -105,6 +107,10 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_bti.py
 	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py
+	$(BIN)/python benchmarks/bench_attacks.py
+	$(BIN)/python benchmarks/bench_mission.py
+	$(BIN)/python benchmarks/bench_scan.py
+	$(BIN)/python benchmarks/bench_mission_run.py
 
 docs: setup-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site

@@ -4,9 +4,12 @@ What it may do: phalanx/robot/controllers/python_controller.py. python examples/
 """
 
 import struct
+import sys
+from collections import Counter
 
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
+from phalanx.sim.compiling import telling_of_compiling
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import AttackSpec, Scenario
 
@@ -51,8 +54,11 @@ class GoThere(Controller):
 
 if __name__ == "__main__":
     liar = AttackSpec(name="hijack", robot=5, at_s=10.0)
-    run = Run(Scenario(robots=9, goal_m=GOAL_M, bti=BtiConfig(f_max=2), attacks=(liar,)), GoThere)
-    run.advance(30.0)
+    with telling_of_compiling(lambda words: print(words, file=sys.stderr)):
+        run = Run(Scenario(robots=9, goal_m=GOAL_M, bti=BtiConfig(f_max=2), attacks=(liar,)), GoThere)
+        run.advance(30.0)
     told = run.summary()
+    refused = Counter(why.name for _, _, auditee, why in run.new_verdicts() if why and auditee != liar.robot)
     print("robot 5 lied from {first_deviation_s} s on, Safe Mode at {safe_mode_s} s".format(**told["compromised"][0]))
-    print(f"honest robots stopped: {told['correct_in_safe_mode']}")
+    print(f"honest robots stopped: {told['correct_in_safe_mode']}, for want of a quorum: {told['without_quorum']}")
+    print(f"audits of honest robots refused: {dict(refused)}")

@@ -369,7 +369,7 @@ class TestTrial:
         assert guarded.stopped_in_time is True
         assert guarded.stops[0].after_s <= 10.101
         assert guarded.honest["compromised"] == []
-        assert guarded.attacked["correct_in_safe_mode"] == []
+        assert guarded.attacked["correct_in_safe_mode"] == guarded.attacked["without_quorum"] == []
 
     @pytest.mark.parametrize(
         "stop, in_time",

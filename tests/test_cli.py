@@ -27,7 +27,7 @@ class TestMistakes:
             (["up", "--robots", "many"], 2, "--robots"),
             (["up", "--pin-digits", "3"], 2, "pin of 3 digits"),
             (["up", "--rotate-s", "5", "--overlap-s", "6"], 2, "overlap of 6 s"),
-            (["up", "--rotate-s", "nan"], 2, "rotate_s"),
+            (["up", "--rotate-s", "nan"], 2, "'--rotate-s': nan is no finite number"),
             (["up", "--root", "noslash"], 2, "root 'noslash'"),
             (["up", "--broker", "http://x"], 2, "http:// is not known"),
             (["up", "--broker", "mqtt://u:hunter2@x"], 2, "has a login in it"),

@@ -182,7 +182,6 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
         (("build", "small.yaml", "--out", "x", "--valid", "now"), "is no window"),
         (("build", "small.yaml", "--out", "x", "--valid", "now/then"), "is no time"),
         (("build", "small.yaml", "--out", "x", "--sign-key", "op.pub"), "no private key"),
-        (("build", "small.yaml", "--out", "small.yaml/x"), "cannot write"),
         (("verify", "nowhere.phxm"), "cannot read"),
         (("crack", "m.phxm", "--box", "1,2,3"), "is no area"),
         (("draw", "office", "--out", "x.gif"), "neither PNG nor SVG"),
@@ -202,6 +201,11 @@ def test_what_cannot_be_done_is_said_in_one_line(folder, words, says):
         run(*words)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_cannot_be_written_is_not_the_user_s_mistake(folder):
+    with pytest.raises(Unavailable, match=r"cannot write small\.yaml/x"):
+        run("build", "small.yaml", "--out", "small.yaml/x")
 
 
 def test_every_command_has_an_example():

@@ -13,6 +13,7 @@ from pathlib import Path
 import click
 
 from phalanx.errors import PhalanxError
+from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
 from phalanx.io import Server, parse_broker_url
@@ -78,8 +79,8 @@ def _pages() -> Finding:
 
 def _figures() -> Finding:
     there = importlib.util.find_spec("matplotlib") is not None
-    found = "matplotlib" if there else "no matplotlib: phalanx reproduce draws nothing"
-    return Finding("figures", True, found, "" if there else "pip install matplotlib")
+    found = "matplotlib" if there else "no matplotlib: phalanx reproduce measures and draws nothing, mission draw fails"
+    return Finding("figures", True, found, "" if there else MATPLOTLIB_HINT)
 
 
 def _ports() -> list[Finding]:

@@ -23,6 +23,7 @@ from .terminal import plain, print_json
 
 DRIVE_EVERY_S = 0.1
 STATUS = ("active", "quiet", "lost")
+OURS = {"name", "lh2_position", "battery", "status"}
 MILLION = 1_000_000
 
 
@@ -113,10 +114,18 @@ def _show_robots(robots: list[dict[str, Any]], as_json: bool) -> None:
         print_json({"robots": robots})
         return
     for robot in robots:
-        click.echo(
-            f"{plain(robot['address']):16}  {plain(robot.get('name') or ''):8}  {_place(robot.get('lh2_position'))}  "
-            f"{_number(robot.get('battery'), '5.2f', ' V')}  {_state(robot.get('status'))}"
-        )
+        click.echo(_row(robot))
+
+
+def _row(robot: dict[str, Any]) -> str:
+    """What a robot says of itself: as the gateway's do in columns, of others whatever it is."""
+    if not OURS & robot.keys():
+        said = (f"{plain(key)}={plain(value)}" for key, value in robot.items() if key != "address")
+        return "  ".join((f"{plain(robot['address']):16}", *said))
+    return (
+        f"{plain(robot['address']):16}  {plain(robot.get('name') or ''):8}  {_place(robot.get('lh2_position'))}  "
+        f"{_number(robot.get('battery'), '5.2f', ' V')}  {_state(robot.get('status'))}"
+    )
 
 
 def _place(at: object) -> str:
@@ -155,7 +164,7 @@ async def _drive(
             {"address": address, "commands": sent, "from": before.get("lh2_position"), "to": after.get("lh2_position")}
         )
     else:
-        _show_robots([before, after], as_json=False)
+        click.echo(f"before  {_row(before)}\nafter   {_row(after)}")
 
 
 def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:

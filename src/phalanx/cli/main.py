@@ -5,7 +5,9 @@ stdout is data, stderr is talk. 0 done, 1 refused or failed, 2 misused.
 
 from __future__ import annotations
 
+import errno
 import logging
+import math
 import os
 import sys
 from collections import UserDict
@@ -17,6 +19,8 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 
 LEVELS = ("debug", "info", "warning", "error")
+# What stdout says on a full disk.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 # Each is a module of this package and in it what the module is named for. The words are the first of its own help.
 ABOUT = {
     "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
@@ -27,7 +31,7 @@ ABOUT = {
     "sim": "What is really done: a simulated swarm whose robots audit each other.",
     "up": "Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.",
 }
-NAMES: dict[str, click.Command] = {name: click.Command(name, help=about) for name, about in ABOUT.items()}
+NAMES: dict[str, click.Command] = {name: click.Command(name, short_help=about) for name, about in ABOUT.items()}
 
 
 class _OnUse(UserDict[str, click.Command]):
@@ -37,7 +41,35 @@ class _OnUse(UserDict[str, click.Command]):
         if name not in self.data:
             raise KeyError(name)
         command: click.Command = getattr(import_module(f"phalanx.cli.{name}"), name)
+        _finite_numbers(command)
+        _whole_sentences(command)
         return command
+
+
+def _finite_numbers(command: click.Command) -> None:
+    """Every number that this command or one below it takes has to be finite.
+
+    NaN passes any check that is a comparison, and what then waits until NaN waits for ever.
+    """
+    for option in command.params:
+        if isinstance(option.type, click.types.FloatParamType):
+            option.callback = _finite
+    if isinstance(command, click.Group):
+        for below in command.commands.values():
+            _finite_numbers(below)
+
+
+def _finite(context: click.Context, option: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is no finite number", context, option)
+    return value
+
+
+def _whole_sentences(command: click.Command) -> None:
+    """The list of a group's commands shows what each does to the end of the sentence; click would cut it short."""
+    if isinstance(command, click.Group):
+        for below in command.commands.values():
+            below.short_help = " ".join((below.help or "").partition("\n\n")[0].split())
 
 
 class _Group(click.Group):
@@ -56,8 +88,16 @@ class _Group(click.Group):
 @click.option(
     "--log-level", type=click.Choice(LEVELS), default="warning", show_default=True, help="How much to tell on stderr."
 )
-def phalanx(log_level: str) -> None:
+@click.pass_context
+def phalanx(context: click.Context, log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
+    # The command that follows can run robots; `up`, which gets them ready before it begins, tells of that itself.
+    if "numba" in sys.modules and context.invoked_subcommand != "up":
+        from phalanx.sim.compiling import telling_of_compiling  # noqa: PLC0415 - others need not wait for numba
+
+        from .terminal import talk  # noqa: PLC0415
+
+        context.with_resource(telling_of_compiling(talk))
     logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
 
 
@@ -85,9 +125,19 @@ def run_command(arguments: list[str]) -> int:
         return 1
     except BrokenPipeError:
         # Whoever read our output has gone: there is nobody left to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forget_output()
         return 1
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        _forget_output()
+        return _fail(f"cannot write: {error.strerror}", "", 1)
     return result if isinstance(result, int) else 0
+
+
+def _forget_output() -> None:
+    # What waits in stdout's buffer would fail again at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _help_hint(error: click.ClickException) -> str:

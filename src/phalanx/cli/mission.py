@@ -39,6 +39,8 @@ from .terminal import end_status_line, print_json, status_line
 
 SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
 WARNINGS = 10  # told by build
+# What a header that is silent about these says.
+UNLIMITED = {"robots": "anybody", "valid_to_s": "for ever", "signer": "nobody", "flags": "none"}
 PROFILES = click.Choice([profile.name.lower() for profile in Profile])
 profile_option = click.option(
     "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
@@ -215,7 +217,8 @@ def inspect(file: Path, as_json: bool) -> None:
         print_json({**_summary(encoded), "coding": coding, "nodes": nodes})
         return
     for name, value in _summary(encoded).items():
-        click.echo(f"{name:14}{', '.join(map(str, value)) if isinstance(value, list) else value}")
+        words = ", ".join(map(str, value)) if isinstance(value, list) else value
+        click.echo(f"{name:14}{words or UNLIMITED.get(name, value)}")
     for node in nodes:
         ways = " ".join(map(str, node["to"]))
         click.echo(f"{node['node']:6}  {node['hash'][:16]}…  {' '.join(node['flags']):12}  -> {ways}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from phalanx.errors import Unavailable, UsageError
+from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.mission import Landmark, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
 
@@ -27,12 +28,12 @@ ARROW_M = 0.8
 def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path) -> None:
     """Write a PNG or SVG of a mission.
 
-    Raises: UsageError: neither of these, or it cannot be written. Unavailable: matplotlib is not installed.
+    Raises: UsageError: neither of these. Unavailable: matplotlib is not installed, or it cannot be written.
     """
     if out.suffix.lower() not in FORMATS:
         raise UsageError(f"{out} is neither PNG nor SVG", "--out mission.svg")
     if importlib.util.find_spec("matplotlib") is None:
-        raise Unavailable("matplotlib is not installed, nothing can be drawn", "pip install matplotlib")
+        raise Unavailable("matplotlib is not installed, nothing can be drawn", MATPLOTLIB_HINT)
     from matplotlib.figure import Figure  # noqa: PLC0415  # only who draws needs it
 
     figure = Figure(figsize=(9, 9), layout="constrained")
@@ -50,7 +51,7 @@ def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path) -> None:
         out.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(out, dpi=150, metadata={"Date": None} if out.suffix.lower() == ".svg" else None)
     except OSError as error:
-        raise UsageError(f"cannot write {out}: {error.strerror}", "choose another --out") from error
+        raise Unavailable(f"cannot write {out}: {error.strerror}", "choose another --out") from error
 
 
 def _draw_ways(axes: Any, mission: Mission) -> None:

@@ -14,9 +14,10 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Mission, StartKey, parse_mission, parse_start_key, plain_mission
 from phalanx.mission.records import FILE_LIMIT, FOREVER_S
+from phalanx.mission.refused import MalformedMission
 
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
@@ -89,7 +90,11 @@ def read_encoded(path: Path) -> EncodedMission:
 
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
-    return parse_mission(read_bytes(path, FILE_LIMIT, "a file that phalanx mission build wrote"))
+    data = read_bytes(path, FILE_LIMIT, "a file that phalanx mission build wrote")
+    try:
+        return parse_mission(data)
+    except MalformedMission as error:
+        raise MalformedMission(f"{path} is not an encoded mission: {error}") from error
 
 
 def read_start_key(path: Path) -> StartKey:
@@ -97,7 +102,11 @@ def read_start_key(path: Path) -> StartKey:
 
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
-    return parse_start_key(read_bytes(path, FILE_LIMIT, "the .key file that phalanx mission build wrote"))
+    data = read_bytes(path, FILE_LIMIT, "the .key file that phalanx mission build wrote")
+    try:
+        return parse_start_key(data)
+    except MalformedMission as error:
+        raise MalformedMission(f"{path} is not a start key: {error}") from error
 
 
 def read_signing_key(path: Path) -> Ed25519PrivateKey:
@@ -185,7 +194,7 @@ def parse_box(said: str) -> tuple[float, float, float, float]:
 def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
     """Put a file there; a secret one so that others cannot read it.
 
-    Raises: UsageError: it cannot be written.
+    Raises: Unavailable: it cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -194,4 +203,4 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
             path.touch(mode=0o600)
         path.write_bytes(data)
     except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror}", "choose another --out") from error
+        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error

@@ -32,7 +32,7 @@ from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summ
 from phalanx.sim.odometry import OdometryNoise, Pose
 
 from .mission_files import MAGIC, built_in_missions, read_encoded, read_plain, read_start_key, read_trusted
-from .terminal import end_status_line, print_json, status_line
+from .terminal import Progress, counted, end_status_line, print_json
 
 CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
 
@@ -131,9 +131,10 @@ def run_command(
         meet_m=meet_m,
         keep_trace=record is not None,
     )
+    progress = Progress()
     try:
         reports = run_mission(
-            run, os.cpu_count() or 1, lambda share: status_line(f"{100 * share:.0f} %   Ctrl-C stops")
+            run, os.cpu_count() or 1, lambda share: progress.tell(_so_far(share, run.duration_s), share)
         )
     except KeyboardInterrupt:
         end_status_line()
@@ -149,6 +150,10 @@ def run_command(
     else:
         _show(told)
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _so_far(share: float, duration_s: float) -> str:
+    return "simulated to the end" if share >= 1 else f"{share * duration_s:.0f} of at most {duration_s:g} s simulated"
 
 
 def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
@@ -224,7 +229,7 @@ def _start(otherwise: Pose, plain: Mission | None, part: int) -> Pose:
 
 def _show(told: dict[str, Any]) -> None:
     click.echo(
-        f"{told['completed']} of {told['robots']} robots completed   "
+        f"{told['completed']} of {counted(told['robots'], 'robot')} completed   "
         f"{told['decoded']} of {told['nodes']} nodes decoded   "
         f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +17,7 @@ from .options import login_option, read_login
 from .reproduce_bti import bti_fig8_command, bti_fig9_command
 from .reproduce_mission import MISSION_COMMANDS
 from .run import run
-from .terminal import end_status_line, print_json, status_line
+from .terminal import Progress, end_status_line, print_json, stopped, warn_if_nothing_is_drawn
 
 METRICS = {
     "sent": ("packets sent", "d"),
@@ -34,7 +32,6 @@ METRICS = {
     "slow_pct": ("above 200 ms, %", ".3f"),
     "longest_slow_run": ("longest run above 200 ms", "d"),
 }
-MATPLOTLIB_HINT = "pip install matplotlib"
 
 
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
@@ -77,19 +74,17 @@ def link_fig4(broker: str, broker_login: Path | None, duration: float, out: Path
     """
     config = Config(duration_s=duration)
     login = read_login(broker_login)
-    if importlib.util.find_spec("matplotlib") is None:
-        click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
+    warn_if_nothing_is_drawn()
     csv = out / CSV_NAME
     progress = _progress()
 
     async def job() -> None:
         await measure(out, config, broker, login, progress)
 
-    finished = run(job())
-    end_status_line()
-    if not finished:
-        click.echo(f"stopped; what was measured is in {csv}, the same command goes on from there", err=True)
+    if not run(job()):
+        stopped("what was measured is", csv)
         return 1
+    end_status_line()
     _show(csv, as_json)
     for path in draw(csv):
         click.echo(f"drawn: {path}", err=True)
@@ -97,18 +92,8 @@ def link_fig4(broker: str, broker_login: Path | None, duration: float, out: Path
 
 
 def _progress() -> Callable[[int, int], None]:
-    """Progress on stderr: one line that changes in a terminal, at most eleven lines elsewhere."""
-    told = -1
-
-    def tell(done: int, of: int) -> None:
-        nonlocal told
-        text = f"{done} of {of} packets of each kind"
-        status_line(f"{text}   {100 * done // of} %   Ctrl-C stops")
-        if not sys.stderr.isatty() and 10 * done // of != told:
-            told = 10 * done // of
-            click.echo(text, err=True)
-
-    return tell
+    progress = Progress()
+    return lambda done, of: progress.tell(f"{done} of {of} packets of each kind", done / of)
 
 
 def _show(csv: Path, as_json: bool) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -15,13 +13,20 @@ from phalanx.experiments.bti_flock import FlockConfig, Statement, last_line, mea
 from phalanx.experiments.bti_flock_plot import draw_flock
 from phalanx.experiments.bti_flock_table import FlockTable, read_flock_table
 
-from .terminal import end_status_line, print_json, status_line
+from .terminal import Progress, end_status_line, print_json, stopped, warn_if_nothing_is_drawn
+
+# Of each of these figures, in its help.
+NOTES = (
+    "Ctrl-C stops; the same command goes on from there, and only draws when all is there. Runs that an earlier command "
+    "left in the same folder count too, also where they are more. Ends with 0 once it has been measured and drawn, "
+    "whether or not ours agrees with the paper: NO is a finding, and the last line says why."
+)
 
 
 def _figure(config: FlockConfig, compare: Callable[[FlockTable], list[Statement]], about: str) -> click.Command:
     @click.command(
         config.name,
-        help=f"{about}\n\nCtrl-C stops; the same command goes on from there, and only draws when all runs are there.",
+        help=f"{about}\n\n{NOTES}",
         epilog=f"Example: phalanx reproduce {config.name} --seeds 5",
     )
     @click.option(
@@ -37,16 +42,12 @@ def _figure(config: FlockConfig, compare: Callable[[FlockTable], list[Statement]
     @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
     def command(seeds: int, out: Path, as_json: bool) -> int:
         chosen = replace(config, seeds=seeds)
-        if importlib.util.find_spec("matplotlib") is None:
-            click.echo(
-                "phalanx: warning: matplotlib is not installed, nothing will be drawn; pip install matplotlib", err=True
-            )
+        warn_if_nothing_is_drawn()
         csv = out / chosen.csv_name
         try:
             measure(out, chosen, _progress(2 * seeds))
         except KeyboardInterrupt:
-            end_status_line()
-            click.echo(f"stopped; whole runs are in {csv}, the same command goes on from there", err=True)
+            stopped("whole runs are", csv)
             return 1
         end_status_line()
         table = read_flock_table(csv)
@@ -73,18 +74,8 @@ bti_fig9_command = _figure(
 
 
 def _progress(runs: int) -> Callable[[float], None]:
-    """Progress on stderr: one line that changes in a terminal, at most eleven lines elsewhere."""
-    tenth = -1
-
-    def tell(share: float) -> None:
-        nonlocal tenth
-        text = f"{int(share * runs)} of {runs} runs"
-        status_line(f"{text}   {100 * share:.1f} %   Ctrl-C stops")
-        if not sys.stderr.isatty() and int(10 * share) != tenth:
-            tenth = int(10 * share)
-            click.echo(text, err=True)
-
-    return tell
+    progress = Progress()
+    return lambda share: progress.tell(f"{int(share * runs)} of {runs} runs", share)
 
 
 def _show(statements: list[Statement]) -> None:

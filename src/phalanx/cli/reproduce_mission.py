@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -21,14 +19,15 @@ from phalanx.experiments import (
 from phalanx.experiments.mission_figure import MissionFigure, draw, measure
 from phalanx.experiments.mission_table import read_case_table
 
+from .reproduce_bti import NOTES
 from .reproduce_bti import _show as show
-from .terminal import end_status_line, print_json, status_line
+from .terminal import Progress, end_status_line, print_json, stopped, warn_if_nothing_is_drawn
 
 
 def _command(figure: MissionFigure) -> click.Command:
     @click.command(
         figure.name,
-        help=f"{figure.about}.\n\nCtrl-C stops; the same command goes on from there, and only draws when all is there.",
+        help=f"{figure.about}.\n\n{NOTES}",
         epilog=f"Example: phalanx reproduce {figure.name} --seeds {min(figure.seeds, 5)}",
     )
     @click.option(
@@ -43,15 +42,11 @@ def _command(figure: MissionFigure) -> click.Command:
     )
     @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
     def command(seeds: int, out: Path, as_json: bool) -> int:
-        if importlib.util.find_spec("matplotlib") is None:
-            click.echo(
-                "phalanx: warning: matplotlib is not installed, nothing will be drawn; pip install matplotlib", err=True
-            )
+        warn_if_nothing_is_drawn()
         try:
             csv = measure(out, figure, seeds, _progress())
         except KeyboardInterrupt:
-            end_status_line()
-            click.echo(f"stopped; whole cases are in {out}, the same command goes on from there", err=True)
+            stopped("whole cases are", out / f"{figure.name}.csv")
             return 1
         end_status_line()
         table = read_case_table(csv)
@@ -72,14 +67,5 @@ MISSION_COMMANDS = tuple(_command(module.FIGURE) for module in MODULES)
 
 
 def _progress() -> Callable[[int, int], None]:
-    """Progress on stderr: one line that changes in a terminal, at most eleven lines elsewhere."""
-    tenth = -1
-
-    def tell(done: int, of: int) -> None:
-        nonlocal tenth
-        status_line(f"{done} of {of} cases   {100 * done // of} %   Ctrl-C stops")
-        if not sys.stderr.isatty() and 10 * done // of != tenth:
-            tenth = 10 * done // of
-            click.echo(f"{done} of {of} cases", err=True)
-
-    return tell
+    progress = Progress()
+    return lambda done, of: progress.tell(f"{done} of {of} cases", done / of)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +17,7 @@ from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
 from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
 from phalanx.sim.setup import audits_share
 
-from .terminal import end_status_line, print_json, status_line
+from .terminal import Progress, beside, counted, end_status_line, print_json
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 # What people typed, for what a scenario calls otherwise.
@@ -106,11 +105,12 @@ def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | No
         find_scenario(scenario), said, defence=defence, attacks=tuple(map(parse_attack, attacks)) if attacks else None
     )
     warn_if_crowded(chosen)
+    before = _written(record)
     try:
         ended = play(chosen, record, progress(chosen.duration_s))
     except KeyboardInterrupt:
         end_status_line()
-        click.echo("stopped" + (f"; recorded until then: {record}" if record else ""), err=True)
+        click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)
         return 1
     end_status_line()
     if as_json:
@@ -120,6 +120,11 @@ def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | No
     if record:
         click.echo(f"recorded: {record}", err=True)
     return 0
+
+
+def _written(record: Path | None) -> int:
+    """When the recording was written last, ns; 0 if it is not there: robots may be stopped while they are compiled."""
+    return record.stat().st_mtime_ns if record and record.exists() else 0
 
 
 @sim.command("list", epilog="Example: phalanx sim list --json")
@@ -142,7 +147,8 @@ def list_scenarios(as_json: bool) -> None:
         print_json({"scenarios": rows})
         return
     for each in found:
-        click.echo(f"{each.name:12} {each.robots:4} robots {each.duration_s:5g} s  {each.defence:6} {each.about}")
+        head = f"{each.name:12} {each.robots:4} robots {each.duration_s:5g} s  {each.defence:6} "
+        click.echo(beside(head, each.about))
 
 
 @sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
@@ -163,18 +169,13 @@ def warn_if_crowded(scenario: Scenario) -> None:
 
 
 def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
-    """Progress on stderr: one line that changes in a terminal, at most eleven lines elsewhere."""
-    tenth = -1
+    """Progress on stderr."""
+    so_far = Progress()
 
     def tell(run: Run) -> None:
-        nonlocal tenth
-        done = run.now_s / duration_s
-        stopped = int(run.in_safe_mode.sum())
-        text = f"{label}{run.now_s:.0f} of {duration_s:g} s simulated, {stopped} robots in Safe Mode"
-        status_line(f"{text}   Ctrl-C stops")
-        if not sys.stderr.isatty() and int(10 * done) != tenth:
-            tenth = int(10 * done)
-            click.echo(text, err=True)
+        stopped = counted(int(run.in_safe_mode.sum()), "robot")
+        text = f"{label}{run.now_s:.0f} of {duration_s:g} s simulated, {stopped} in Safe Mode"
+        so_far.tell(text, run.now_s / duration_s)
 
     return tell
 

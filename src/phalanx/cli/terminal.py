@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import os
 import queue
@@ -10,13 +11,19 @@ import re
 import shutil
 import signal
 import sys
+import textwrap
 import threading
+import time
+from pathlib import Path
 from typing import Any
 
 import click
 import segno
 
+from phalanx.experiments.figure import MATPLOTLIB_HINT
+
 MANY_DIGITS = re.compile(r"([0-9]{12,})")
+EVERY_S = 5.0  # between two lines of progress where there is no terminal
 BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's and may be anything
 
 
@@ -60,6 +67,61 @@ def end_status_line() -> None:
     """Leave the status line and go on below it."""
     if sys.stderr.isatty():
         click.echo("", err=True)
+
+
+class Progress:
+    """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then, and the last.
+
+    Source: none.
+    """
+
+    def __init__(self) -> None:
+        self._due_s = time.monotonic() + EVERY_S
+        self._over = False
+
+    def tell(self, text: str, share: float) -> None:
+        """`share` of the work is done, 0 to 1."""
+        status_line(f"{text}   {100 * share:.0f} %   Ctrl-C stops")
+        over, now_s = share >= 1, time.monotonic()
+        if not sys.stderr.isatty() and (now_s >= self._due_s or (over and not self._over)):
+            self._due_s = now_s + EVERY_S
+            click.echo(text, err=True)
+        self._over = over
+
+
+def beside(head: str, text: str) -> str:
+    """`text` to the right of `head`, in lines as wide as the terminal; one line where stdout is none. Source: none."""
+    if not sys.stdout.isatty():
+        return head + text
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(text, width, initial_indent=head, subsequent_indent=" " * len(head))
+
+
+def counted(count: int, what: str) -> str:
+    """`1 robot`, `2 robots`. Source: none."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def talk(words: str) -> None:
+    """One line on stderr, in the place of the status line if there is one. Source: none."""
+    status_line("")
+    click.echo(f"phalanx: {words}", err=True)
+
+
+def warn_if_nothing_is_drawn() -> None:
+    """One line on stderr before minutes are spent on a figure that cannot be drawn. Source: none."""
+    if importlib.util.find_spec("matplotlib") is None:
+        click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
+
+
+def stopped(what: str, path: Path) -> None:
+    """Tell on stderr that a measurement was stopped, and where what is measured so far is, if anything is.
+
+    Source: none.
+    """
+    end_status_line()
+    kept = f"; {what} in {path}, the same command goes on from there" if path.exists() else ""
+    click.echo(f"stopped{kept}", err=True)
 
 
 def plain(text: object, longest: int = 60) -> str:

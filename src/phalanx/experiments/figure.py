@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+MATPLOTLIB_HINT = "make setup, or pip install matplotlib"
 # Okabe and Ito's: told apart by every kind of eye, and in grey.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
 
@@ -27,7 +28,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError as error:
-        raise Unavailable("matplotlib is not installed: nothing drawn", "pip install matplotlib") from error
+        raise Unavailable("matplotlib is not installed: nothing drawn", MATPLOTLIB_HINT) from error
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)
     return figure

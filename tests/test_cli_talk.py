@@ -1,0 +1,198 @@
+"""What commands say on stderr while they work, and when they are stopped; what they refuse in one line everywhere."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+
+import click
+import numba
+import pytest
+
+from conftest import ROOT
+from phalanx.cli import link, reproduce_bti, reproduce_mission, sim, terminal
+from phalanx.cli.main import ABOUT, phalanx, run_command
+from phalanx.sim import compiling
+
+
+def commands(command: click.Command = phalanx):
+    """Every command that is no group."""
+    if not isinstance(command, click.Group):
+        return [command]
+    return [each for name in command.commands for each in commands(command.commands[name])]
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """Has a function compiled that never was."""
+    monkeypatch.setattr(compiling, "PATIENCE_S", 0.0)
+
+    def compiled():
+        return numba.njit(lambda x: x + 1)(1)
+
+    return compiled
+
+
+class TestCompiling:
+    def test_it_is_told_once_in_a_while_and_only_if_something_is_compiled(self, compiled):
+        told = []
+        with compiling.telling_of_compiling(told.append):
+            assert not told
+            assert compiled() == compiled() == 2
+        assert len(told) == 1
+        assert re.fullmatch(r"compiling what robots run; .*: \d+ s", told[0])
+        compiled()
+        assert len(told) == 1
+
+    def test_time_between_two_compilations_does_not_count(self, compiled, monkeypatch):
+        clock = iter((0.0, 10.0, 1000.0, 1007.0)).__next__
+        monkeypatch.setattr(compiling.time, "monotonic", clock)
+        monkeypatch.setattr(compiling, "PATIENCE_S", 10.0)
+        told = []
+        with compiling.telling_of_compiling(told.append):
+            compiled()
+            assert not told
+            compiled()
+        assert [words.split(": ")[1] for words in told] == ["10 s"]
+
+    @pytest.mark.parametrize(
+        "module, words",
+        [(reproduce_bti, ("bti-fig9",)), (reproduce_mission, ("mission-fig8a",))],
+        ids=["bti", "mission"],
+    )
+    def test_a_command_tells_and_claims_no_file_that_is_not_there(
+        self, module, words, compiled, monkeypatch, capsys, tmp_path
+    ):
+        def measure(*_):
+            compiled()
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(module, "measure", measure)
+        command = ["reproduce", *words, "--out", str(tmp_path)]
+        assert run_command(command) == 1
+        first, last = capsys.readouterr().err.splitlines()
+        assert first.startswith("phalanx: compiling what robots run; ")
+        assert last == "stopped"
+        csv = tmp_path / f"{words[0]}.csv"
+        csv.touch()
+        assert run_command(command) == 1
+        assert f"in {csv}, the same command goes on from there" in capsys.readouterr().err
+
+    def test_a_run_that_was_stopped_before_it_recorded_claims_no_recording(self, monkeypatch, capsys, tmp_path):
+        def stop(_scenario, record, _on_step):
+            if writes:
+                record.write_bytes(b"now")
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(sim, "play", stop)
+        path = tmp_path / "run.mcap"
+        for writes, there in ((False, False), (False, True), (True, True)):
+            if there:
+                path.write_bytes(b"an earlier one")
+                os.utime(path, (0, 0))
+            assert run_command(["sim", "run", "flock-12", "--record", str(path)]) == 1
+            last = capsys.readouterr().err.splitlines()[-1]
+            assert last == (f"stopped; recorded until then: {path}" if writes else "stopped")
+
+
+class TestProgress:
+    def test_where_there_is_no_terminal_it_is_a_line_each_few_seconds_and_the_last(self, monkeypatch, capsys):
+        now_s = 0.0
+        monkeypatch.setattr(terminal.time, "monotonic", lambda: now_s)
+        progress = terminal.Progress()
+        for k in range(1, 101):
+            now_s = k * 0.12
+            progress.tell(f"{k} of 100", k / 100)
+        progress.tell("100 of 100", 1.0)
+        assert capsys.readouterr().err.splitlines() == ["42 of 100", "84 of 100", "100 of 100"]
+
+
+class TestEveryCommand:
+    def test_no_number_may_be_nan_or_infinite(self, capsys):
+        taken = 0
+        for command in commands():
+            for option in command.params:
+                if isinstance(option.type, click.types.FloatParamType):
+                    taken += 1
+                    for value in (math.nan, math.inf):
+                        with pytest.raises(click.UsageError):
+                            option.process_value(click.Context(command), value)
+        assert taken > 20
+        assert run_command(["up", "--duration", "nan"]) == 2
+        assert capsys.readouterr().err.startswith("phalanx: error: Invalid value for '--duration': nan is no finite")
+
+    @pytest.mark.parametrize("path", [[], *([name] for name in ABOUT if name not in ("doctor", "up"))])
+    def test_a_group_s_help_says_what_each_command_does_to_the_end(self, path, capsys):
+        assert run_command([*path, "--help"]) == 0
+        listed = capsys.readouterr().out.partition("Commands:")[2].partition("\n\n")[0]
+        assert "..." not in listed
+        group = phalanx.commands[path[0]] if path else phalanx
+        assert all(re.search(rf"^  {name}  ", listed, re.MULTILINE) for name in group.commands)
+
+
+class TestMissionFiles:
+    @pytest.mark.parametrize(
+        "words", [["build", "office", "--profile", "paper"], ["draw", "office"]], ids=["build", "draw"]
+    )
+    def test_a_file_that_cannot_be_written_is_a_failure_not_a_misuse(self, words, capsys):
+        if words[0] == "draw":
+            pytest.importorskip("matplotlib")
+        assert run_command(["mission", *words, "--out", "/proc/nowhere.svg"]) == 1
+        assert "error: cannot write /proc/nowhere.svg" in capsys.readouterr().err
+
+    def test_what_is_no_mission_is_named(self, tmp_path, capsys):
+        path = tmp_path / "notes.txt"
+        path.write_text("no mission")
+        for command in ("inspect", "verify", "crack"):
+            assert run_command(["mission", command, str(path)]) == 1
+            assert f"{path} is not an encoded mission: 55 bytes wanted" in capsys.readouterr().err
+
+    def test_a_header_without_limits_says_so_in_words(self, tmp_path, capsys):
+        path = tmp_path / "office.phxm"
+        assert run_command(["mission", "build", "office", "--profile", "paper", "--out", str(path)]) == 0
+        capsys.readouterr()
+        assert run_command(["mission", "inspect", str(path)]) == 0
+        said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()[:9])
+        assert [said[name] for name in ("robots", "valid_to_s", "signer")] == ["anybody", "for ever", "nobody"]
+
+
+class TestRobots:
+    def test_robots_of_the_gateway_are_columns_and_others_what_they_say(self, capsys):
+        robots = [
+            {"address": "A1", "name": "Ada", "lh2_position": {"x": 1, "y": 2}, "battery": 2.5, "status": 0},
+            {"address": "ROBOT-1", "wheels": [60, -60]},
+        ]
+        link._show_robots(robots, as_json=False)
+        ours, theirs = capsys.readouterr().out.splitlines()
+        assert ours.split() == ["A1", "Ada", "1", "2", "mm", "2.50", "V", "active"]
+        assert theirs.split(maxsplit=1) == ["ROBOT-1", "wheels=[60, -60]"]
+
+    def test_lists_fit_the_terminal_and_are_a_line_each_where_there_is_none(self, monkeypatch, capsys):
+        head, text = "office   ", "a dozen robots " * 10
+        assert terminal.beside(head, text) == head + text
+        monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True, raising=False)
+        monkeypatch.setenv("COLUMNS", "60")
+        lines = terminal.beside(head, text).splitlines()
+        assert len(lines) > 2
+        assert all(len(line) <= 60 and line.startswith((head, " " * len(head))) for line in lines)
+
+    async def test_a_drive_shows_the_robot_before_and_after(self, capsys):
+        class Client:
+            x_mm = 0
+
+            async def request(self, *_args, **_options):
+                return [{"address": "A1", "name": "Ada", "lh2_position": {"x": self.x_mm, "y": 0}}]
+
+            async def command(self, *_args):
+                self.x_mm += 1
+                return 1
+
+        await link._drive(Client(), "ada", (1, 1), 0.1, 1.0, as_json=False)
+        before, after = (line.split() for line in capsys.readouterr().out.splitlines())
+        assert before[:4] == ["before", "A1", "Ada", "0"]
+        assert after[:4] == ["after", "A1", "Ada", "2"]
+
+
+def test_what_setup_installs_can_draw():
+    assert re.search(r"^matplotlib==", (ROOT / "requirements.lock").read_text(), re.MULTILINE)
