@@ -1,26 +1,33 @@
-"""P1 and P2 of docs/spec/rebound.md as a long table: every attack over many seeds on 25 robots.
+"""P1 and P2 of docs/spec/rebound.md as a table: every attack over many seeds on 25 robots.
 
     nice .venv/bin/python benchmarks/bench_attacks.py [--seeds 200] [--defence bound] [--attacks spoof,hijack] [--out F]
 
-Runs go to a CSV as they end; Ctrl-C keeps them, and the same command goes on where it stopped. Two processes at most.
-Ends with 1 if a robot was stopped late, or one that lied to nobody was stopped.
+What is stopped is watched until it must be; what is limited or harmless goes on for a minute, in f_max robots. With
+--out runs go to a CSV as they end; Ctrl-C keeps them, and the same command goes on where it stopped. Two processes at
+most. Ends with 1 if a verdict was not what was seen: a liar was stopped late, a robot that lied to nobody was stopped,
+or a liar that is only limited was stopped or was on the air for longer than its bucket lets it.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import hashlib
+import io
 import math
 import signal
 import statistics
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 
-from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.errors import PhalanxError, UsageError
+from phalanx.experiments.attack_trial import airtime_since, sent, stop_bound_s
+from phalanx.experiments.growing_table import ELSEWHERE, GrowingTable
+from phalanx.experiments.version import version
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import DEFENCES, AttackSpec, Scenario
@@ -29,79 +36,124 @@ ROBOTS = 25
 # Rounds come every 4 s: attacks begin anywhere from the first second of grace to the fifth of them.
 EARLIEST_S, LATEST_S = 1.0, 20.0
 MARGIN_S = 3.0
+# As long as an attack that nothing stops is watched.
+LONG_S = 60.0
+SAMPLE = 2
+LASTING = ("limited", "harmless")
 
 
 @dataclass(frozen=True)
 class Result:
-    """One run; of several liars the one stopped last. Of one not stopped `after_s` is inf, of one that kept to the
-    protocol NaN."""
+    """One run.
+
+    Args:
+        attack, defence, seed: which.
+        version: of the program.
+        at_s: the first lie.
+        lasted_s: so long the lie was watched.
+        liars: how many,
+        deviated: how many did what an honest robot would not,
+        alive: and how many were not in Safe Mode at the end.
+        after_s: from deviation to Safe Mode, of the liar that took longest: inf if not stopped, NaN if none deviated.
+        late: liars that took longer than P1 allows.
+        correct_stopped, without_quorum: correct robots in Safe Mode; the latter had too few in range.
+        bucket: of the airtime that an a-node lets out, which share the liar used that used most.
+        on_air: share of the time that this one was on the air.
+    """
 
     attack: str
     defence: str
     seed: int
+    version: str
     at_s: float
+    lasted_s: float
+    liars: int
+    deviated: int
+    alive: int
     after_s: float
     late: int
     correct_stopped: int
     without_quorum: int
+    bucket: float
+    on_air: float
 
 
-def one_run(task: tuple[str, str, int]) -> Result:
+TYPES = {"str": str, "int": int, "float": float}
+COLUMNS = {field.name: TYPES[str(field.type)] for field in fields(Result)}
+
+
+class ResultFile(GrowingTable):
+    """The CSV while it grows. `results` are those that were there."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, f"# phalanx attacks: {ROBOTS} robots\n{','.join(COLUMNS)}\n")
+        self.results: list[Result] = []
+
+    def append(self, result: Result) -> None:
+        """Write a run, now."""
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(astuple(result))
+        self._write(line.getvalue())
+
+    def _whole(self, data: bytes) -> int:
+        if not data.startswith(self._head.encode()):
+            raise UsageError(f"{self.path} has other columns", ELSEWHERE)
+        whole = data.rfind(b"\n") + 1
+        for words in csv.reader(data[len(self._head) : whole].decode().splitlines()):
+            self.results.append(Result(*(kind(word) for kind, word in zip(COLUMNS.values(), words, strict=True))))
+        return whole
+
+
+def one_run(task: tuple[str, str, int, str]) -> Result:
     """An attack in a swarm of its own."""
-    name, defence, seed = task
+    name, defence, seed, by = task
+    kind = ATTACKS[name]
+    lasting = kind.verdicts[defence] in LASTING
     drawn = hashlib.sha256(f"{name} {seed}".encode()).digest()[0] / 256
     at_s = EARLIEST_S + drawn * (LATEST_S - EARLIEST_S)
-    liars = tuple(AttackSpec(name=name, at_s=at_s) for _ in range(ATTACKS[name].liars))
-    scenario = Scenario(name="bench", robots=ROBOTS, seed=seed, defence=defence, attacks=liars)
-    run = Run(scenario)
-    run.advance(at_s + scenario.bti.t_val_ms / 1000 + MARGIN_S)
-    told = run.summary()
-    after_s, late = float("nan"), 0
+    scenario = Scenario(name="bench", robots=ROBOTS, seed=seed, defence=defence)
+    f_max = scenario.bti.f_max
+    lasts_s = LONG_S if lasting else scenario.bti.t_val_ms / 1000 + MARGIN_S
+    liars = (AttackSpec(name=name, at_s=at_s),) * (f_max if lasting else kind.liars(f_max))
+    run = Run(scenario.with_options(attacks=liars))
+    run.advance(at_s)
     robots = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Attack)]
+    before = [sent(run, robot.i) for robot in robots]
+    run.advance(at_s + lasts_s)
+    told = run.summary()
+    took_s, late = [], 0
     for robot, liar in zip(robots, told["compromised"], strict=True):
-        if liar["first_deviation_s"] is None:
-            continue
-        stopped_s = float("inf") if liar["safe_mode_s"] is None else liar["safe_mode_s"]
-        took_s = stopped_s - liar["first_deviation_s"]
-        bound_s = stop_bound_s(scenario, output_missing=robot.output_missing)
-        late += bound_s is not None and took_s > bound_s
-        after_s = took_s if math.isnan(after_s) else max(after_s, took_s)
+        if liar["first_deviation_s"] is not None:
+            stopped_s = math.inf if liar["safe_mode_s"] is None else liar["safe_mode_s"]
+            took_s.append(stopped_s - liar["first_deviation_s"])
+            bound_s = stop_bound_s(run.scenario, output_missing=robot.output_missing)
+            late += bound_s is not None and took_s[-1] > bound_s
+    used = [airtime_since(run, robot.i, then) for robot, then in zip(robots, before, strict=True)]
     return Result(
-        name, defence, seed, at_s, after_s, late, len(told["correct_in_safe_mode"]), len(told["without_quorum"])
+        name,
+        defence,
+        seed,
+        by,
+        at_s,
+        lasts_s,
+        len(robots),
+        len(took_s),
+        sum(liar["safe_mode_s"] is None for liar in told["compromised"]),
+        max(took_s, default=math.nan),
+        late,
+        len(told["correct_in_safe_mode"]),
+        len(told["without_quorum"]),
+        max(each.used_s / each.bucket_s for each in used),
+        max(each.on_air_s / each.seconds for each in used),
     )
 
 
-def kept(path: Path) -> list[Result]:
-    """Results of earlier runs of this command."""
-    if not path.exists():
-        return []
-    with path.open() as file:
-        return [
-            Result(
-                row["attack"],
-                row["defence"],
-                int(row["seed"]),
-                *(float(row[name]) for name in ("at_s", "after_s")),
-                *(int(row[name]) for name in ("late", "correct_stopped", "without_quorum")),
-            )
-            for row in csv.DictReader(file)
-        ]
-
-
-def new_results(tasks: list[tuple[str, str, int]], path: Path) -> Iterator[Result]:
+def new_results(tasks: list[tuple[str, str, int, str]], file: ResultFile | None) -> Iterator[Result]:
     """Each is in the file before it is given."""
-    fresh = not path.exists()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with (
-        path.open("a") as file,
-        get_context("spawn").Pool(min(2, len(tasks)), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool,
-    ):
-        writer = csv.DictWriter(file, [field.name for field in fields(Result)])
-        if fresh:
-            writer.writeheader()
-        for done, result in enumerate(pool.imap_unordered(one_run, tasks, chunksize=4), 1):
-            writer.writerow(asdict(result))
-            file.flush()
+    with get_context("spawn").Pool(min(2, len(tasks)), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+        for done, result in enumerate(pool.imap_unordered(one_run, tasks), 1):
+            if file:
+                file.append(result)
             print(f"\r{done} of {len(tasks)} runs", end="", file=sys.stderr, flush=True)
             yield result
     print(file=sys.stderr)
@@ -113,48 +165,68 @@ def table(results: Iterable[Result]) -> int:
     for result in results:
         groups.setdefault((result.attack, result.defence), []).append(result)
     print(
-        f"{'attack':18}{'defence':9}{'verdict':13}{'runs':>5}{'stopped late':>14}{'correct stopped':>17}"
-        f"{'no quorum':>11}{'median s':>10}{'max s':>8}"
+        f"{'attack':18}{'defence':8}{'verdict':12}{'runs':>5}{'late':>6}{'correct stopped':>17}{'no quorum':>11}"
+        f"{'liars':>7}{'deviated':>10}{'alive':>7}{'median s':>10}{'max s':>8}{'of bucket':>11}{'on air':>8}"
     )
     wrong = 0
     for (name, defence), group in sorted(groups.items()):
-        took_s = [result.after_s for result in group if not math.isnan(result.after_s)]
-        late, stopped = sum(result.late for result in group), sum(result.correct_stopped for result in group)
-        times = f"{statistics.median(took_s):10.2f}{max(took_s):8.2f}" if took_s else f"{'-':>10}{'-':>8}"
         verdict = ATTACKS[name].verdicts[defence]
-        print(
-            f"{name:18}{defence:9}{verdict:13}{len(group):5}{late:14}{stopped:17}"
-            f"{sum(result.without_quorum for result in group):11}{times}"
+        took_s = [result.after_s for result in group if not math.isnan(result.after_s)]
+        times = f"{statistics.median(took_s):10.2f}{max(took_s):8.2f}" if took_s else f"{'-':>10}{'-':>8}"
+        bucket = f"{max(result.bucket for result in group):11.0%}" if defence == "bound" else f"{'-':>11}"
+        late, stopped, quorum, liars, deviated, alive = (
+            sum(getattr(result, name) for result in group)
+            for name in ("late", "correct_stopped", "without_quorum", "liars", "deviated", "alive")
         )
-        if defence == "bound" and verdict != "not covered":
-            wrong += sum(bool(result.late or result.correct_stopped) for result in group)
+        print(
+            f"{name:18}{defence:8}{verdict:12}{len(group):5}{late:6}{stopped:17}{quorum:11}"
+            f"{liars:7}{deviated:10}{alive:7}{times}{bucket}{max(result.on_air for result in group):8.1%}"
+        )
+        wrong += sum(is_wrong(result, verdict) for result in group)
+    runs = [result for group in groups.values() for result in group]
+    print(f"{len(runs)} runs, {wrong} of them not as promised; by {', '.join(sorted({run.version for run in runs}))}")
     return wrong
+
+
+def is_wrong(result: Result, verdict: str) -> bool:
+    """Whether something happened that the verdict excludes; one of an attack that bites excludes nothing."""
+    if verdict in ("bites", "not covered"):
+        return False
+    honest = verdict == "stopped" and result.deviated < result.liars
+    over = verdict == "limited" and (result.alive < result.liars or result.bucket > 1)
+    return bool(result.late or result.correct_stopped or honest or over)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--seeds", type=int, default=SAMPLE, help="of each attack; the long table has 200")
     parser.add_argument("--defence", choices=DEFENCES, default="bound")
     parser.add_argument("--attacks", default=",".join(ATTACKS), help="names, with commas between")
-    parser.add_argument("--out", type=Path, default=Path("out/attacks.csv"))
+    parser.add_argument("--out", type=Path, help="CSV to keep the runs in, and to go on from")
     said = parser.parse_args()
     names = said.attacks.split(",")
     if unknown := set(names) - set(ATTACKS):
         parser.error(f"no attack {', '.join(sorted(unknown))}")
-    wanted = [(name, said.defence, seed) for name in names for seed in range(said.seeds)]
-    results = {(result.attack, result.defence, result.seed): result for result in kept(said.out)}
-    todo = [task for task in wanted if task not in results]
+    by = version()
+    # Seed by seed, so that a table that was stopped has something of everything.
+    wanted = [(name, said.defence, seed) for seed in range(said.seeds) for name in names]
     interrupted = False
-    if todo:
+    with contextlib.ExitStack() as stack:
+        file = stack.enter_context(ResultFile(said.out)) if said.out else None
+        results = {(run.attack, run.defence, run.seed): run for run in (file.results if file else ())}
+        todo = [(*task, by) for task in wanted if task not in results]
         try:
-            for result in new_results(todo, said.out):
+            for result in new_results(todo, file) if todo else ():
                 results[result.attack, result.defence, result.seed] = result
         except KeyboardInterrupt:
             interrupted = True
-            print(f"\nstopped; {said.out} has what is done, and the same command goes on", file=sys.stderr)
+            print(f"\nstopped{f'; {said.out} has what is done' if file else ''}", file=sys.stderr)
     wrong = table(results[task] for task in wanted if task in results)
     return 130 if interrupted else int(wrong > 0)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    try:
+        raise SystemExit(main())
+    except PhalanxError as error:
+        raise SystemExit(f"{error}\n{getattr(error, 'hint', '')}") from error

@@ -14,13 +14,14 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.cli.mission_files import read_plain
-from phalanx.cli.mission_run import run_command, with_codes
+from phalanx.cli.mission_run import run_command
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
 from phalanx.mission.landmarks import LaserScan, floorplan_of_yaml
 from phalanx.mission.outcome import Kind, Order
 from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.mission_orders import furnished
 from phalanx.sim.mission_pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
 from phalanx.sim.mission_robot import MissionRobot, World, meet
 from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
@@ -151,8 +152,8 @@ def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_deliver
         return report.done, [action for _, action in report.actions]
 
     said = tuple(built.key.messages.values())
-    assert done(said, with_codes(OFFICE, plain)) == (True, ["pick", "hand_over"])
-    assert done((), with_codes(OFFICE, plain)) == (False, ["pick"])
+    assert done(said, furnished(OFFICE, plain)) == (True, ["pick", "hand_over"])
+    assert done((), furnished(OFFICE, plain)) == (False, ["pick"])
     assert done(said, OFFICE) == (False, [])
 
 

@@ -6,6 +6,7 @@ import hashlib
 
 import pytest
 
+from phalanx.config import BtiConfig
 from phalanx.experiments.attack_trial import stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.sim.run import Run
@@ -25,7 +26,7 @@ def moment(name: str, seed: int) -> float:
 def attacked(name: str, seed: int) -> Run:
     """The paper's 25 robots on a grid, the attack in as many of them as it takes."""
     at_s = moment(name, seed)
-    liars = tuple(AttackSpec(name=name, at_s=at_s) for _ in range(ATTACKS[name].liars))
+    liars = (AttackSpec(name=name, at_s=at_s),) * ATTACKS[name].liars(BtiConfig().f_max)
     made = Scenario(name="p1-p2", robots=ROBOTS, seed=seed, duration_s=at_s + 13.0, attacks=liars)
     run = Run(made)
     run.advance(made.duration_s)
@@ -49,3 +50,4 @@ def test_whoever_deviates_is_stopped_in_time_and_nobody_else_is_stopped(name):
                 assert 0 <= told["safe_mode_s"] - told["first_deviation_s"] <= bound_s, f"seed {seed}"
             else:
                 assert told["first_deviation_s"] is None, f"seed {seed}: declared {ATTACKS[name].verdicts['bound']}"
+                assert told["safe_mode_s"] is None or name in SATURATES, f"seed {seed}: it stopped itself"

@@ -137,8 +137,8 @@ class TestAttackWords:
         assert parse_attack("spoof") == AttackSpec(name="spoof", robot=None, at_s=15.0, until_s=None, options={})
 
     def test_robot_times_and_the_attack_s_own_options(self):
-        assert parse_attack("spoof:robot=7,at=1.5,until=20,variant=strong,every=0.5") == AttackSpec(
-            name="spoof", robot=7, at_s=1.5, until_s=20.0, options={"variant": "strong", "every": 0.5}
+        assert parse_attack("spoof:robot=7,at=1.5,until=20,strong=1") == AttackSpec(
+            name="spoof", robot=7, at_s=1.5, until_s=20.0, options={"strong": 1.0}
         )
 
     @pytest.mark.parametrize(

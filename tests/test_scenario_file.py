@@ -59,7 +59,7 @@ seed: 7
 n_max: 8
 contact_m: 0.5
 attacks:
-  - {name: spoof, robot: 2, at_s: 3, until_s: 4, options: {variant: strong, every_s: 0.5}}
+  - {name: spoof, robot: 2, at_s: 3, until_s: 4, options: {strong: 1}}
   - name: spoof
     until_s: ~
 obstacles:
@@ -84,7 +84,7 @@ radio: {exponent: 2.5}
             n_max=8,
             contact_m=0.5,
             attacks=(
-                AttackSpec(name="spoof", robot=2, at_s=3.0, until_s=4.0, options={"variant": "strong", "every_s": 0.5}),
+                AttackSpec(name="spoof", robot=2, at_s=3.0, until_s=4.0, options={"strong": 1}),
                 AttackSpec(name="spoof"),
             ),
             obstacles=(Disc(x_m=1, y_m=2, radius_m=3), Box(left_m=1, bottom_m=2, right_m=3, top_m=4)),

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trials import AT_S, F_MAX, attacked, check, honest, run, scenario
+from trials import AT_S, F_MAX, MOST_TAKEN, attacked, check, honest, run, scenario
 
 from phalanx.bti.refusal import Refusal
+from phalanx.experiments.attack_trial import stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Plan
 from phalanx.sim.loop import clock_ms
 from phalanx.sim.run import Run
@@ -66,7 +67,8 @@ def test_the_strong_spoof_holds_the_flock_further_away_than_the_plain_one():
 
 @pytest.mark.parametrize("defence", ["paper", "bound"])
 def test_with_an_a_node_nobody_can_be_addressed_alone(defence):
-    assert attacked("spoof", defence, strong=1).summary["digest"] != attacked("spoof", defence).summary["digest"]
+    plain, strong = attacked("spoof", defence), attacked("spoof", defence, strong=1)
+    np.testing.assert_array_equal(strong.run.positions_m, plain.run.positions_m)
     trial = attacked("equivocate", defence)
     assert trial.run.world.air.counts[trial.liars[0].i, 1].sum() == 0, "no unicast but of AUDIT frames"
 
@@ -88,19 +90,39 @@ def test_requests_to_one_that_refuses_are_in_vain():
 def test_one_accomplice_more_than_f_max_and_the_bound_is_gone():
     """So the bound is not met for another reason."""
     crowd = [AttackSpec(name="collude", at_s=AT_S, robot=rob_id) for rob_id in range(1, F_MAX + 3)]
-    free = run(scenario("bound", *crowd)).summary()
-    assert all(told["safe_mode_s"] is None for told in free["compromised"])
-    stopped = run(scenario("bound", *crowd[:F_MAX])).summary()
-    assert all(told["safe_mode_s"] is not None for told in stopped["compromised"])
+    many, few = scenario("bound", *crowd), scenario("bound", *crowd[:F_MAX])
+    assert all(told["safe_mode_s"] is None for told in run(many).summary()["compromised"])
+    assert all(told["safe_mode_s"] is not None for told in run(few).summary()["compromised"])
+    assert stop_bound_s(few, output_missing=False) == 10.101
+    assert stop_bound_s(many, output_missing=False) is None, "nothing is promised"
 
 
-@pytest.mark.parametrize("name", ["request-flood", "frame-flood", "slot-squat", "log-flood", "refuse-to-audit"])
+@pytest.mark.parametrize("name", ["frame-flood", "covert-talk"])
+def test_a_flood_pours_what_its_bucket_has_for_ever_and_where_there_is_none_many_times_that(name):
+    (limited,), (free,) = attacked(name, "bound").airtime, attacked(name, "paper").airtime
+    assert 0.9 * limited.bucket_s < limited.used_s <= limited.bucket_s
+    assert free.used_s > 10 * limited.bucket_s
+
+
+def test_auditors_look_at_as_many_requests_of_one_robot_as_they_take_and_at_more_where_names_are_free():
+    limited, free = attacked("request-flood", "bound").taken_up, attacked("request-flood", "paper").taken_up
+    assert len(free) == 11
+    assert len(limited) >= 11 - (F_MAX + 1), "those that it asks for its own audits take no other of it"
+    assert all(MOST_TAKEN / 2 < taken <= MOST_TAKEN for taken in limited.values())
+    assert max(free.values()) > 2 * MOST_TAKEN
+
+
+@pytest.mark.parametrize(
+    "name", ["request-flood", "frame-flood", "covert-talk", "slot-squat", "log-flood", "refuse-to-audit"]
+)
 def test_f_max_of_them_starve_nobody(name):
     """Three flooders once used up what auditors take, and three squatters all places for requests under way."""
     for seed in range(3):
         liars = [AttackSpec(name=name, at_s=AT_S) for _ in range(F_MAX)]
         summary = run(scenario("bound", *liars, robots=25, seed=seed)).summary()
         assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+        if ATTACKS[name].verdicts["bound"] == "limited":
+            assert all(told["safe_mode_s"] is None for told in summary["compromised"])
 
 
 def test_a_robot_that_polls_no_sensor_from_boot_on_is_stopped_too():

@@ -8,15 +8,16 @@ from functools import cache
 
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
-from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.experiments.attack_trial import Airtime, airtime_since, sent, stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.robot.attacks.harm import STARVED
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import AttackSpec, Scenario
-from phalanx.sim.setup import limits_of
 
 AT_S, END_S = 12.0, 36.0
 F_MAX = 3
+# Requests that an auditor takes of one liar: one each T_audit / 2, and one at the beginning.
+MOST_TAKEN = 1 + round((END_S - AT_S) / (BtiConfig().t_audit_ms / 2000))
 
 
 def scenario(defence: str, *attacks: AttackSpec, robots: int = 12, end_s: float = END_S, seed: int = 1) -> Scenario:
@@ -42,9 +43,9 @@ def run(made: Scenario) -> Run:
 
 
 @cache
-def honest(defence: str) -> Run:
+def honest(defence: str, end_s: float = END_S) -> Run:
     """The same swarm, and nobody lies."""
-    return run(scenario(defence))
+    return run(scenario(defence, end_s=end_s))
 
 
 @dataclass
@@ -58,8 +59,8 @@ class Trial:
         self.summary = self.run.summary()
         self.liars = [robot for _, robot in sorted(self.run.robots.items()) if isinstance(robot, Attack)]
         self.kind = type(self.liars[0])
-        verdicts = [verdict for verdict in self.run.new_verdicts() if verdict[2] in self.run.compromised]
-        self.refusals = Counter(why for _, _, _, why in verdicts)
+        self.verdicts = self.run.new_verdicts()
+        self.refusals = Counter(why for _, _, tee, why in self.verdicts if tee in self.run.compromised)
 
     @property
     def harm(self) -> float:
@@ -71,6 +72,17 @@ class Trial:
         """P1's, of each liar."""
         return [stop_bound_s(self.run.scenario, output_missing=liar.output_missing) for liar in self.liars]
 
+    @property
+    def airtime(self) -> list[Airtime]:
+        """Of each liar, since it lies."""
+        before = honest(self.run.scenario.defence, AT_S)
+        return [airtime_since(self.run, liar.i, sent(before, liar.i)) for liar in self.liars]
+
+    @property
+    def taken_up(self) -> dict[int, int]:
+        """Requests without a form that auditors have looked at, by auditor: nobody honest sends one."""
+        return Counter(tor for _, tor, _, why in self.verdicts if why == Refusal.MALFORMED)
+
     def stopped_after_s(self) -> list[float | None]:
         """From the first deviation to Safe Mode; None for a liar that was not stopped."""
         return [
@@ -81,8 +93,8 @@ class Trial:
 
 def attacked(name: str, defence: str, *, robot: int | None = None, **options: float) -> Trial:
     """The attack with as many liars as it takes, from 12 s on."""
-    kind = ATTACKS[name]
-    specs = [AttackSpec(name=name, at_s=AT_S, options=options, robot=robot) for _ in range(kind.liars)]
+    liars = ATTACKS[name].liars(F_MAX)
+    specs = [AttackSpec(name=name, at_s=AT_S, options=options, robot=robot) for _ in range(liars)]
     return Trial(run(scenario(defence, *specs)), honest(defence))
 
 
@@ -122,16 +134,11 @@ def harmless(trial: Trial) -> None:
 
 
 def limited(trial: Trial) -> None:
-    """On the air no longer than its buckets say, each frame tried as often as a radio tries; and nobody starves."""
-    made = trial.run.scenario
-    limits = limits_of(made.bti, made.radio)
-    lied_s = END_S - AT_S
-    most_s = (limits.audit_capacity_us + limits.audit_us_per_s * lied_s) / 1e6
-    most_s += (limits.send_capacity_us + limits.send_us_per_s * lied_s) / 1e6
-    before = run(scenario(made.defence, end_s=AT_S))
-    for liar in trial.liars:
-        spent_s = trial.run.airtime_s[liar.i] - before.airtime_s[liar.i]
-        assert 0 < spent_s <= made.radio.tries * most_s
+    """For ever, and by its limit: what its bucket has, or what an auditor takes of one robot; and nobody starves."""
+    assert all(told["safe_mode_s"] is None for told in trial.summary["compromised"]), "it goes on for ever"
+    assert all(each.used_s <= each.bucket_s for each in trial.airtime)
+    assert all(taken <= MOST_TAKEN * len(trial.liars) for taken in trial.taken_up.values())
+    assert trial.harm < trial.kind.bites_from
     assert nobody_else_stopped(trial)
 
 

@@ -17,6 +17,7 @@ from phalanx.bundle import pack, reference
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u32, same
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_HEADER_BYTES, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
 
 from . import trusted
 from .fleet import BOUND, PAPER, Fleet, records
@@ -40,9 +41,9 @@ from .request import (
 )
 from .rounds import phase_of
 
-INPUT, RECV, SEND, ACMD = 1, 2, 3, 4
+INPUT, RECV, SEND, ACMD = ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, ENTRY_ACMD
 END = 0
-ENTRY_HEAD_BYTES = 7
+ENTRY_HEAD_BYTES = ENTRY_HEADER_BYTES
 # An expected output waits as: type u8, length u16, the cause's t as 4 bytes, payload.
 WAITING_HEAD_BYTES = 7
 

@@ -10,7 +10,9 @@ Source: RoboRebound §3.7; docs/spec/rebound.md.
 
 from __future__ import annotations
 
+from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
+from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
 
 from .fleet import PENDING, START, Fleet
@@ -21,11 +23,11 @@ AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC, AT_TOP_S, AT_AUTH_S, AT_AUTH_A = 2, 4, 8, 2
 AT_HCKPT, AT_TOKENS, AT_CHECKPOINT_LEN, AT_SEGMENT_LEN, HEAD_BYTES = 72, 92, 93, 95, 99
 TOKEN_BYTES = 14
 
-AUDIT = 0x80
-HELLO, FRAGMENT, TOKEN = 0, 1, 2
-AUDIT_HEAD_BYTES = 6
-FRAGMENT_HEAD_BYTES = AUDIT_HEAD_BYTES + 4
-TOKEN_FRAME_BYTES = AUDIT_HEAD_BYTES + 2 + 4 + 8
+AUDIT = table.KIND_AUDIT
+HELLO, FRAGMENT, TOKEN = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY
+AUDIT_HEAD_BYTES = table.AUDIT_HEADER_BYTES
+FRAGMENT_HEAD_BYTES = table.AUDIT_FRAGMENT.size
+TOKEN_FRAME_BYTES = table.AUDIT_TOKEN.size
 
 
 @kernel
@@ -130,7 +132,12 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     src, no, index, count = get_u16(frame, 1), get_u16(frame, 6), int(frame[8]), int(frame[9])
     body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
     size = length - FRAGMENT_HEAD_BYTES
-    if index >= count or count > 63 or index * body + size > f.rx.shape[2] or (index < count - 1 and size != body):
+    if (
+        index >= count
+        or count > MOST_FRAGMENTS
+        or index * body + size > f.rx.shape[2]
+        or (index < count - 1 and size != body)
+    ):
         return -1
     at = _place(f, i, src)
     x = f.rx_info[i, at]

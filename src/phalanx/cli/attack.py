@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import asdict, replace
 from typing import Any
 
 import click
 
-from phalanx.experiments.attack_trial import Trial, try_attack
-from phalanx.robot.attacks import ATTACKS
+from phalanx.errors import UsageError
+from phalanx.experiments.attack_trial import Airtime, Stop, Trial, try_attack
+from phalanx.experiments.mission_trial import try_mission_attack
+from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks.harm import UNEARNED
+from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
 
+from .attack_mission import options_of, show_trial
 from .sim import changed, progress, swarm_options, told
 from .terminal import end_status_line, print_json
 
@@ -20,50 +26,72 @@ DURATION_S = 60.0
 
 @click.group(epilog="Example: phalanx attack run spoof --defence none")
 def attack() -> None:
-    """Compromise a robot, and see what it can do and what stops it."""
+    """Compromise a robot, or its mission, and see what that can do and what stops it."""
 
 
 @attack.command("list", epilog="Example: phalanx attack list --json")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def list_attacks(as_json: bool) -> None:
-    """All attacks, and what each defence makes of them."""
-    rows: list[dict[str, Any]] = [
-        {
-            "name": name,
-            "does": kind.does,
-            "stopped_by": kind.stopped_by,
-            "verdicts": {defence: str(kind.verdicts[defence]) for defence in DEFENCES},
-        }
-        for name, kind in sorted(ATTACKS.items())
-    ]
+    """All attacks, by robots and on missions, and what each defence makes of them."""
+    rows = [{**_row(name, kind), "robots": "f_max" if kind.crowd else 1} for name, kind in sorted(ATTACKS.items())]
+    missions = [{**_row(name, kind), "against": kind.against} for name, kind in sorted(MISSION_ATTACKS.items())]
     if as_json:
-        print_json({"attacks": rows})
+        print_json({"attacks": rows, "missions": missions})
         return
-    width = max(map(len, ATTACKS))
-    click.echo(f"{'':{width}} " + " ".join(f"{defence:12}" for defence in DEFENCES))
+    width = max(map(len, (*ATTACKS, *MISSION_ATTACKS)))
+    _table("by robots", rows, width)
+    click.echo()
+    _table("on missions", missions, width)
+
+
+def _row(name: str, kind: type[Attack | MissionAttack]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "does": kind.does,
+        "stopped_by": kind.stopped_by,
+        "verdicts": {defence: str(kind.verdicts[defence]) for defence in DEFENCES},
+    }
+
+
+def _table(title: str, rows: list[dict[str, Any]], width: int) -> None:
+    click.echo(f"{title:{width}} " + " ".join(f"{defence:12}" for defence in DEFENCES))
     for row in rows:
-        click.echo(
-            f"{row['name']:{width}} " + " ".join(f"{word:12}" for word in row["verdicts"].values()) + row["does"]
-        )
+        against = f"{row['against']}: " if "against" in row else "f_max robots: " if row["robots"] == "f_max" else ""
+        words = " ".join(f"{word:12}" for word in row["verdicts"].values())
+        click.echo(f"{row['name']:{width}} {words}{against}{row['does']}")
         click.echo(f"{'':{width + 13 * len(DEFENCES)}} {row['stopped_by']}")
 
 
 @attack.command("run", epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
 @click.argument("name", metavar="NAME[:robot=I,at=T,…]")
 @click.option(
-    "--defence", type=click.Choice(DEFENCES), default="bound", show_default=True, help="none, the paper's, or ours."
+    "--defence",
+    type=click.Choice(DEFENCES),
+    default="bound",
+    show_default=True,
+    help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
 )
 @swarm_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def run(name: str, defence: Any, as_json: bool, **said: Any) -> int:
     """Run NAME beside the same run without it: the damage, whether and when it was stopped, and the bound.
 
-    Ends with 1 if a robot that should have been stopped in time was not.
+    Ends with 1 if a robot that should have been stopped in time was not, if one was on the air for longer than its
+    bucket lets it, or if a mission's verdict is not what was seen.
+    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and --json.
     """
     first = parse_attack(name)
-    others = ATTACKS[first.name].liars - 1 if first.name in ATTACKS else 0
-    attacks = (first, *(replace(first, robot=None),) * others)
-    scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence, attacks=attacks)
+    if first.name in MISSION_ATTACKS:
+        tried = try_mission_attack(first.name, defence, said.pop("seed") or 0, options_of(name, said))
+        show_trial(tried, as_json=as_json)
+        return 0 if tried.kept else 1
+    if first.name not in ATTACKS:
+        near = difflib.get_close_matches(first.name, (*ATTACKS, *MISSION_ATTACKS), 1, 0.5)
+        guess = f"did you mean {near[0]}? " if near else ""
+        raise UsageError(f"no attack {first.name!r}", f"{guess}phalanx attack list has all")
+    scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence)
+    others = ATTACKS[first.name].liars(scenario.bti.f_max) - 1
+    scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     tell = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
 
     def on_step(which: str, run: Run) -> None:
@@ -74,10 +102,12 @@ def run(name: str, defence: Any, as_json: bool, **said: Any) -> int:
     finally:
         end_status_line()
     if as_json:
-        print_json(asdict(trial) | {"stopped_in_time": trial.stopped_in_time})
+        stops = [asdict(stop) | {"bound_s": trial.bound_of(stop)} for stop in trial.stops]
+        kept = {"stopped_in_time": trial.stopped_in_time, "within_buckets": trial.within_buckets}
+        print_json(asdict(trial) | kept | {"stops": stops})
     else:
         _show(trial)
-    return 1 if trial.stopped_in_time is False else 0
+    return 1 if trial.broken else 0
 
 
 def _show(trial: Trial) -> None:
@@ -87,21 +117,50 @@ def _show(trial: Trial) -> None:
         "defence": f"{trial.defence}, which should make it: {trial.declared}",
         "distance to the goal": f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
         f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack",
-        "harm": f"{trial.harm:.3g} {trial.harm_unit}".strip()
-        + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts)",
+        "harm": f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip()
+        + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts){_stands_still(trial)}",
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "
         f"{len(attacked['without_quorum'])} for want of a quorum",
     }
-    for stop in trial.stops:
-        began = told(stop.first_deviation_s, ".2f", " s")
-        words = "did nothing wrong yet" if stop.first_deviation_s is None else f"deviated at {began}, "
-        if stop.first_deviation_s is not None:
-            late = told(stop.after_s, ".2f", " s later")
-            words += "was not stopped" if stop.safe_mode_s is None else f"in Safe Mode {late}"
-        rows[f"robot {stop.robot}"] = words
-    rows["bound"] = told(trial.bound_s, ".3f", " s from deviation to Safe Mode") + (
-        "" if trial.stopped_in_time is None else f": {'kept' if trial.stopped_in_time else 'BROKEN'}"
-    )
+    if trial.idle:
+        rows["without effect"] = f"{', '.join(trial.idle)}: makes no difference under {trial.defence}"
+    rows |= {f"robot {stop.robot}": _ended(trial, stop) for stop in trial.stops}
+    rows |= {f"airtime of {each.robot}": _airtime(each) for each in trial.airtime}
+    if not trial.airtime:
+        rows["bound"] = _bound(trial)
     for label, words in rows.items():
         click.echo(f"{label:22} {words}")
+
+
+def _stands_still(trial: Trial) -> str:
+    stopped = any(stop.safe_mode_s is not None for stop in trial.stops)
+    if ATTACKS[trial.attack].harm is not UNEARNED or not stopped:
+        return ""
+    return "; it was stopped and stands still: this is how far on an honest robot would be by now"
+
+
+def _ended(trial: Trial, stop: Stop) -> str:
+    began = "never deviated" if stop.first_deviation_s is None else f"deviated at {stop.first_deviation_s:.2f} s"
+    if stop.safe_mode_s is None:
+        return f"{began}, is not in Safe Mode"
+    bound = told(trial.bound_of(stop), ".3f", " s allowed")
+    later = "" if stop.after_s is None else f", {stop.after_s:.2f} s later" + (f" ({bound})" if bound != "-" else "")
+    return f"{began}, in Safe Mode at {stop.safe_mode_s:.2f} s{later}"
+
+
+def _airtime(each: Airtime) -> str:
+    kept = "kept" if each.used_s <= each.bucket_s else "BROKEN"
+    on_air = f"{100 * each.on_air_s / each.seconds:.2f} %" if each.seconds else "nothing"
+    return (
+        f"{1000 * each.used_s:.1f} ms of AUDIT frames in {each.seconds:.2f} s, each counted once; its bucket lets out "
+        f"{1000 * each.bucket_s:.1f} ms: {kept}; with all tries on the air {on_air} of the time"
+    )
+
+
+def _bound(trial: Trial) -> str:
+    if trial.bound_s is None:
+        return "none is promised"
+    longer = f", {trial.missing_s:g} s more where an output was missing" if trial.missing_s else ""
+    kept = "kept" if trial.stopped_in_time else "BROKEN"
+    return f"{trial.bound_s:.3f} s from deviation to Safe Mode{longer}: {kept}"

@@ -15,8 +15,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.mission import EncodedMission, Mission, StartKey, parse_mission, parse_start_key, plain_mission
-from phalanx.mission.records import FILE_LIMIT, FOREVER_S
+from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
+from phalanx.mission.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.refused import MalformedMission
 
 TEXT_LIMIT = 32 << 20
@@ -204,3 +204,27 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
         path.write_bytes(data)
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
+
+
+def is_encoded(source: str) -> bool:
+    """Whether a command's FILE|BUILTIN is an encoded mission's file.
+
+    Raises: UsageError: there is neither.
+    """
+    if source in built_in_missions():
+        return False
+    what = f"a mission's file, or one of {', '.join(built_in_missions())}"
+    return read_bytes(Path(source), FILE_LIMIT, what).startswith(MAGIC)
+
+
+def start_key_of(path: Path, given: Path | None, encoded: EncodedMission, option: str) -> StartKey | None:
+    """The start key of an encoded mission: the one given, or the one that lies beside its file.
+
+    Raises: UsageError: a sealed mission without one; `option` is where to say it.
+    """
+    beside = path.with_name(path.name + ".key")
+    if given is not None or beside.exists():
+        return read_start_key(given or beside)
+    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
+        raise UsageError(f"{path} needs its start key", f"{option} FILE, or {beside.name} beside it")
+    return None

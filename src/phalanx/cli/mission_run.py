@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import random
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +17,18 @@ from phalanx.mission import (
     EncodedMission,
     Mission,
     Profile,
-    StartKey,
     admit,
     build,
     check_signature,
 )
-from phalanx.mission.landmarks import FloorPlan, WallCode
-from phalanx.mission.observable import Landmark
-from phalanx.mission.records import OPEN_START
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.mission_orders import furnished
 from phalanx.sim.mission_recording import write_recording
 from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
 from phalanx.sim.odometry import OdometryNoise, Pose
 
-from .mission_files import MAGIC, built_in_missions, read_encoded, read_plain, read_start_key, read_trusted
+from .mission_files import is_encoded, read_encoded, read_plain, read_trusted, start_key_of
 from .terminal import Progress, counted, end_status_line, print_json
-
-CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
 
 
 @click.command(
@@ -97,9 +91,9 @@ def run_command(
     """
     trusted = [read_trusted(word) for word in trust] or None
     plain: Mission | None = None
-    if _is_encoded(source):
+    if is_encoded(source):
         encoded = read_encoded(Path(source))
-        pairs = [(encoded, _start_key(Path(source), key, encoded))]
+        pairs = [(encoded, start_key_of(Path(source), key, encoded, "--key"))]
     else:
         if trusted or key:
             raise UsageError("--trust and --key are for encoded missions", "phalanx mission build makes one")
@@ -110,7 +104,7 @@ def run_command(
     if told_start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "--start X,Y, or start_pose in the map")
     if plain is not None:
-        plan = with_codes(plan, plain)
+        plan = furnished(plan, plain)
     count = robots if robots is not None else len(pairs)
     begin_s = float(pairs[0][0].header.valid_from_s) if at_s is None else at_s
     if plain is None:
@@ -163,40 +157,6 @@ def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, no
     if encoded.header.robots and robots > len(encoded.header.robots):
         raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
     admit(encoded, (encoded.header.robots or (1,))[0], now_s, ())
-
-
-def with_codes(plan: FloorPlan, plain: Mission) -> FloorPlan:
-    """The building with the QR codes on its walls that the mission's author put there and the map does not show."""
-    shown = {code.text for code in plan.codes}
-    hung = [
-        WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
-        for node in plain.nodes
-        for alias in node.see
-        for thing in alias
-        if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
-    ]
-    return replace(plan, codes=(*plan.codes, *hung)) if hung else plan
-
-
-def _is_encoded(source: str) -> bool:
-    if source in built_in_missions():
-        return False
-    try:
-        with Path(source).open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False  # read_plain says what is wrong
-
-
-def _start_key(path: Path, key: Path | None, encoded: EncodedMission) -> StartKey | None:
-    if key is not None:
-        return read_start_key(key)
-    beside = path.with_name(path.name + ".key")
-    if beside.exists():
-        return read_start_key(beside)
-    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
-        raise UsageError(f"{path} needs its start key", f"--key FILE, or {beside.name} beside it")
-    return None
 
 
 def _built(plain: Mission, profile: str, seed: int) -> list[Built]:

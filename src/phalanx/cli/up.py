@@ -18,23 +18,14 @@ from phalanx.gateway import pages_are_built
 from phalanx.gateway.simulated import DEFENCES, mission_swarm
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
-from phalanx.mission import BuildOptions, EncodedMission, Profile, StartKey, build, check_signature
+from phalanx.mission import BuildOptions, build, check_signature
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.mission.records import FILE_LIMIT, OPEN_START
 from phalanx.robot import Swarm
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.mission_orders import Orders, orders_of, orders_of_file
 from phalanx.sim.mission_swarm import DEFAULT_ROBOTS
 
-from .mission_files import (
-    MAGIC,
-    built_in_missions,
-    read_bytes,
-    read_encoded,
-    read_plain,
-    read_start_key,
-    read_trusted,
-)
+from .mission_files import is_encoded, read_encoded, read_plain, read_trusted, start_key_of
 from .options import broker_options, link_options, read_login
 from .run import run
 from .terminal import EventLines, end_status_line, plain, qr_text, status_line
@@ -146,7 +137,7 @@ def _robots(
     mission: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...], count: int, seed: int
 ) -> Iterator[Swarm | None]:
     """Robots that live missions, the first of which has begun if there is one; None where no mission is wanted."""
-    if (start_key is not None or trust) and (mission is None or not _is_encoded(mission)):
+    if (start_key is not None or trust) and (mission is None or not is_encoded(mission)):
         raise UsageError("--start-key and --trust are for encoded missions", "phalanx mission build makes one")
     if mission is None and world is None:
         yield None
@@ -163,32 +154,16 @@ def _orders(
 ) -> tuple[FloorPlan, Orders | None]:
     if mission is None:
         return load_floorplan(world or DEFAULT), None
-    if _is_encoded(mission):
+    if is_encoded(mission):
         path = Path(mission)
         encoded = read_encoded(path)
         if trust:
             check_signature(encoded, [read_trusted(key) for key in trust])
         plan = load_floorplan(world or DEFAULT)
-        return plan, orders_of_file(path.stem, encoded, _start_key(path, start_key, encoded), plan)
+        return plan, orders_of_file(path.stem, encoded, start_key_of(path, start_key, encoded, "--start-key"), plan)
     told = read_plain(mission)
     plan = load_floorplan(world or told.floor_plan or DEFAULT)
     return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
-
-
-def _is_encoded(source: str) -> bool:
-    if source in built_in_missions():
-        return False
-    what = f"a mission's file, or one of {', '.join(built_in_missions())}"
-    return read_bytes(Path(source), FILE_LIMIT, what).startswith(MAGIC)
-
-
-def _start_key(path: Path, given: Path | None, encoded: EncodedMission) -> StartKey | None:
-    beside = path.with_name(path.name + ".key")
-    if given is not None or beside.exists():
-        return read_start_key(given or beside)
-    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
-        raise UsageError(f"{path} needs its start key", f"--start-key FILE, or {beside.name} beside it")
-    return None
 
 
 def _talk(words: str) -> None:

@@ -25,8 +25,9 @@ from phalanx.sim.floorplan import load_floorplan
 from phalanx.sim.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
 from .bti_flock import Statement, quantiles
+from .figure import BLUE, ORANGE
 from .mission_drive import PATIENT, TICK_S, driven
-from .mission_figure import BLUE, ORANGE, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable, Rows
 
 if TYPE_CHECKING:

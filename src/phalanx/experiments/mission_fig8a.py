@@ -10,8 +10,9 @@ from phalanx.sim.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.odometry import NoiseModel, OdometryNoise
 
 from .bti_flock import Statement, quantiles
+from .figure import BLUE, GREEN, GREY, ORANGE
 from .mission_drive import TICK_S, encoded, record, replay
-from .mission_figure import BLUE, GREEN, GREY, ORANGE, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable, Rows
 
 if TYPE_CHECKING:

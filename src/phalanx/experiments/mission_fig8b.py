@@ -15,8 +15,9 @@ import numpy as np
 from phalanx.sim.odometry import NoiseModel, OdometryNoise
 
 from .bti_flock import Statement, quantiles
+from .figure import BLUE, ORANGE
 from .mission_drive import encoded, errors_m, record, replay
-from .mission_figure import BLUE, ORANGE, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable, Rows
 
 if TYPE_CHECKING:

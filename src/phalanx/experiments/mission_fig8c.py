@@ -27,8 +27,9 @@ from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.search import Budget, PaperSearch, rings_of
 
 from .bti_flock import Statement
+from .figure import BLUE, VERMILION
 from .mission_drive import encoded, record
-from .mission_figure import BLUE, VERMILION, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable, Rows
 
 if TYPE_CHECKING:

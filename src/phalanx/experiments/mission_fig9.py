@@ -9,9 +9,10 @@ import numpy as np
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
 
 from .bti_flock import Statement, quantiles
+from .figure import BLUE, GREEN, ORANGE, VERMILION
 from .mission_drive import office
 from .mission_explore import COLUMNS, LANDMARKS, ROBOTS, cases, ends, measure_case
-from .mission_figure import BLUE, GREEN, ORANGE, VERMILION, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable
 
 if TYPE_CHECKING:

@@ -8,25 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bti_flock import Statement
-from .figure import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    VERMILION,
-    dress_axes,
-    new_figure,
-    save_figure,
-    write_margins,
-)
+from .figure import dress_axes, new_figure, save_figure, write_margins
 from .mission_table import CaseFile, CaseTable, Rows, read_case_table
 from .version import version
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
-
-__all__ = ["BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "VERMILION", "MissionFigure", "draw", "measure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .bti_flock import Statement, quantiles
+from .figure import BLUE
 from .mission_explore import COLUMNS, KNOWS_M, LANDMARKS, ROBOTS, cases, ends, measure_case
-from .mission_figure import BLUE, MissionFigure
+from .mission_figure import MissionFigure
 from .mission_table import CaseTable, Rows
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND, Work
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
+from phalanx.wire.table import KIND_STATE, KIND_WHEELS_STATE
 
 from . import auditor
 from .controllers import dispatch
@@ -20,7 +21,7 @@ from .controllers import dispatch
 NOTHING, REPLY, WHOLE, INSTALLED = 0, 1, 2, 3
 TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
 ID_AT = 1
-STATE_KINDS = (0x01, 0x07)
+STATE_KINDS = (KIND_STATE, KIND_WHEELS_STATE)
 
 
 @kernel

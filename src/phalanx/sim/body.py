@@ -8,11 +8,17 @@ from __future__ import annotations
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.fields import get_f32, get_i8, put_f32
 from phalanx.robot.controllers.sine import sine_cosine
-from phalanx.robot.controllers.wheels import COMMAND_BYTES as WHEELS_COMMAND_BYTES
-from phalanx.robot.controllers.wheels import KIND_COMMAND, KIND_READING
-from phalanx.robot.controllers.wheels import READING_BYTES as WHEELS_READING_BYTES
 from phalanx.wire.fields import Row, put_u16, put_u64
-from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_SENSOR, SENSOR
+from phalanx.wire.table import (
+    ACCELERATION,
+    KIND_ACCELERATION,
+    KIND_SENSOR,
+    KIND_WHEELS_COMMAND,
+    KIND_WHEELS_SENSOR,
+    SENSOR,
+    WHEELS_COMMAND,
+    WHEELS_SENSOR,
+)
 
 from . import motion
 from .world import World
@@ -20,6 +26,8 @@ from .world import World
 POINT_MASS, WHEELS = 0, 1
 SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size
+WHEELS_SENSOR_BYTES = WHEELS_SENSOR.size
+WHEELS_COMMAND_BYTES = WHEELS_COMMAND.size
 ID, TIME, REST = 1, 3, 11
 MOST_MPS2 = 5.0
 BODY_M = 0.04
@@ -72,11 +80,11 @@ def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
         put_f32(q, REST + 8, world.vel[i, 0])
         put_f32(q, REST + 12, world.vel[i, 1])
         return int(SENSOR_BYTES)
-    q[0] = KIND_READING
+    q[0] = KIND_WHEELS_SENSOR
     put_f32(q, REST, world.pos[i, 0] * 1000.0)
     put_f32(q, REST + 4, world.pos[i, 1] * 1000.0)
     put_f32(q, REST + 8, world.vel[i, 0])
-    return int(WHEELS_READING_BYTES)
+    return int(WHEELS_SENSOR_BYTES)
 
 
 @kernel
@@ -89,7 +97,7 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
         if length == COMMAND_BYTES and command[0] == KIND_ACCELERATION:
             advance(world, i)
             motion.command(world.acc, i, get_f32(command, REST), get_f32(command, REST + 4), MOST_MPS2)
-    elif length == WHEELS_COMMAND_BYTES and command[0] == KIND_COMMAND:
+    elif length == WHEELS_COMMAND_BYTES and command[0] == KIND_WHEELS_COMMAND:
         advance(world, i)
         world.acc[i, 0] = _share(get_i8(command, REST))
         world.acc[i, 1] = _share(get_i8(command, REST + 1))

@@ -16,7 +16,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks import ATTACKS, check_options
 from phalanx.robot.attacks.attack import Defence
 
 DEFENCES: tuple[Defence, ...] = get_args(Defence)
@@ -53,6 +53,8 @@ class AttackSpec:
         _within("at_s", self.at_s, 0.0, LONGEST_S)
         if self.until_s is not None and not self.at_s < self.until_s < math.inf:
             raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
+        if self.name in ATTACKS:  # for others a scenario has words of its own
+            check_options(ATTACKS[self.name], self.options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

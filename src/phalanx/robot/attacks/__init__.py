@@ -16,6 +16,7 @@ from .forged_logs import (
 )
 from .forged_tokens import Collude, ForgeTokens, ReplayTokens, SelfIssue, ShareTokens, ZeroKey
 from .hijack import Dawdle, Flee, Hijack, Nondeterministic
+from .options import check_options, idle_options
 from .senses import Interleave, KeyOfTomorrow, SpoofGps, StarveSensors, StuckSensor
 from .silence import Crash, OmitSends, RefuseAudit, RefuseToAudit
 from .spoof import Spoof
@@ -38,4 +39,4 @@ ATTACKS: dict[str, type[Attack]] = {
     )
 }  # fmt: skip
 
-__all__ = ["ATTACKS", "Attack", "Plan"]
+__all__ = ["ATTACKS", "Attack", "Plan", "check_options", "idle_options"]

@@ -32,7 +32,7 @@ class StaleAnswers(Attack):
     stopped_by = "nothing has to: as an answer counts only a token that is not older than the request"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
     harm = STARVED
-    liars = 3
+    crowd = True
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -64,7 +64,7 @@ class WrongCheckpoint(Attack):
     stopped_by = "nothing has to: as an answer counts only a token for the checkpoint that the request claims"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
     harm = STARVED
-    liars = 3
+    crowd = True
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """A request is read as if its claim were its start."""
@@ -94,7 +94,6 @@ class Drain(RefuseToAudit):
     does = "sends each auditor one true token request again and again, so that it has no audits left for others"
     stopped_by = "nothing has to: a token request counts once, and a-nodes make few"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
-    liars = 3
     period_ms = 20
 
     def __init__(self, *args: Any, **more: Any) -> None:

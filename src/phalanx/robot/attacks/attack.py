@@ -22,11 +22,12 @@ from phalanx.robot import auditor, node
 from phalanx.robot.cnode import Action, CNode, row
 from phalanx.robot.cnode import Verdict as Told
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, compiled
+from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .harm import STRAYED, Harm
+from .options import Option
 
 # What a defence does to an attack: it stops the robot within P1's bound; it limits the harm to its buckets; the attack
 # does nothing that matters under it; it is out of any defence's reach; or it goes on for ever, or does its harm first.
@@ -86,7 +87,8 @@ class Attack(CNode):
         harm: how its damage is measured; from `bites_from` of it on, the attack bites.
         period_ms: `on_wake` is called so often while it lies; 0 never.
         on_wheels: whether it makes sense for the demo's robots, whatever controller they run.
-        liars: robots it takes.
+        crowd: whether it takes f_max robots, and not one.
+        options: what else can be asked of it, by name.
     """
 
     name: ClassVar[str]
@@ -97,7 +99,8 @@ class Attack(CNode):
     bites_from: ClassVar[float] = 1.0
     period_ms: ClassVar[int] = 0
     on_wheels: ClassVar[bool] = False
-    liars: ClassVar[int] = 1
+    crowd: ClassVar[bool] = False
+    options: ClassVar[Mapping[str, Option]] = {}
 
     def __init__(
         self,
@@ -116,6 +119,7 @@ class Attack(CNode):
         self.seen: dict[int, Motion] = {}
         self.me = Motion(0.0, 0.0, 0.0, 0.0)
         self.worst_claim_m = 0.0
+        self.sensed_ms = 0  # its last reading: in Safe Mode there are none
         bundled = compiled(fleet.settings[0].controller, fleet.params)
         self._honest = (make_controller or bundled)(self.id)
         self._steps = 0
@@ -124,6 +128,21 @@ class Attack(CNode):
             self._honest.decode(fleet.state[i, : r.state_len].tobytes())
             self._steps = int(r.step)
         self._put_out: list[Output] | None = None
+
+    @classmethod
+    def liars(cls, f_max: int) -> int:
+        """How many robots it takes, of the f_max that are tolerated."""
+        return f_max if cls.crowd else 1
+
+    @property
+    def alive_s(self) -> float:
+        """For how long it has had its mission key, until Safe Mode."""
+        return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
+
+    @property
+    def lied_s(self) -> float:
+        """For how long it has lied, until Safe Mode."""
+        return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
@@ -142,8 +161,9 @@ class Attack(CNode):
     def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
         """A reading is due; what goes out is compared with what an honest robot would put out."""
         reading = self.read(now_ms, reading)
+        self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack(reading)[3:]) if len(reading) == SENSOR.size else self.me
-        due = list(self._honest.on_input(self._steps, now_ms, reading))
+        due = checked_outputs(self._honest.on_input(self._steps, now_ms, reading), int(self.f.settings[0].frame_max))
         self._steps += 1
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
@@ -165,9 +185,9 @@ class Attack(CNode):
         """T_audit has passed."""
         return self.round_due(now_ms) if self.lies(now_ms) else super().on_round(now_ms)
 
-    def on_wake(self, now_ms: int) -> list[Action]:
+    def on_wake(self, now_ms: int) -> list[Action]:  # noqa: ARG002 - what attacks with a period override
         """Something out of turn, each `period_ms` while it lies."""
-        raise NotImplementedError(f"{self.name} at {now_ms} ms: period_ms without on_wake")
+        return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
 

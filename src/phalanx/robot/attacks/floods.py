@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -20,10 +21,14 @@ LIMITED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound"
 GHOSTS = 400
 
 
-class Flood(Attack):
+class Flood(Attack, ABC):
     """Leaves room for its own audits, which it means to pass."""
 
     QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
+    # Whether `bound` has a limit for it, which its own audits share: then it pours when it has its tokens, until so
+    # much of the round is over. In the rest the bucket fills again.
+    SHARES: ClassVar[bool] = True
+    POURED: ClassVar[float] = 0.8
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -36,17 +41,18 @@ class Flood(Attack):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """More, unless its own audits are due."""
-        t_audit, (before_ms, after_ms) = int(self.f.settings[0].t_audit), self.QUIET_MS
-        audited = int(self.f.settings[0].profile) != PLAIN
-        return (
-            []
-            if audited and (now_ms - self._round_ms + before_ms) % t_audit < before_ms + after_ms
-            else self.pour(now_ms)
-        )
+        s, (before_ms, after_ms) = self.f.settings[0], self.QUIET_MS
+        t_audit, profile = int(s.t_audit), int(s.profile)
+        shares = self.SHARES and profile == BOUND
+        if shares:
+            before_ms = round((1 - self.POURED) * t_audit)
+        quiet = (now_ms - self._round_ms + before_ms) % t_audit < before_ms + after_ms
+        waits = shares and self.f.robot[self.i].got <= s.f_max
+        return [] if profile != PLAIN and (quiet or waits) else self.pour(now_ms)
 
+    @abstractmethod
     def pour(self, now_ms: int) -> list[Action]:
         """More of it."""
-        raise NotImplementedError(f"{self.name} at {now_ms} ms")
 
 
 class RequestFlood(Flood):
@@ -54,24 +60,29 @@ class RequestFlood(Flood):
 
     name = "request-flood"
     does = "sends auditors empty requests for audits in everybody's name, so that true ones are turned away"
-    stopped_by = "in `bound` the a-node writes the source, and an auditor takes one request a robot and T_audit / 2"
+    stopped_by = "nothing; in `bound` the a-node writes the source, and auditors take one a robot and T_audit / 2"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "limited"}
     harm = STARVED
     period_ms = 4
 
+    POURED = 0.5  # after that it would keep its own true requests from being taken
+
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._turn = 0
+        self._asked_ms: dict[int, int] = {}
 
     def pour(self, now_ms: int) -> list[Action]:
         """The next auditor hears of the next victim; under its own name only, no more than are looked at."""
         others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
-        s = self.f.settings[0]
-        own_ms = int(s.t_audit) // 2 // max(1, len(others)) + 1
-        if len(others) < 2 or (s.profile == BOUND and now_ms < self.plan.start_ms + self._turn * own_ms):
+        if len(others) < 2:
             return []
+        s, auditor = self.f.settings[0], others[self._turn % len(others)]
+        again_ms = self._asked_ms.get(auditor, 0) + int(s.t_audit) // 2
+        if s.profile == BOUND and now_ms < again_ms:
+            return []
+        self._asked_ms[auditor] = now_ms
         self._turn += 1
-        auditor = others[self._turn % len(others)]
         victim = others[(self._turn + 1 + self._turn // len(others)) % len(others)]
         frame = audit_frame(victim, auditor, request.FRAGMENT, b"\x00\x00\x00\x01" + bytes(8))
         return self.send(now_ms, frame, auditor)
@@ -82,16 +93,26 @@ class FrameFlood(Flood):
 
     name = "frame-flood"
     does = "fills the channel with long AUDIT frames, which no log shows"
-    stopped_by = "in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"
+    stopped_by = "nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = LIMITED
     harm = AIRTIME
     bites_from = 40.0
     period_ms = 2
 
+    TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._sent_ms = 0
+
     def pour(self, now_ms: int) -> list[Action]:
         """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
         s = self.f.settings[0]
-        nobody = max(self.plan.ids) + 1 if s.profile == BOUND else 0
+        bound = s.profile == BOUND
+        if bound and now_ms < self._sent_ms + self.TRIED_MS:
+            return []
+        self._sent_ms = now_ms
+        nobody = max(self.plan.ids) + 1 if bound else 0
         frame = audit_frame(self.id, nobody, 0x7F, bytes(int(s.frame_max) - request.AUDIT_HEAD_BYTES))
         return self.send(now_ms, frame, nobody or EVERYBODY)
 
@@ -147,7 +168,6 @@ class LongFrames(RefuseToAudit):
     stopped_by = "replay sends no such frame; and in `bound` logs have room for f_max robots that do so until then"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
     period_ms = 10
-    liars = 3
 
     BYTES: ClassVar[int] = 368  # a byte more, and a full bucket is too small
 
@@ -163,12 +183,12 @@ class SlotSquat(Attack):
     """
 
     name = "slot-squat"
-    does = "three accomplices begin requests for audits with everybody and never end them, so that no others fit in"
+    does = "begins requests for audits with everybody and never ends them, so that no others fit in"
     stopped_by = "a request that is not whole in time loses its place, and its sender none before T_audit / 2"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "limited", "bound": "limited"}
+    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
     harm = STARVED
     period_ms = 300
-    liars = 3
+    crowd = True
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """The same last fragment to each, once more."""
@@ -212,6 +232,8 @@ class Jam(Flood):
     harm = AIRTIME
     bites_from = 40.0
     period_ms = 2
+
+    SHARES = False
 
     def pour(self, now_ms: int) -> list[Action]:
         """Noise."""

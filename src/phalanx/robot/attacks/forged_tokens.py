@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -27,7 +28,7 @@ class Token(NamedTuple):
     mac: bytes
 
 
-class TokenForger(Hijack):
+class TokenForger(Hijack, ABC):
     """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
 
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
@@ -44,9 +45,9 @@ class TokenForger(Hijack):
                     self.gained += 1
         return []
 
+    @abstractmethod
     def tokens(self, now_ms: int) -> list[Token]:
         """What it has to offer."""
-        raise NotImplementedError(f"{self.name} at {now_ms} ms")
 
 
 class ForgeTokens(TokenForger):
@@ -141,7 +142,7 @@ class Collude(Hijack):
     on_wheels = False
     stopped_by = "f_max accomplices give f_max tokens at most, and f_max + 1 are needed"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    liars = 2
+    crowd = True
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """An accomplice's request gets its token at once."""

@@ -78,21 +78,20 @@ def _starved(_attack: Attack, attacked: Watched, _honest: Watched) -> float:
     return float((attacked.in_safe_mode & _correct(attacked)).sum())
 
 
-def _airtime(attack: Attack, attacked: Watched, _honest: Watched) -> float:
-    return 100 * float(attacked.airtime_s[attack.i]) / attacked.now_s
+def _airtime(attack: Attack, attacked: Watched, honest: Watched) -> float:
+    # A liar in Safe Mode is silent: neither the time after it counts, nor what an honest robot would have said then.
+    needed_s = float(honest.airtime_s[attack.i]) * attack.alive_s / attacked.now_s
+    return 100 * (float(attacked.airtime_s[attack.i]) - needed_s) / attack.lied_s if attack.lied_s else 0.0
 
 
 def _claim(attack: Attack, _attacked: Watched, _honest: Watched) -> float:
     return attack.worst_claim_m
 
 
-def _gained(attack: Attack, _attacked: Watched, _honest: Watched) -> float:
-    return float(attack.gained)
-
-
 STRAYED = Harm("how far correct robots are, on the mean, from where they would be", "m", _strayed)
 UNEARNED = Harm("how far the robot is from where an honest one would be", "m", _unearned)
 STARVED = Harm("correct robots in Safe Mode", "robots", _starved)
-AIRTIME = Harm("share of the time that the robot is on the air", "%", _airtime)
+AIRTIME = Harm(
+    "share of the time it lies, until Safe Mode, that it is on the air beyond an honest robot's", "%", _airtime
+)
 CLAIM = Harm("how far the robot was, at most, from where it said that it was", "m", _claim)
-GAINED = Harm("what the robot got out of the audits without being due it", "", _gained)

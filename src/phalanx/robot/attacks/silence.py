@@ -53,6 +53,7 @@ class RefuseToAudit(Attack):
     stopped_by = "nothing has to: others are asked instead, of which P2 wants f_max + 1 correct ones in range"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
     harm = STARVED
+    crowd = True
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Everything but requests."""

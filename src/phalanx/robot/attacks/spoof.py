@@ -11,6 +11,7 @@ from phalanx.robot.controllers.spoof import spoofed_state
 from phalanx.wire.table import KIND_STATE
 
 from .attack import MOTION, STOPPED, Attack, Defence, Verdict
+from .options import Option
 
 # Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes".
 LIES_PERIOD_MS = 250
@@ -29,6 +30,7 @@ class Spoof(Attack):
     stopped_by = "replay never sends such a state: no auditor issues a token, and the tokens it has run out"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     period_ms = 10
+    options: ClassVar[Mapping[str, Option]] = {"strong": Option(values=(0, 1), defences=("none",))}
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)

@@ -42,8 +42,6 @@ from .fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
 from .outputs import put_head
 from .sine import sine_cosine
 
-KIND_COMMAND = KIND_WHEELS_COMMAND
-KIND_READING = KIND_WHEELS_SENSOR
 READING_BYTES = WHEELS_SENSOR.size
 COMMAND_BYTES = WHEELS_COMMAND.size
 STATE_BYTES = WHEELS_STATE.size
@@ -139,7 +137,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
     """
     left, right = whole(0), whole(0)
-    known = length == READING_BYTES and reading[0] == KIND_READING and get_u16(reading, ID) == rob_id
+    known = length == READING_BYTES and reading[0] == KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
     known = known and are_fine(reading, BODY, 3)
     if known:
         copy(state, 0, reading, BODY, POSE_BYTES)
@@ -148,7 +146,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
             left, right = _towards(state)
         elif t_ms - get_u64(state, HEARD) <= whole(params[GOOD_MS]):
             left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
-    end = _put_message_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_COMMAND, rob_id, t_ms)
+    end = _put_message_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
     out[end + 1] = right & 255
     copy(out, end + 2, state, LED, LED_BYTES)

@@ -1,0 +1,68 @@
+"""What a trial of an attack promises, and when it says that a promise was not kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from trials import AT_S, F_MAX, scenario
+
+from phalanx.errors import UsageError
+from phalanx.experiments.attack_trial import Airtime, Stop, Trial, airtime_since, sent, try_attack
+from phalanx.robot.attacks import ATTACKS, check_options
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec
+
+TOLD = {"duration_s": 60.0}
+STOPPED = Trial("crash", "bound", "stopped", 10.101, (), 0.0, "m", "", 1.0, TOLD, TOLD, 0.0, missing_s=0.15)
+LIMITED = Trial("frame-flood", "bound", "limited", None, (), 0.0, "%", "", 1.0, TOLD, TOLD, 0.0)
+
+
+@pytest.mark.parametrize(
+    "after_s, output_missing, kept",
+    [(10.101, False, True), (10.102, False, False), (10.102, True, True), (10.251, True, True), (10.252, True, False)],
+)
+def test_only_who_left_something_out_has_the_time_until_it_is_missed(after_s, output_missing, kept):
+    trial = replace(STOPPED, stops=(Stop(1, 0.0, after_s, output_missing),))
+    assert trial.stopped_in_time is kept
+    assert trial.broken is not kept
+
+
+@pytest.mark.parametrize("used_s, kept", [(0.2, True), (0.2001, False)])
+def test_more_airtime_than_a_bucket_has_is_a_broken_promise(used_s, kept):
+    trial = replace(LIMITED, airtime=(Airtime(1, 24.0, 0.1, 0.2, 0.1), Airtime(2, 24.0, used_s, 0.2, 0.1)))
+    assert trial.within_buckets is kept
+    assert trial.broken is not kept
+    assert trial.stopped_in_time is None
+
+
+def test_with_more_than_f_max_liars_nothing_is_promised():
+    crowd = [AttackSpec(name="crash", at_s=1.0)] * (F_MAX + 1)
+    assert try_attack(scenario("bound", *crowd, end_s=2)).bound_s is None
+    assert try_attack(scenario("bound", *crowd[1:], end_s=2)).bound_s == 10.101
+
+
+def test_a_robot_is_on_the_air_for_as_long_as_its_frames_take():
+    """A HELLO each round and requests: an a-node and the radio agree within the radio's rounding, if nothing is lost."""
+    run = Run(scenario("bound"))
+    run.advance(AT_S)
+    before = [sent(run, i) for i in range(12)]
+    run.advance(AT_S + 8)
+    for i in range(12):
+        airtime = airtime_since(run, i, before[i])
+        assert (airtime.robot, airtime.seconds) == (i + 1, 8.0)
+        assert 0 < airtime.used_s < airtime.bucket_s / 3, "an honest robot needs less than half of it"
+        states_s = 8 / 1.5 * 148e-6
+        assert airtime.on_air_s == pytest.approx(airtime.used_s + states_s, rel=0.15)
+
+
+def test_every_option_of_every_attack_is_taken_with_each_of_its_values_and_no_other():
+    assert {name for name, kind in ATTACKS.items() if kind.options} == {"spoof"}
+    for kind in ATTACKS.values():
+        for name, option in kind.options.items():
+            for value in option.values:
+                check_options(kind, {name: value})
+            with pytest.raises(UsageError, match=f"{kind.name} have {name}=7.5"):
+                check_options(kind, {name: 7.5})
+        with pytest.raises(UsageError, match="no 'nothing'"):
+            check_options(kind, {"nothing": 1.0})
