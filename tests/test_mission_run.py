@@ -266,3 +266,13 @@ def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:
     for model in NoiseModel:
         assert OdometryNoise.parse(f"0.1,0.2,{model.value}") == OdometryNoise(0.1, 0.2, model)
     assert isinstance(_command("inspection", "--noise", "0.1;0.2")[2], UsageError)
+
+
+def test_a_run_in_which_nothing_was_searched_prints_no_figures_of_it(tmp_path: Path) -> None:
+    hall, mission = tmp_path / "hall.yaml", tmp_path / "open.yaml"
+    hall.write_text("size: [10, 10]\nwalls: []\n")
+    mission.write_text("mission: open\nnodes:\n  start: {start: true, final: true, see: {doorway: [5, 5]}}\n")
+    code, out, error = _command(str(mission), "--world", str(hall), "--start", "3,1.5", "--duration", "1")
+    assert error is None
+    assert code == 1
+    assert "search                -" in out

@@ -126,7 +126,9 @@ def sealed_file() -> tuple[bytes, bytes]:
     gate, secret = b"\x47" * 32, b"\x53" * 32
     seen = b"\x01" + position(7, 4)
     salt = hkdf(gate, b"phalanx mission gate" + MISSION_ID + struct.pack("<IB", 0, 0))
-    out = hashlib.scrypt(seen, salt=salt, n=16, r=8, p=1, dklen=64)
+    # 3.0 m is the 7th or 8th cell of 0.4 m: it lies 200 mm from 2.8 m; 1.5 m lies 100 mm before 1.6 m.
+    hint = struct.pack("<Hhhhh", POSITION_SHAPE, 200, -100, 0, 0)
+    out = hashlib.scrypt(seen + hint, salt=salt, n=16, r=8, p=1, dklen=64)
     bound = sha3(head) + struct.pack("<I", 0)
     locked = AESGCM(out[32:]).encrypt(bytes(12), secret, bound + b"\x00")
     visited = sha3(b"visited" + hkdf(secret, b"visited"))
@@ -135,8 +137,6 @@ def sealed_file() -> tuple[bytes, bytes]:
     padded = (struct.pack("<I", len(told)) + told).ljust(64, b"\x00")
     payload = AESGCM(hkdf(secret, b"payload")).encrypt(bytes(12), padded, bound + core)
     record = core + struct.pack("<H", len(payload)) + payload
-    # 3.0 m is the 7th or 8th cell of 0.4 m: it lies 200 mm from 2.8 m; 1.5 m lies 100 mm before 1.6 m.
-    hint = struct.pack("<Hhhhh", POSITION_SHAPE, 200, -100, 0, 0)
     key = b"PHXK\x01" + MISSION_ID + struct.pack("<II", 1, 0) + gate + b"\x01" + hint + struct.pack("<H", 0)
     return head + record, key
 
@@ -187,7 +187,8 @@ def sealed_cases() -> list[dict[str, Any]]:
         gate, node, alias = bytes(range(32)), 7, 2
         secret = gate + b"".join(sorted(bytes.fromhex(message) for message in messages))
         salt = hkdf(secret, b"phalanx mission gate" + MISSION_ID + struct.pack("<IB", node, alias))
-        out = hashlib.scrypt(SEEN[1], salt=salt, n=16, r=8, p=1, dklen=64)
+        hint = struct.pack("<Hhhhh", POSITION_SHAPE, 20, -10, 0, 0)
+        out = hashlib.scrypt(SEEN[1] + hint, salt=salt, n=16, r=8, p=1, dklen=64)
         rows.append(
             {
                 "name": name,
@@ -197,6 +198,7 @@ def sealed_cases() -> list[dict[str, Any]]:
                 "node": node,
                 "alias": alias,
                 "canonical_hex": SEEN[1].hex(),
+                "offset": [20, -10, 0, 0],
                 "salt_hex": salt.hex(),
                 "mark_hex": out[:32].hex(),
                 "key_hex": out[32:].hex(),

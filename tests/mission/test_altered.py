@@ -20,6 +20,7 @@ from phalanx.mission import (
     Position,
     Profile,
     State,
+    Walker,
     admit,
     check_signature,
     parse_mission,
@@ -113,6 +114,22 @@ def test_every_byte_of_a_mission_counts(profile):
         altered[bit // 8] ^= 1 << bit % 8
         got = walked(mission, bytes(altered), one)
         assert got is None or (got == expected[: len(got)] and len(got) < len(expected)), bit
+
+
+def test_no_bit_of_a_start_key_can_be_changed_to_any_use():
+    """Nobody signs it, and an open start is in a file whose signature may not be looked at."""
+    mission = cheap(corridor(2), Profile.SEALED)
+    one = built(mission, Profile.SEALED, open_start=True)
+    raw = one.mission.start
+    assert decoded_of(walk(mission, Walker(one.mission), steps_each=4)) == honest(mission, one) != []
+    for bit in range(8 * len(raw)):
+        altered = bytearray(raw)
+        altered[bit // 8] ^= 1 << bit % 8
+        try:
+            walker = Walker(replace(one.mission, start=bytes(altered)))
+        except PeerError:
+            continue
+        assert decoded_of(walk(mission, walker, steps_each=4)) == [], bit
 
 
 @pytest.mark.parametrize("profile", BOTH)

@@ -8,13 +8,13 @@ from dataclasses import fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, fork, walk, walker_for, walker_of
+from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, walk, walker_for, walker_of
 
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
 from phalanx.mission.canonical import Shape
-from phalanx.mission.claims import Claim, Unshown, allowed, opens, parse_claim, shows
+from phalanx.mission.claims import Claim, Unshown, opens, parse_claim, shows
 from phalanx.mission.observable import Cell, Offset
 from phalanx.mission.search import turns_of
 
@@ -63,22 +63,6 @@ def test_a_robot_cannot_pretend_to_have_seen_what_its_reading_does_not_show(prof
                 assert not shows(one.mission, STRAIGHT, claim, seen, (), released), (i, j)
     seen, claim, _ = claims[3]
     assert not shows(one.mission, STRAIGHT, claim, replace(seen, landmarks=()))
-
-
-@both
-def test_a_node_cannot_be_skipped(profile):
-    mission = cheap(corridor(4), profile)
-    one = built(mission, profile).mission
-    assert [node for node in range(4) if allowed(one, (), node)] == [0]
-    assert [node for node in range(4) if allowed(one, (0,), node)] == [1]
-    assert [node for node in range(4) if allowed(one, (0, 1), node)] == [1, 2]
-    assert not allowed(one, (0,), 4)
-    assert not allowed(one, (0,), -1)
-    draft = fork()
-    draft.nodes[-1] = replace(draft.nodes[-1], join=True)
-    joined = built(cheap(draft.mission(), profile), profile).mission
-    assert not allowed(joined, (0, 1), 3)
-    assert allowed(joined, (0, 1, 2), 3)
 
 
 @both

@@ -16,6 +16,7 @@ from worlds import BOTH, built, cheap, corridor, walk, walker_of
 from phalanx.errors import PeerError
 from phalanx.mission import Profile
 from phalanx.mission.claims import Unshown
+from phalanx.mission.gate import Hint
 from phalanx.mission.sealed import open_payload, open_secret, try_observation
 from phalanx.robot.controllers.mission_evidence import BadEvidence, pack_evidence, unpack_evidence
 
@@ -134,7 +135,7 @@ def test_neither_log_nor_checkpoint_nor_evidence_holds_a_gate_a_secret_or_a_name
     assert len(secrets) == 2 + 1 + 3
     for each in recording.steps:
         for claim in unpack_evidence(each.evidence, BEAMS)[0] if each.evidence else ():
-            _, key = try_observation(header, claim.observed, claim.salt)
+            _, key = try_observation(header, claim.observed, Hint(claim.shape, claim.offset), claim.salt)
             record = one.mission.nodes[claim.node]
             secret = open_secret(header, claim.node, claim.alias, key, record.aliases[claim.alias].secret)
             payload = open_payload(header, claim.node, record, secret)

@@ -25,7 +25,8 @@ from phalanx.mission import (
     sealed,
 )
 from phalanx.mission.canonical import AT_POSITION, Shape, place_bytes
-from phalanx.mission.observable import LANDMARK_TYPES, Cell
+from phalanx.mission.gate import Hint
+from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset
 from phalanx.mission.paper import node_hash
 from phalanx.mission.records import Header
 
@@ -71,7 +72,8 @@ def test_locks_are_hkdfs_and_scrypts(case):
     header = Header(Profile.SEALED, bytes(range(16)), CodingConfig(kdf_log2_n=4), 9)
     messages = tuple(bytes.fromhex(message) for message in case["messages_hex"])
     salt = sealed.node_salt(bytes.fromhex(case["gate_hex"]), messages, header, case["node"], case["alias"])
-    mark, key = sealed.try_observation(header, bytes.fromhex(case["canonical_hex"]), salt)
+    hint = Hint(Shape(AT_POSITION), Offset(*case["offset"]))
+    mark, key = sealed.try_observation(header, bytes.fromhex(case["canonical_hex"]), hint, salt)
     assert (salt.hex(), mark.hex(), key.hex()) == (case["salt_hex"], case["mark_hex"], case["key_hex"])
 
 

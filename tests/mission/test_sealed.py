@@ -80,7 +80,7 @@ def test_every_field_of_the_file_is_accounted_for():
 def test_no_stored_byte_depends_on_an_observation_except_through_scrypt(x, reading, turn, text, t_s):
     # scrypt is replaced by something that does not look at the observation: then two missions that differ in all that
     # is observed must be the same file, but for what is sealed under the nodes' random secrets.
-    def blind(header, canonical, salt):
+    def blind(header, canonical, hint, salt):
         return scrypt_module.scrypt(b"", salt, log2_n=1, r=1, length=64)[:32], bytes(32)
 
     with pytest.MonkeyPatch.context() as patched:
@@ -192,7 +192,7 @@ def test_what_a_claim_opens_does_not_open_what_comes_next():
         state, outcome = until_decoded(robot, state, seen)
         assert outcome.decoded
     claim, header = outcome.decoded.claim, one.mission.header
-    _, key = sealed.try_observation(header, claim.observed, claim.salt)
+    _, key = sealed.try_observation(header, claim.observed, Hint(claim.shape, claim.offset), claim.salt)
     record = one.mission.nodes[1]
     secret = sealed.open_secret(header, 1, claim.alias, key, record.aliases[claim.alias].secret)
     told = sealed.open_payload(header, 1, record, secret).ways[0].gate

@@ -21,6 +21,7 @@ from phalanx.mission import (
     build,
     check_signature,
 )
+from phalanx.mission.walker import LONGEST_S
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.mission_orders import furnished
 from phalanx.sim.mission_recording import write_recording
@@ -107,6 +108,8 @@ def run_command(
         plan = furnished(plan, plain)
     count = robots if robots is not None else len(pairs)
     begin_s = float(pairs[0][0].header.valid_from_s) if at_s is None else at_s
+    if not 0 <= begin_s < LONGEST_S:
+        raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     if plain is None:
         _admit(pairs[0][0], trusted, count, begin_s)
     run = MissionRun(
@@ -152,7 +155,7 @@ def _so_far(share: float, duration_s: float) -> str:
 
 def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
     """Refuse what a robot would: a mission that nobody trusted signed, for others, or for another time."""
-    if trusted:
+    if trusted or encoded.signer:
         check_signature(encoded, trusted)
     if encoded.header.robots and robots > len(encoded.header.robots):
         raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
@@ -201,9 +204,11 @@ def _show(told: dict[str, Any]) -> None:
         ("odometry_error_m", "odometry alone", "m"),
     ):
         cells = [
-            f"{which} {told[f'{name}_{which}']:.3f} {unit}" for which in ("p50", "max") if f"{name}_{which}" in told
+            f"{which} {value:.3f} {unit}"
+            for which in ("p50", "max")
+            if (value := told.get(f"{name}_{which}")) is not None  # nothing was searched, or seen
         ]
-        click.echo(f"{words:22}{'   '.join(cells)}")
+        click.echo(f"{words:22}{'   '.join(cells) or '-'}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
     for row in told["not_validated"]:

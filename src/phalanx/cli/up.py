@@ -157,8 +157,8 @@ def _orders(
     if is_encoded(mission):
         path = Path(mission)
         encoded = read_encoded(path)
-        if trust:
-            check_signature(encoded, [read_trusted(key) for key in trust])
+        if trust or encoded.signer:
+            check_signature(encoded, [read_trusted(key) for key in trust] or None)
         plan = load_floorplan(world or DEFAULT)
         return plan, orders_of_file(path.stem, encoded, start_key_of(path, start_key, encoded, "--start-key"), plan)
     told = read_plain(mission)

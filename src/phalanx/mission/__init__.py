@@ -6,7 +6,7 @@ it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
 
 from .authoring import plain_mission
 from .canonical import canonical
-from .claims import Claim, allowed, opens, parse_claim, shows
+from .claims import Claim, opens, parse_claim, shows
 from .compiling import build
 from .fix import Fix
 from .gate import StartKey, parse_start_key
@@ -66,7 +66,6 @@ __all__ = [
     "Time",
     "Walker",
     "admit",
-    "allowed",
     "build",
     "canonical",
     "check_signature",

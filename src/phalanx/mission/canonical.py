@@ -29,6 +29,7 @@ from .observable import (
 from .reader import Reader, text_of
 from .refused import MalformedMission
 
+LARGEST_ARGUMENT = 1e12
 VERSION = 1
 LANDMARK, POSITION, SENSOR, ACTION, TIME, MESSAGE, PREVIOUS, DIRECTION = range(1, 9)
 AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
@@ -150,7 +151,7 @@ def action_bytes(action: Action) -> bytes:
     for name, value in sorted(action.args):
         if isinstance(value, str):
             out += [_short(name), b"\x01", _short(value)]
-        elif abs(value) < 1e12:
+        elif abs(value) < LARGEST_ARGUMENT:
             out += [_short(name), b"\x00", _I64.pack(round(value * MILLI))]
         else:
             raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
@@ -170,6 +171,8 @@ def parse_action(raw: bytes) -> Action:
         if kind > 1 or len(args) == ARG_LIMIT:
             raise MalformedMission("not an action's argument")
         value: float | str = _name(reader) if kind else _I64.unpack(reader.take(8))[0] / MILLI
+        if not kind and not abs(float(value)) < LARGEST_ARGUMENT:
+            raise MalformedMission("a number in an action that cannot be said")
         args.append((key, value))
     return Action(name, tuple(args))
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Collection
 from dataclasses import dataclass
 
 from phalanx.config.mission import CodingConfig, MissionConfig
@@ -17,11 +16,11 @@ from phalanx.errors import PeerError, TooLarge
 
 from . import paper, sealed
 from .canonical import Shape, canonical, parse_shape, place_bytes
+from .gate import Hint
 from .observable import OFFSET_M2, OFFSET_RAD, Cell, Experience, Offset
 from .reader import Reader
-from .records import ROAM, START, EncodedMission, Profile
+from .records import EncodedMission, Profile
 from .refused import MalformedMission
-from .route import Map
 from .search import Found, as_seen, cell_seen, distance_m, rings_of, turns_of, variants
 
 CLAIM_LIMIT = 16_384
@@ -39,7 +38,7 @@ class Claim:
     """A decoded node, as an auditor is shown it.
 
     Args:
-        offset: of the cells; in the sealed profile the robot's word, off by at most half a cell.
+        offset: of the cells; another than the compiler's opens nothing.
         cell: that matched.
         observed: the canonical bytes that were hashed.
         salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
@@ -77,24 +76,6 @@ def parse_claim(raw: bytes) -> Claim:
     return Claim(node, alias, parse_shape(code), Offset(*rest[:4]), Cell(*rest[4:]), observed, salt, turn_rad)
 
 
-def allowed(mission: EncodedMission, opened: Collection[int], node: int) -> bool:
-    """Whether the graph lets a robot that opened these nodes, and no others, open this one: none is skipped.
-
-    Args:
-        mission: that is walked.
-        opened: earlier claims' nodes.
-        node: of this claim.
-    """
-    if not 0 <= node < len(mission.nodes):
-        return False
-    if mission.header.flags & ROAM:
-        return True
-    if not opened:
-        return bool(mission.nodes[node].flags & START)
-    graph = Map(mission)
-    return any(before in opened for before in graph.before[node]) and graph.may_enter(node, opened)
-
-
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     """What the claim opens the node with, by one hash or one KDF: a key (sealed), b"" (paper), or None: nothing."""
     if not 0 <= claim.node < len(mission.nodes) or not 0 <= claim.alias < len(mission.nodes[claim.node].aliases):
@@ -102,7 +83,8 @@ def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
     alias = mission.nodes[claim.node].aliases[claim.alias]
     if mission.header.profile is Profile.PAPER:
         return b"" if alias.offset == claim.offset and paper.node_hash(claim.observed) == alias.mark else None
-    mark, key = sealed.try_observation(mission.header, claim.observed, claim.salt)
+    hint = Hint(claim.shape, claim.offset)
+    mark, key = sealed.try_observation(mission.header, claim.observed, hint, claim.salt)
     return key if mark == alias.mark else None
 
 

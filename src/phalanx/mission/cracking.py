@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -20,10 +21,10 @@ from phalanx.crypto.sha3 import Targets, find_patched
 from . import sealed
 from .angles import TWO_PI
 from .canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
-from .gate import Gate, StartKey
+from .gate import Gate, Hint, StartKey
 from .observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
 from .opening import Opened, open_found
-from .records import EncodedMission
+from .records import EncodedMission, Header
 from .search import Found
 
 BATCH = 1 << 16  # cells of one batch of fast hashes
@@ -153,7 +154,7 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
         jobs = _jobs(mission, node, gate, box, before)
         while batch := list(islice(jobs, KDF_BATCH)):
             left -= len(batch)
-            answers = list(spread(lambda job: sealed.try_observation(mission.header, job[2], job[3]), batch))
+            answers = list(spread(partial(_try, mission.header, gate.hints), batch))
             hit = next(
                 (
                     (job, answer[1])
@@ -176,6 +177,11 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
                     share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
                     waiting.append((way.target, replace(way.gate, share=share), opened))
             break
+
+
+def _try(header: Header, hints: tuple[Hint, ...], job: tuple[int, Cell, bytes, bytes]) -> tuple[bytes, bytes]:
+    alias, _, observed, salt = job
+    return sealed.try_observation(header, observed, hints[alias], salt)
 
 
 def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:

@@ -27,8 +27,6 @@ from .search import Budget, Found, PaperSearch, turns_of
 from .search_sealed import Candidate, search_sealed
 from .state import State
 
-EXACT_M = 2e-3  # places are stored to the millimetre
-
 
 @dataclass(frozen=True, slots=True)
 class Find:
@@ -160,8 +158,8 @@ class Finder:
         opened, fix, reason, second = self._believe(state, seen, found, shifted)
         if opened is None:
             raise Unshown(f"a claim not to be believed: {reason.value}")
-        if not self._is_exact(opened) or len(beside) != (second is not None):
-            raise Unshown("the place claimed is not the node's, or a claim is there for nothing")
+        if len(beside) != (second is not None):
+            raise Unshown("a claim is there for nothing")
         return opened, fix
 
     def _shown(self, state: State, clear: Experience, claim: Claim) -> Found:
@@ -172,13 +170,6 @@ class Finder:
         if found is None or key is None:
             raise Unshown("the reading does not show what is claimed" if found is None else "the claim opens nothing")
         return replace(found, key=key)
-
-    def _is_exact(self, opened: Opened) -> bool:
-        """Whether a landmark claimed stands where its node says; a node with several aliases names no single place."""
-        truth, place = opened.landmark, opened.place_m
-        if truth is None or place is None or len(self.mission.nodes[opened.node].aliases) > 1:
-            return True
-        return max(abs(truth.x_m - place[0]), abs(truth.y_m - place[1])) <= EXACT_M
 
     def _unexplained(self, state: State, seen: Experience) -> Experience:
         """What was experienced, without the landmarks that are known to be other nodes' than the target's."""

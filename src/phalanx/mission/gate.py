@@ -27,6 +27,10 @@ class Hint:
     shape: Shape
     offset: Offset = Offset()  # noqa: RUF009  # a NamedTuple: nobody can change it
 
+    def encode(self) -> bytes:
+        """As stored, and as what it opens is bound to."""
+        return _HINT.pack(self.shape.code, *self.offset)
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Gate:
@@ -37,7 +41,7 @@ class Gate:
 
     def encode(self) -> bytes:
         """As stored, always of the same length for the same number of aliases."""
-        hints = b"".join(_HINT.pack(hint.shape.code, *hint.offset) for hint in self.hints)
+        hints = b"".join(hint.encode() for hint in self.hints)
         return self.share + bytes([len(self.hints)]) + hints
 
     def __repr__(self) -> str:

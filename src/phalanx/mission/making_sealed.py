@@ -39,7 +39,7 @@ class SealedMaker(Maker):
             messages = tuple(self.tokens[name] for name in nodes[i].wait)
             salt = sealed.node_salt(gates[i], messages, header, i, a)
             observed = observed_bytes(self.coding, nodes[i].see[a], hints[i][a].offset)
-            mark, key = sealed.try_observation(header, observed, salt)
+            mark, key = sealed.try_observation(header, observed, hints[i][a], salt)
             return Alias(mark, secret=sealed.seal_secret(header, i, a, key, secrets[i]))
 
         def share(i: int, way: PlainWay) -> bytes:

@@ -19,7 +19,7 @@ from phalanx.crypto.scrypt import scrypt
 from phalanx.crypto.sha3 import sha3_256
 
 from .canonical import action_bytes, parse_action
-from .gate import Gate, parse_gate
+from .gate import Gate, Hint, parse_gate
 from .observable import MM_PER_M, Action
 from .reader import Reader, text_of
 from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
@@ -74,10 +74,14 @@ def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) ->
     return bytes(a ^ b for a, b in zip(share, pad, strict=True))
 
 
-def try_observation(header: Header, canonical: bytes, salt: bytes) -> tuple[bytes, bytes]:
-    """(mark M, key W) of what was observed; the one slow step."""
+def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -> tuple[bytes, bytes]:
+    """(mark M, key W) of what was observed; the one slow step.
+
+    The hint is part of it: with another offset the same cell would be elsewhere, for a robot whose start key was
+    altered, and for an auditor who is told the offset by whom it audits.
+    """
     coding = header.coding
-    out = scrypt(canonical, salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=64)
+    out = scrypt(canonical + hint.encode(), salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=64)
     return out[:32], out[32:]
 
 

@@ -87,7 +87,7 @@ def search_sealed(  # noqa: C901  # one nest of loops, in the order of likelihoo
                 if budget.left <= 0:
                     return
                 budget.spend(1)
-                mark, key = sealed.try_observation(header, observed, salt)
+                mark, key = sealed.try_observation(header, observed, candidate.hint, salt)
                 if mark == mission.nodes[candidate.node].aliases[candidate.alias].mark:
                     offset = candidate.hint.offset
                     yield Found(

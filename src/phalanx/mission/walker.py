@@ -35,6 +35,7 @@ __all__ = ["State", "Walker"]
 
 PLANE_M = 5e5  # robots are nearer to the map's origin than this
 SIGHT_M = 1e3
+LONGEST_S = 1e12  # no clock of ours gets there
 
 
 class Walker:
@@ -137,7 +138,7 @@ class Walker:
         """The outcome of an experience that changes nothing, or None."""
         if state.phase in (Phase.HELD, Phase.DONE):
             return Outcome(self.order(state), reason=Reason.STOPPED)
-        if not seen.t_s >= state.t_s:
+        if not (seen.t_s >= state.t_s and abs(seen.t_s) < LONGEST_S):
             return Outcome(self.order(state), reason=Reason.CLOCK)
         return None
 

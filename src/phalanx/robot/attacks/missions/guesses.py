@@ -118,15 +118,16 @@ class GuessToken(Guess):
         (place,) = node.see[0]
         assert isinstance(place, Landmark), "the captured node is a code"
         offset = alias_offset(header.coding, node.see[0])
-        salt, do = b"", node.do
+        salt, do, hint = b"", node.do, None
         if header.profile is Profile.SEALED:
             # The action is in the payload, and not among what was observed.
-            salt, do = node_salt(parse_start_key(sent.key).gates[0].share, (), header, 0, 0), None
+            gate = parse_start_key(sent.key).gates[0]
+            salt, do, hint = node_salt(gate.share, (), header, 0, 0), None, gate.hints[0]
         while True:
             found: list[Cracked] = []
             for _ in range(TOKEN_BATCH):
                 code = replace(place, text=self.plan.chance.bytes(TOKEN_BYTES).hex())
                 observed = observed_bytes(header.coding, (code,), offset, do=do)
-                if mark == (try_observation(header, observed, salt)[0] if salt else sha3_256(observed)):
+                if mark == (try_observation(header, observed, hint, salt)[0] if hint else sha3_256(observed)):
                     found.append(Cracked(0, place.type, place.x_m, place.y_m, place.orientation_rad))
             yield Tried(TOKEN_BATCH, int(TOKENS), tuple(found))
