@@ -19,11 +19,11 @@ from phalanx.mission.audit import OUT_OF_REACH, Rates, audit
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
-from phalanx.mission.survey import survey
+from phalanx.mission.survey import begun_at, roomiest, survey
 from phalanx.sim.floorplan import load_floorplan
 
 from .mission_crack import crack, span
-from .mission_draw import draw_mission
+from .mission_draw import check_drawable, draw_mission, lived
 from .mission_files import (
     built_in_missions,
     parse_robots,
@@ -34,8 +34,8 @@ from .mission_files import (
     read_trusted,
     write_file,
 )
-from .mission_run import run_command
-from .terminal import end_status_line, print_json, status_line
+from .mission_run import parse_start, run_command
+from .terminal import end_status_line, print_json, status_line, talk
 
 SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
 WARNINGS = 10  # told by build
@@ -60,6 +60,11 @@ def mission() -> None:
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
 @profile_option
 @click.option("--map", "plan", metavar="MAP", help="Floor plan: explore it, or check the mission against it.")
+@click.option(
+    "--start",
+    metavar="X,Y[,DEGREES]",
+    help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
+)
 @click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
 @click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
 @click.option("--valid", metavar="FROM/TO", default="/", help="When: seconds or dates; either may be empty.")
@@ -71,6 +76,7 @@ def build_command(
     out: Path,
     profile: str,
     plan: str | None,
+    start: str | None,
     sign_key: Path | None,
     robots: str,
     valid: str,
@@ -91,7 +97,7 @@ def build_command(
         open_start=open_start,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    told = _mission(source, plan)
+    told = _explored(plan, start) if source is None else _mission(source, plan, start)
     _warn(told, options.profile)
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
@@ -117,13 +123,28 @@ def build_command(
             click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
 
 
-def _mission(source: str | None, plan: str | None) -> Mission:
-    if source is None and plan is None:
+def _explored(name: str | None, start: str | None) -> Mission:
+    """The mission to find every landmark of a map."""
+    if name is None:
         raise UsageError("nothing to build", f"a YAML file, one of {', '.join(built_in_missions())}, or --map MAP")
+    plan = load_floorplan(name)
+    if start is not None:
+        plan = begun_at(plan, parse_start(start))
+    elif plan.start is None:
+        x, y, heading = roomiest(plan)
+        plan = begun_at(plan, (x, y, heading))
+        talk(f"{plan.name} does not say where robots begin: in its roomiest place, for run: --start {x},{y}")
+    status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")
+    try:
+        return survey(plan)
+    finally:
+        end_status_line()
+
+
+def _mission(source: str, plan: str | None, start: str | None) -> Mission:
+    if start is not None:
+        raise UsageError("--start is for missions made from a map", "the mission's start node says where it begins")
     floor = load_floorplan(plan) if plan else None
-    if source is None:
-        assert floor is not None, "one of the two was given"
-        return survey(floor)
     told = read_plain(source)
     if floor is not None:
         shown = [landmark for site in landmarks_of(floor) for landmark in site.aliases]
@@ -286,15 +307,28 @@ def audit_command(source: str, profile: str, open_start: bool, as_json: bool) ->
     )
 
 
-@mission.command(epilog="Example: phalanx mission draw office --map office_40x40 --out office.svg")
+@mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
 @click.argument("source", metavar="MISSION.yaml|BUILTIN")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="A .png or .svg file.")
 @click.option("--map", "plan", metavar="MAP", help="Floor plan to draw behind it; without, the one the mission names.")
-def draw(source: str, out: Path, plan: str | None) -> None:
-    """Draw a mission's landmarks and ways on its map."""
+@click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
+def draw(source: str, out: Path, plan: str | None, simulate: bool, seed: int) -> None:
+    """Draw a mission's landmarks and ways on its map.
+
+    With --run also where a robot went, where it believed to be, and where odometry alone would have put it.
+    """
+    check_drawable(out)
     told = read_plain(source)
     name = plan or told.floor_plan
-    draw_mission(told, load_floorplan(name) if name else None, out)
+    floor = load_floorplan(name) if name else None
+    if simulate and floor is None:
+        raise UsageError("no map to simulate a robot on", "--map MAP, or map: NAME in the mission")
+    reports = lived(told, floor, seed) if simulate and floor is not None else []
+    draw_mission(told, floor, out, reports)
+    for report in reports:
+        end = "completed it" if report.done else f"stopped: {report.not_validated[-1][1]}"
+        click.echo(f"robot {report.robot + 1}: {len(report.decoded)} nodes, {report.t_s:.0f} s, {end}", err=True)
     click.echo(f"drawn: {out}", err=True)
 
 

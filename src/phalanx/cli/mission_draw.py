@@ -1,16 +1,27 @@
-"""A picture of a mission: walls, landmarks, ways."""
+"""A picture of a mission: walls, landmarks, ways, and the paths of robots that lived it."""
 
 from __future__ import annotations
 
 import importlib.util
 import math
+import os
+import random
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.figure import MATPLOTLIB_HINT
-from phalanx.mission import Landmark, Mission
+from phalanx.mission import BuildOptions, Landmark, Mission, Profile, build
 from phalanx.mission.landmarks.floorplan import FloorPlan
+from phalanx.sim.mission_orders import orders_of
+from phalanx.sim.mission_robot import Report
+from phalanx.sim.mission_run import MissionRun, run_mission
+from phalanx.sim.odometry import OdometryNoise
+
+from .terminal import Progress, end_status_line
 
 FORMATS = (".png", ".svg")
 # Okabe and Ito's colours, which the colour-blind tell apart.
@@ -23,17 +34,57 @@ COLOURS = {
 }
 OTHER = "#000000"
 ARROW_M = 0.8
+# True path, estimate, odometry alone: what a trace holds after its time.
+PATHS = (("true path", "black", "-", 1.6), ("estimate", "#D55E00", "--", 1.0), ("odometry alone", "#56B4E9", ":", 1.0))
+NOISE = OdometryNoise(0.03, 0.05)  # as phalanx mission run has it
 
 
-def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path) -> None:
-    """Write a PNG or SVG of a mission.
+def check_drawable(out: Path) -> None:
+    """A picture can be written there.
 
-    Raises: UsageError: neither of these. Unavailable: matplotlib is not installed, or it cannot be written.
+    Raises: UsageError: neither PNG nor SVG. Unavailable: matplotlib is not installed.
     """
     if out.suffix.lower() not in FORMATS:
         raise UsageError(f"{out} is neither PNG nor SVG", "--out mission.svg")
     if importlib.util.find_spec("matplotlib") is None:
         raise Unavailable("matplotlib is not installed, nothing can be drawn", MATPLOTLIB_HINT)
+
+
+def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
+    """What became of one robot for each part of a mission, with its trace; in the paper profile, as it is faster.
+
+    Raises: UsageError: a robot cannot be put where a part begins.
+    """
+    draws = random.Random(seed).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
+    orders = orders_of(mission, build(mission, BuildOptions(profile=Profile.PAPER), draws), plan)
+    run = MissionRun(
+        plan=orders.plan,
+        parts=orders.parts,
+        robots=len(orders.parts),
+        noise=NOISE,
+        seed=seed,
+        pool=orders.pool,
+        controller=orders.controller,
+        keep_trace=True,
+    )
+    progress = Progress()
+    try:
+        return run_mission(run, os.cpu_count() or 1, lambda share: progress.tell("simulated", share))
+    finally:
+        end_status_line()
+
+
+def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path, reports: Sequence[Report] = ()) -> None:
+    """Write a PNG or SVG of a mission.
+
+    Args:
+        mission: its landmarks and ways.
+        plan: to draw behind it.
+        out: see `check_drawable`.
+        reports: with traces; paths to draw.
+    Raises: UsageError: neither of these. Unavailable: matplotlib is not installed, or it cannot be written.
+    """
+    check_drawable(out)
     from matplotlib.figure import Figure  # noqa: PLC0415  # only who draws needs it
 
     figure = Figure(figsize=(9, 9), layout="constrained")
@@ -44,6 +95,9 @@ def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path) -> None:
             axes.plot([x0, x1], [y0, y1], color="0.3", linewidth=1.5, zorder=1)
     _draw_ways(axes, mission)
     _draw_nodes(axes, mission)
+    _draw_paths(axes, reports)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     x0, y0, x1, y1 = plan.bounds if plan is not None else mission.box_m
     axes.set_xlim(x0 - 1, x1 + 1)
     axes.set_ylim(y0 - 1, y1 + 1)
@@ -75,8 +129,15 @@ def _draw_nodes(axes: Any, mission: Mission) -> None:
             axes.annotate(node.name, node.place, (4, 4), textcoords="offset points", fontsize=7, zorder=4)
             if node.start or node.final:
                 axes.plot(*node.place, "s" if node.start else "*", color=OTHER, markersize=9, mfc="none", zorder=3)
-    if shown:
-        axes.legend(loc="upper right", fontsize=8)
+
+
+def _draw_paths(axes: Any, reports: Sequence[Report]) -> None:
+    for report in reports:
+        paths = np.array([[pose[:2] for pose in step[1:]] for step in report.trace])
+        for which, (label, colour, style, width) in enumerate(PATHS):
+            once = label if report is reports[0] else None
+            x, y = paths[:, which].T
+            axes.plot(x, y, style, color=colour, linewidth=width, label=once, zorder=5)
 
 
 def _arrow(axes: Any, thing: Landmark) -> None:

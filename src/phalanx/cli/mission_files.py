@@ -82,6 +82,8 @@ def read_plain(source: str) -> Mission:
         words = yaml.load(data, Loader=_UniqueKeys)  # noqa: S506  # a safe loader, with one more check
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UsageError(f"{source} is not YAML: {' '.join(str(error).split())[:200]}") from error
+    if words is None:
+        raise UsageError(f"{source} is empty", f"a mission's YAML file, or one of {', '.join(known)}")
     return plain_mission(words)
 
 
@@ -91,6 +93,8 @@ def read_encoded(path: Path) -> EncodedMission:
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
     data = read_bytes(path, FILE_LIMIT, "a file that phalanx mission build wrote")
+    if not data:
+        raise MalformedMission(f"{path} is empty")
     try:
         return parse_mission(data)
     except MalformedMission as error:
@@ -103,6 +107,8 @@ def read_start_key(path: Path) -> StartKey:
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
     data = read_bytes(path, FILE_LIMIT, "the .key file that phalanx mission build wrote")
+    if not data:
+        raise MalformedMission(f"{path} is empty")
     try:
         return parse_start_key(data)
     except MalformedMission as error:
@@ -173,7 +179,10 @@ def parse_robots(said: str) -> tuple[int, ...]:
         if not (match := re.fullmatch(r"\s*(\d{1,5})(?:-(\d{1,5}))?\s*", part)):
             raise UsageError(f"{part!r} is no robot", "--robots 1,2,7 or --robots 1-5")
         first, last = int(match[1]), int(match[2] or match[1])
-        out += range(first, min(last, 65_535) + 1)
+        # An empty list would mean that anybody may run it.
+        if not 1 <= first <= last <= 65_535:
+            raise UsageError(f"robots {part.strip()}", "ids from 1 to 65535, the lower first")
+        out += range(first, last + 1)
     return tuple(out)
 
 

@@ -21,6 +21,7 @@ from phalanx.mission import (
     build,
     check_signature,
 )
+from phalanx.mission.survey import roomiest
 from phalanx.mission.walker import LONGEST_S
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.mission_orders import furnished
@@ -29,7 +30,7 @@ from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summ
 from phalanx.sim.odometry import OdometryNoise, Pose
 
 from .mission_files import is_encoded, read_encoded, read_plain, read_trusted, start_key_of
-from .terminal import Progress, counted, end_status_line, print_json
+from .terminal import Progress, counted, end_status_line, print_json, talk
 
 
 @click.command(
@@ -103,7 +104,8 @@ def run_command(
     plan = load_floorplan(world or (plain.floor_plan if plain and plain.floor_plan else DEFAULT))
     told_start = parse_start(said_start) if said_start else plan.start
     if told_start is None:
-        raise UsageError(f"{plan.name} does not say where robots begin", "--start X,Y, or start_pose in the map")
+        told_start = roomiest(plan)
+        talk(f"{plan.name} does not say where robots begin: where there is most room, --start {_words(told_start)}")
     if plain is not None:
         plan = furnished(plan, plain)
     count = robots if robots is not None else len(pairs)
@@ -147,6 +149,10 @@ def run_command(
     else:
         _show(told)
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _words(pose: Pose) -> str:
+    return f"{pose[0]:g},{pose[1]:g},{math.degrees(pose[2]):g}"
 
 
 def _so_far(share: float, duration_s: float) -> str:

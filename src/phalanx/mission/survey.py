@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
+
+import numpy as np
 
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
@@ -19,6 +22,12 @@ NEIGHBOURS = 6
 # A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
 CLEARANCE_M = 0.3
 END_M = 1.0
+# A robot's radius, 0.175 m, and a little.
+STAND_M = 0.2
+# Where robots begin is looked for on a grid of so many places along the map's longer side, but no denser than this.
+GRID_PLACES = 200
+GRID_M = 0.05
+NORTH_RAD = math.pi / 2
 SHORT = {"doorway": "door", "corner_concave": "corner", "room": "room", "qr": "code"}
 
 
@@ -28,13 +37,14 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     Convex corners are left out: every room has four, and tells them apart by more than each alone.
 
     Args:
-        plan: with the pose where robots begin.
+        plan: with the pose where robots begin, see `begun_at` and `roomiest`.
         coding: None is the profile's default.
-    Raises: UsageError: it says not where robots begin, or has no landmarks.
+    Raises: UsageError: it says not where robots begin, or no robot can stand there, or it has no landmarks.
     Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
     """
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+    begun_at(plan, plan.start)
     sites = [site for site in landmarks_of(plan) if site.type in SHORT]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
@@ -54,6 +64,59 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     return draft.mission()
 
 
+def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
+    """The floor plan with robots that begin at x, y, heading.
+
+    Raises: UsageError: no robot can stand there: it is in a wall, outside, or in a space that the plan leaves out.
+    """
+    x, y, _ = start
+    # A map_server map whose start is in no free space has walls, but no outline at all.
+    nowhere = len(plan.walls) > 0 and not plan.outlines
+    if nowhere or not plan.inside(x, y) or plan.clearance_m(x, y) < STAND_M:
+        raise UsageError(
+            f"no robot can stand at ({x:g}, {y:g}) in {plan.name}",
+            f"a free place, {STAND_M} m from walls; beyond the map's largest space only as start_pose in the map",
+        )
+    return replace(plan, start=start)
+
+
+def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
+    """Where robots begin in a map that does not say it: the free place farthest from all walls, facing north.
+
+    Of a map_server map, in its largest space. Whole centimetres, so that it can be told and typed again.
+
+    Raises: UsageError: there is no such place, or the walls part the map into several spaces.
+    Source: none.
+    """
+    x0, y0, x1, y1 = _extent(plan)
+    step = max(GRID_M, max(x1 - x0, y1 - y0) / GRID_PLACES)
+    places = [
+        (round(x0 + (i + 0.5) * step, 2), round(y0 + (j + 0.5) * step, 2))
+        for i in range(math.ceil((x1 - x0) / step))
+        for j in range(math.ceil((y1 - y0) / step))
+    ]
+    # Being inside is dear to tell: asked from the roomiest place on, and equal ones in the order of the grid.
+    for clearance_m, place in sorted(((plan.clearance_m(*place), place) for place in places), key=lambda row: -row[0]):
+        if clearance_m < STAND_M:
+            break
+        if plan.inside(*place):
+            return (*place, NORTH_RAD)
+    raise UsageError(
+        f"{plan.name} does not say where robots begin, and has no one space to choose from",
+        "start_pose: [x, y, heading] in the map",
+    )
+
+
+def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
+    """The bounds, without what lies beyond all outlines: pictures of maps have wide margins."""
+    x0, y0, x1, y1 = plan.bounds
+    if not plan.outlines:
+        return plan.bounds
+    points = np.vstack([outline.points for outline in plan.outlines])
+    (left, low), (right, high) = points.min(0).tolist(), points.max(0).tolist()
+    return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
+
+
 def _place(site: Site) -> tuple[float, float]:
     count = len(site.aliases)
     return sum(alias.x_m for alias in site.aliases) / count, sum(alias.y_m for alias in site.aliases) / count
@@ -63,15 +126,24 @@ def _pairs(plan: FloorPlan, places: dict[str, tuple[float, float]]) -> set[tuple
     """Each place with its nearest neighbours in sight."""
     pairs: set[tuple[str, str]] = set()
     for name, place in places.items():
+        around = _around(plan, place)
         near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
         in_sight = (
             other
             for away, other in near
-            if CLEARANCE_M < away <= WAY_LIMIT_M and _is_clear(plan, place, places[other], away)
+            if CLEARANCE_M < away <= WAY_LIMIT_M and _is_clear(around, place, places[other], away)
         )
         for other, _ in zip(in_sight, range(NEIGHBOURS), strict=False):
             pairs.add((min(name, other), max(name, other)))
     return pairs
+
+
+def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:
+    """The plan with those walls alone that a way from here could meet: large maps have thousands."""
+    reach_m = WAY_LIMIT_M + CLEARANCE_M
+    ends = plan.walls.reshape(-1, 2, 2)
+    met = np.all((ends.min(1) <= np.add(place, reach_m)) & (ends.max(1) >= np.subtract(place, reach_m)), axis=1)
+    return replace(plan, walls=plan.walls[met])
 
 
 def _is_clear(plan: FloorPlan, a: tuple[float, float], b: tuple[float, float], away_m: float) -> bool:

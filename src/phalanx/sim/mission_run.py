@@ -1,7 +1,8 @@
 """A mission run in a world: robots that know only the encoded graph, from their start until done, held or out of time.
 
 Robots do not hinder each other (each sees the building, not the others), and what is drawn for one depends on the seed
-and its number alone. So a run's digest is the same however many processes share the work.
+and its number alone. So a run's digest is the same however many processes share the work. It covers all that no clock
+decides: where robots were at each step, what they decoded and when, hashes tried, false fixes, actions and reasons.
 """
 
 from __future__ import annotations
@@ -179,8 +180,14 @@ def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
             for t_s, action in report.actions
         ],
         "t_s": round(max(report.t_s for report in reports), 1),
-        "digest": hashlib.sha256("".join(report.digest for report in reports).encode()).hexdigest(),
+        "digest": hashlib.sha256("\n".join(map(_lived, reports)).encode()).hexdigest(),
     }
+
+
+def _lived(report: Report) -> str:
+    """All of a report that the run decides, and no clock; its own digest is of the way, step by step."""
+    told = (report.robot, report.done, report.t_s, report.hashes_tried, report.false_fixes)
+    return repr((report.digest, *told, report.decoded, report.not_validated, report.actions))
 
 
 def _all(reports: list[Report], name: str) -> np.ndarray[Any, np.dtype[np.float64]]:

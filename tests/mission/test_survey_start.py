@@ -1,0 +1,175 @@
+"""Missions made from maps that do not say where robots begin; and pictures, digests and empty files of missions."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from phalanx.cli.mission import mission as group
+from phalanx.cli.mission_draw import draw_mission, lived
+from phalanx.cli.mission_files import read_encoded, read_plain, read_start_key
+from phalanx.errors import UsageError
+from phalanx.mission.landmarks import floorplan_of_yaml
+from phalanx.mission.refused import MalformedMission
+from phalanx.mission.survey import STAND_M, begun_at, roomiest, survey
+from phalanx.sim.floorplan import MAPS, load_floorplan
+from phalanx.sim.mission_robot import Report
+from phalanx.sim.mission_run import MissionRun, Part, summary
+
+OTHERS = Path(__file__).parent.parent / "data" / "maps"
+ROS = [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.glob("*.yaml"))]
+TB3 = OTHERS / "tb3_world.yaml"
+# Two rooms without a door between them.
+ROOMS = b"walls: [[0,0,9,0],[9,0,9,4],[9,4,0,4],[0,4,0,0],[3,0,3,4]]\n"
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(group, [str(word) for word in words], standalone_mode=False)
+
+
+def refused(*words: object) -> str:
+    error = command(*words).exception
+    assert isinstance(error, UsageError), error
+    return str(error)
+
+
+@pytest.mark.parametrize("path", sorted(OTHERS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_map_of_ros_has_a_place_where_robots_begin_and_always_the_same(path: Path) -> None:
+    plan = load_floorplan(path)
+    assert plan.start is None
+    start = roomiest(plan)
+    assert start == roomiest(load_floorplan(path))
+    assert plan.inside(*start[:2])
+    assert begun_at(plan, start).start == start
+    # Nowhere is more room, as far as a thousand random places tell; the grid's step is an eighth of a metre at most.
+    x0, y0, x1, y1 = plan.bounds
+    rolled = np.random.default_rng(5).uniform((x0, y0), (x1, y1), (1000, 2)).tolist()
+    most_m = max(plan.clearance_m(*place) for place in rolled if plan.inside(*place))
+    assert plan.clearance_m(*start[:2]) > most_m - 0.3
+
+
+def test_a_map_of_ros_as_it_was_delivered_becomes_a_mission_that_a_robot_completes(tmp_path: Path) -> None:
+    file = tmp_path / "tb3.phxm"
+    built = command("build", "--map", TB3, "--out", file, "--profile", "paper")
+    assert built.exception is None
+    said = built.stderr.partition("--start ")[2].split()[0]
+    ran = command("run", file, "--world", TB3, "--start", said, "--duration", "300", "--json")
+    told = json.loads(ran.stdout)
+    assert (told["completed"], told["decoded"], told["false_fixes"]) == (1, told["nodes"], 0)
+    assert told["nodes"] > 10
+
+
+def test_a_start_that_is_given_is_the_missions(tmp_path: Path) -> None:
+    plan = load_floorplan(TB3)
+    file = tmp_path / "tb3.phxm"
+    built = command("build", "--map", TB3, "--out", file, "--start=-2,0,180", "--profile", "paper")
+    assert built.exception is None
+    assert "does not say" not in built.stderr
+    mission = survey(begun_at(plan, (-2.0, 0.0, 0.0)))
+    assert [node.place for node in mission.nodes if node.start] == [(-2.0, 0.0)]
+    assert read_encoded(file).header.nodes == len(mission.nodes)
+
+
+@pytest.mark.parametrize("path", ROS, ids=lambda path: path.stem)
+def test_a_start_in_no_free_space_is_told_as_that(path: Path, tmp_path: Path) -> None:
+    plan = load_floorplan(path)
+    x0, y0, _, _ = plan.bounds
+    for x, y in ((x0, y0), (x0 - 1, y0), tuple(plan.walls[0, :2])):
+        assert "no robot can stand" in refused("build", "--map", path, "--out", tmp_path / "x", f"--start={x},{y}")
+    # What the map itself says is checked as well.
+    with pytest.raises(UsageError, match="no robot can stand"):
+        survey(replace(plan, start=(x0, y0, 0.0), outlines=()))
+
+
+def test_a_start_goes_with_a_map_and_is_two_or_three_numbers(tmp_path: Path) -> None:
+    out = tmp_path / "x.phxm"
+    assert "is no start" in refused("build", "--map", TB3, "--out", out, "--start", "here")
+    assert "made from a map" in refused("build", "office", "--out", out, "--start", "3,1.5")
+    assert "nothing to build" in refused("build", "--out", out, "--start", "3,1.5")
+
+
+def test_in_a_map_of_several_spaces_nobody_guesses_which_is_meant() -> None:
+    with pytest.raises(UsageError, match="no one space"):
+        roomiest(floorplan_of_yaml(ROOMS))
+    told = floorplan_of_yaml(ROOMS + b"start_pose: [6, 2, 0]\n")
+    assert begun_at(told, (5.0, 1.0, 0.0)).start == (5.0, 1.0, 0.0)
+    for place in ((1.5, 2.0, 0.0), (9.0 - STAND_M / 2, 2.0, 0.0)):
+        with pytest.raises(UsageError, match="no robot can stand"):
+            begun_at(told, place)
+
+
+def test_a_drawing_of_a_run_shows_where_the_robot_was_and_where_it_believed_to_be(tmp_path: Path) -> None:
+    plain, plan = read_plain("inspection"), load_floorplan("office_40x40")
+    for name, words in (("still", ()), ("run", ("--run",)), ("again", ("--run",)), ("other", ("--run", "--seed", 1))):
+        told = command("draw", "inspection", "--out", tmp_path / f"{name}.svg", *words)
+        assert told.exception is None
+        assert ("completed it" in told.stderr) == bool(words)
+    words, lines = zip(*(_svg(tmp_path / f"{name}.svg") for name in ("still", "run", "again", "other")), strict=True)
+    assert ["<!-- true path -->" in text for text in words] == [False, True, True, True]
+    still, run, again, other = lines
+    # Three lines for each of two robots, and three in the legend; the same from the same seed.
+    assert len(run) == len(still) + 9
+    assert run == again != other
+    reports = lived(plain, plan, 0)
+    assert [report.done for report in reports] == [True, True]
+    draw_mission(plain, plan, tmp_path / "same.svg", reports)
+    assert _svg(tmp_path / "same.svg")[1] == run
+
+
+def _svg(path: Path) -> tuple[str, list[str]]:
+    """A picture's text, and its lines that are drawn, but for letters."""
+    text = path.read_text()
+    return text, re.findall(r'<g id="line2d_\d+">\s*<path d="([^"]*)"', text)
+
+
+def test_a_drawing_of_a_run_wants_a_map(tmp_path: Path) -> None:
+    (tmp_path / "bare.yaml").write_text(
+        "mission: bare\narea: [0, 0, 8, 8]\nnodes:\n  a: {start: true, see: {position: [1, 1]}}\n"
+    )
+    assert "no map" in refused("draw", tmp_path / "bare.yaml", "--out", tmp_path / "x.svg", "--run")
+
+
+REPORT = Report(0, True, 1.0, [(0.5, 1)], {}, 7, 0, [1.0], [1.0], [0.1], [0.1], [(0.2, "drift")], [(0.3, "pick")], [])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"not_validated": [(0.2, "blocked")]},
+        {"not_validated": [(0.3, "drift")]},
+        {"actions": [(0.3, "drop")]},
+        {"actions": []},
+        {"hashes_tried": 8},
+        {"decoded": [(0.6, 1)]},
+        {"false_fixes": 1},
+        {"done": False},
+    ],
+    ids=lambda other: next(iter(other)),
+)
+def test_a_runs_digest_covers_what_happened_and_no_clock(other: dict[str, object], tmp_path: Path) -> None:
+    plain = read_plain("inspection")
+    assert command("build", "inspection", "--out", tmp_path / "m.phxm", "--profile", "paper").exception is None
+    part = Part(read_encoded(tmp_path / "m-a.phxm"), None, (3.0, 1.5, 0.0))
+    run = MissionRun(plan=load_floorplan(plain.floor_plan), parts=(part,))
+
+    def digest(report: Report) -> str:
+        return str(summary(run, [report])["digest"])
+
+    assert digest(replace(REPORT, **other)) != digest(REPORT)
+    assert digest(replace(REPORT, search_ms=[9.0], extraction_ms=[9.0])) == digest(REPORT)
+
+
+def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
+    for name, content in (("none.yaml", ""), ("comment.yaml", "# nothing yet\n"), ("none.phxm", "")):
+        (tmp_path / name).write_text(content)
+        assert "is empty" in refused("build", tmp_path / name, "--out", tmp_path / "x.phxm")
+        assert "is empty" in refused("run", tmp_path / name)
+    for read in (read_encoded, read_start_key):
+        with pytest.raises(MalformedMission, match="is empty"):
+            read(tmp_path / "none.phxm")
