@@ -24,6 +24,8 @@ from phalanx.io.ports import free_port
 
 ROOT = Path(__file__).parent.parent
 PHALANX = [sys.executable, "-m", "phalanx"]
+# Whoever runs in the background of a shell does not hear Ctrl-C, nor does any program that is started from there.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @asynccontextmanager
