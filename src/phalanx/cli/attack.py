@@ -19,7 +19,7 @@ from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
 
 from .attack_mission import options_of, show_trial
 from .sim import changed, progress, swarm_options, told
-from .terminal import end_status_line, print_json
+from .terminal import end_status_line, print_json, print_rows
 
 DURATION_S = 60.0
 
@@ -129,8 +129,7 @@ def _show(trial: Trial) -> None:
     rows |= {f"airtime of {each.robot}": _airtime(each) for each in trial.airtime}
     if not trial.airtime:
         rows["bound"] = _bound(trial)
-    for label, words in rows.items():
-        click.echo(f"{label:22} {words}")
+    print_rows(rows)
 
 
 def _stands_still(trial: Trial) -> str:

@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import click
-
 from phalanx.errors import UsageError
 from phalanx.experiments.mission_trial import MissionTrial
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guessed, Walked
 from phalanx.sim.scenario import parse_attack
 
 from .mission_crack import span
-from .terminal import print_json
+from .terminal import print_json, print_rows
 
 
 def options_of(words: str, swarm: Mapping[str, Any]) -> dict[str, float | str]:
@@ -51,8 +49,7 @@ def show_trial(trial: MissionTrial, *, as_json: bool) -> None:
         rows |= {"robot": _walked(trial.attacked), **_where(trial.attacked)}
     if trial.honest is not None:
         rows["without the attack"] = _walked(trial.honest)
-    for label, words in rows.items():
-        click.echo(f"{label:22} {words}")
+    print_rows(rows)
 
 
 def _walked(robot: Walked) -> str:

@@ -289,8 +289,7 @@ def audit_command(source: str, profile: str, open_start: bool, as_json: bool) ->
     rates = Rates()
     report = audit(read_plain(source), Profile[profile.upper()], open_start=open_start, rates=rates)
     if as_json:
-        rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in report.nodes]
-        print_json({**asdict(report), "nodes": rows, "rates": asdict(rates)})
+        print_json({**report.told(), "rates": asdict(rates)})
         return
     click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'robot':>10}")
     for row in report.nodes:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib.resources
 import re
+from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from cryptography.exceptions import UnsupportedAlgorithm
@@ -19,6 +20,7 @@ from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mi
 from phalanx.mission.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.refused import MalformedMission
 
+Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
@@ -92,13 +94,7 @@ def read_encoded(path: Path) -> EncodedMission:
 
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
-    data = read_bytes(path, FILE_LIMIT, "a file that phalanx mission build wrote")
-    if not data:
-        raise MalformedMission(f"{path} is empty")
-    try:
-        return parse_mission(data)
-    except MalformedMission as error:
-        raise MalformedMission(f"{path} is not an encoded mission: {error}") from error
+    return _built(path, "a file that phalanx mission build wrote", "an encoded mission", parse_mission)
 
 
 def read_start_key(path: Path) -> StartKey:
@@ -106,13 +102,17 @@ def read_start_key(path: Path) -> StartKey:
 
     Raises: UsageError: it cannot be read. PeerError: it is none.
     """
-    data = read_bytes(path, FILE_LIMIT, "the .key file that phalanx mission build wrote")
+    return _built(path, "the .key file that phalanx mission build wrote", "a start key", parse_start_key)
+
+
+def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -> Parsed:
+    data = read_bytes(path, FILE_LIMIT, hint)
     if not data:
         raise MalformedMission(f"{path} is empty")
     try:
-        return parse_start_key(data)
+        return parse(data)
     except MalformedMission as error:
-        raise MalformedMission(f"{path} is not a start key: {error}") from error
+        raise MalformedMission(f"{path} is not {what}: {error}") from error
 
 
 def read_signing_key(path: Path) -> Ed25519PrivateKey:

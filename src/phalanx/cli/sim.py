@@ -17,7 +17,7 @@ from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
 from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
 from phalanx.sim.setup import audits_share
 
-from .terminal import Progress, beside, counted, end_status_line, print_json
+from .terminal import Progress, beside, counted, end_status_line, print_json, print_rows
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 # What people typed, for what a scenario calls otherwise.
@@ -199,8 +199,7 @@ def show(scenario: Scenario, summary: dict[str, Any]) -> None:
         "speed": told(summary["real_time_factor"], ".3g", " times real time"),
         "digest": summary["digest"],
     }
-    for name, words in rows.items():
-        click.echo(f"{name:22} {words}")
+    print_rows(rows)
 
 
 def told(value: float | None, form: str, unit: str = "") -> str:

@@ -14,6 +14,7 @@ import sys
 import textwrap
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,12 @@ def beside(head: str, text: str) -> str:
 def counted(count: int, what: str) -> str:
     """`1 robot`, `2 robots`. Source: none."""
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def print_rows(rows: Mapping[str, str]) -> None:
+    """What is told under each label, on stdout. Source: none."""
+    for label, words in rows.items():
+        click.echo(f"{label:22} {words}")
 
 
 def talk(words: str) -> None:

@@ -10,15 +10,16 @@ import asyncio
 import logging
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build, plain_mission
-from phalanx.mission.audit import OUT_OF_REACH, Rates, audit
+from phalanx.mission.audit import Rates, audit
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.floorplan import read_yaml
 from phalanx.sim.mission_orders import Orders, orders_of
@@ -71,6 +72,11 @@ class MissionDesk:
             self._world = await asyncio.to_thread(self._look)
         return self._world
 
+    @cached_property
+    def _sites(self) -> Sequence[Site]:
+        """All the landmarks of the building: seconds of work, if it is a large one."""
+        return landmarks_of(self._swarm.plan)
+
     def _look(self) -> dict[str, Any]:
         plan = self._swarm.plan
         return {
@@ -79,7 +85,7 @@ class MissionDesk:
             "start": None if plan.start is None else _rounded(plan.start[:2]),
             "walls": [_rounded(wall) for wall in plan.walls.tolist()],
             # Rooms tell apart more than each of their corners, and there are four of those in every one.
-            "sites": [_site(site) for site in landmarks_of(plan) if site.type != "corner_convex"][:SITES_MAX],
+            "sites": [_site(site) for site in self._sites if site.type != "corner_convex"][:SITES_MAX],
         }
 
     async def read(self, text: str) -> dict[str, Any]:
@@ -121,7 +127,6 @@ class MissionDesk:
         if job.locks > LOCKS_MAX:
             raise UsageError(f"a mission with {job.locks} ways to see its nodes", f"at most {LOCKS_MAX} from this page")
         worth = audit(plain, profile)
-        rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in worth.nodes]
         # One core less than there are: the gateway needs some of the last.
         with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1)) as pool:
 
@@ -143,9 +148,9 @@ class MissionDesk:
             "nodes": len(plain.nodes),
             "bytes": sum(len(each.mission.encode()) for each in built),
             "profile": profile.name.lower(),
-            "audit": {**asdict(worth), "nodes": rows},
+            "audit": worth.told(),
             "rates": asdict(Rates()),
-            "unseen": _unseen(plain, landmarks_of(self._swarm.plan)),
+            "unseen": _unseen(plain, self._sites),
         }
 
     def job(self) -> dict[str, Any]:

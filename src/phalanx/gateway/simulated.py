@@ -15,6 +15,7 @@ from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 from phalanx.sim.mission_swarm import MissionSwarm
 from phalanx.sim.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
+from phalanx.sim.signals import handled_by
 
 DEFENCES = ("none", "paper", "bound")
 DEFAULT_F_MAX = 3
@@ -86,7 +87,8 @@ def _make(robots: int, seed: int, protection: Protection, talk: Callable[[str], 
     if protection.defence == "none":
         return Dotbots(robots, seed, time.time, unprotected=protection.note)
     with _patiently(talk):
-        with _interruptible():
+        # An event loop hears of Ctrl-C when it has its turn, which may be in minutes.
+        with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
             _rehearse(protection.defence)
         return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max)
 
@@ -117,20 +119,6 @@ def _patiently(talk: Callable[[str], None], patience_s: float = PATIENCE_S) -> I
         yield
     finally:
         slow.cancel()
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    # An event loop hears of Ctrl-C when it has its turn, which may be in minutes.
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _rehearse(defence: str) -> None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
@@ -71,6 +72,11 @@ class Audit:
     robot_ms: float
     out_of_reach: int
     problems: tuple[str, ...]
+
+    def told(self) -> dict[str, Any]:
+        """As JSON has it."""
+        rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
+        return {**asdict(self), "nodes": rows}
 
 
 def audit(

@@ -6,13 +6,11 @@ known here but how many there are.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import signal
-import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import get_context
 from types import TracebackType
@@ -30,6 +28,7 @@ from .mission_live import WAITING, Decoded, Moment, News, Standing, live
 from .mission_orders import Orders, start_of
 from .mission_run import MissionRun
 from .odometry import Pose
+from .signals import handled_by
 
 log = logging.getLogger(__name__)
 
@@ -126,7 +125,8 @@ class MissionSwarm:
         self._lost = False
 
     def __enter__(self) -> Self:
-        with _ctrl_c_is_ours():
+        # It does not hear of Ctrl-C: whoever started it ends it.
+        with handled_by(signal.SIG_IGN, signal.SIGINT):
             self._process.start()
         self._theirs.close()  # or its end would not be seen
         if not self._pipe.poll(READY_WITHIN_S):
@@ -317,16 +317,3 @@ class MissionSwarm:
         self._decoded[news.robot] += 1
         place = None if news.place_m is None else Lit(self.to_area(*news.place_m), news.type)
         self._lit.setdefault((news.robot % len(self._orders.parts), news.node), place)
-
-
-@contextlib.contextmanager
-def _ctrl_c_is_ours() -> Iterator[None]:
-    """Processes that are started meanwhile do not hear of Ctrl-C: whoever started them ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
@@ -13,6 +12,7 @@ from types import FrameType
 from .recording import Recording
 from .run import Run
 from .scenario import Scenario
+from .signals import handled_by
 
 # As often as the robots act.
 STEP_S = 0.25
@@ -25,9 +25,6 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
     In the middle of a call of compiled code it can be lost: numba, looking at arguments, forgets exceptions (seen).
     Outside the main thread, which alone is sent signals, nothing changes.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
-        return
     waiting: list[int] = []
 
     def keep(number: int, frame: FrameType | None) -> None:
@@ -39,12 +36,8 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         if waiting:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, keep) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with handled_by(keep, signal.SIGINT, signal.SIGTERM):
         yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run], None] = lambda _run: None) -> Run:

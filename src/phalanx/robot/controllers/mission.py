@@ -17,7 +17,6 @@ Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import struct
 from collections.abc import Callable, Mapping
@@ -41,7 +40,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.wire.record import MalformedRecord
 
 from .mission_evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
-from .mission_input import Reading, Sensors
+from .mission_input import Reading, Sensors, scan_sha1
 from .mission_pilot import TRIES, Drive, Leg, Pose, Sectors, drive
 from .python_controller import Act, Controller, Output, Send
 
@@ -205,7 +204,7 @@ class MissionController(EvidenceController):
         if now is None:
             return [self._drive(t_ms, Drive())]
         claims, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else ((), b"")
-        if scan and hashlib.sha1(scan, usedforsecurity=False).digest() != now.scan_sha1:
+        if scan and scan_sha1(scan) != now.scan_sha1:
             raise BadEvidence("a scan that the s-node has not chained")
         if not self.memory.begun_ms:
             self.memory = replace(self.memory, begun_ms=t_ms)

@@ -54,10 +54,15 @@ class Reading:
     clear: NDArray[np.uint8]
 
 
+def scan_sha1(raw: bytes) -> bytes:
+    """What a reading says of its scan. Source: docs/spec/mission.md (Under audit)."""
+    return hashlib.sha1(raw, usedforsecurity=False).digest()
+
+
 def with_hash_of(reading: bytes, raw: bytes) -> bytes:
     """The reading, had the scan been this one: what only an s-node may say. Source: none."""
     head = list(_HEAD.unpack_from(reading))
-    head[-1] = hashlib.sha1(raw, usedforsecurity=False).digest()
+    head[-1] = scan_sha1(raw)
     return _HEAD.pack(*head) + reading[HEAD_BYTES:]
 
 
@@ -140,7 +145,7 @@ class Sensors:
             round(y_m * PER_M),
             round(heading_rad * PER_RAD),
             round(travelled_m * MM_PER_M),
-            hashlib.sha1(raw, usedforsecurity=False).digest(),
+            scan_sha1(raw),
         )
         hits = np.frombuffer(raw, "<u2").astype(np.int64)
         hits[hits == SILENT] = MISS

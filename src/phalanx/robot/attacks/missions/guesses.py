@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import ClassVar
@@ -25,7 +26,7 @@ TOKENS = 2.0 ** (8 * TOKEN_BYTES)
 TOKEN_BATCH = 16
 
 
-class Guess(MissionAttack):
+class Guess(MissionAttack, ABC):
     """Whoever has the file tries to read it, away from any robot.
 
     Class attributes:
@@ -39,6 +40,7 @@ class Guess(MissionAttack):
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 1 << 30, Profile.SEALED: 64}
     one_node: ClassVar[bool] = False
 
+    @abstractmethod
     def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
         """Batches of tries, for as long as the caller asks for more.
 
@@ -46,7 +48,6 @@ class Guess(MissionAttack):
             sent: captured.
             box: where the places are, metres.
         """
-        raise NotImplementedError(self.name)
 
     def in_all(self, plain: Mission, known: int) -> float:
         """How many tries the whole takes: as many as are `known` of, or what lies behind the nodes that are open."""
