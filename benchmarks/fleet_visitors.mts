@@ -10,6 +10,7 @@ import { setTimeout as sleep } from "node:timers/promises";
 import { isObject, type Json, type JsonObject } from "../web/client/core/json";
 import { parseQrUrl } from "../web/client/core/qrurl";
 import { Connection, type ConnectionEvent } from "../web/client/io/connection";
+import { readPlaces } from "../web/client/places";
 import { REQUEST_ROBOTS } from "../web/client/swarm";
 import { Watch } from "../web/client/watch";
 
@@ -152,8 +153,8 @@ class Visitor {
 
     // Within a tick the frames name robots in the order of their numbers, so a lower one is the next tick's. Times of
     // sending would not tell: a busy machine holds up a tick's own frames, and one late tick comes close to the next.
-    const rows = frame["robots"] as [number][];
-    const [first, last] = [rows[0]?.[0], rows.at(-1)?.[0]];
+    const places = readPlaces(frame["places"]);
+    const [first, last] = [places[0]?.number, places.at(-1)?.number];
     if (first === undefined || last === undefined) return;
     if (first <= this.#lastRobot) this.ticks += 1;
     this.#lastRobot = last;

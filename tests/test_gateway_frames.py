@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from phalanx.link import ClientSide, Request, ServerSide
 from phalanx.link.messages import Reply, ReplyPart
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
+from test_gateway_places import read_places
 
 NOW = 1_700_000_000.0
 
@@ -39,7 +41,7 @@ class Mirror:
             self.robots[robot["address"]] = dict(robot)
         by_number = {robot["n"]: robot for robot in self.robots.values()}
         assert len(by_number) == len(self.robots)
-        for number, x, y, direction in data["robots"]:
+        for number, x, y, direction in read_places(data["places"]) if "places" in data else ():
             by_number[number] |= {"lh2_position": {"x": x, "y": y, "z": 0}, "direction": direction}
         for change in data.get("changed", ()):
             known = self.robots[change["address"]]
@@ -141,7 +143,13 @@ class TestFrames:
         told = [frames.next(robots, NOW, tick * 0.1) for tick in range(31)]
         full = [tick for tick in told if tick]
         assert len(full) in (3, 4)
-        assert all(len(tick.frames[0]["data"]["robots"]) == 3 for tick in full)
+        assert all(len(read_places(tick.frames[0]["data"]["places"])) == 3 for tick in full)
+
+    def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
+        lost, known = Dotbots(2, 1, lambda: NOW).robots()
+        (frame,) = Frames(FRAME_BYTES).next([replace(lost, at=Point(math.nan, 5.0)), known], NOW, 0.0).frames
+        ((number, *_),) = read_places(frame["data"]["places"])
+        assert number == 1
 
     def test_a_cleared_history_is_told(self):
         swarm, frames = Dotbots(1, 1, lambda: NOW), Frames(FRAME_BYTES)

@@ -187,7 +187,8 @@ async def test_our_python_client_and_the_published_server(broker, mqtt):
             await a_round(2)
             await asyncio.sleep(2.5)  # the overlap ends
             await a_round(3)
-            assert not client.rejected
+            # What was on its way to the epoch that the client left, such as an answer asked for twice, is not for it.
+            assert client.rejected.keys() <= {"wrong_topic"}
 
 
 @pytest.mark.parametrize("mqtt", [5, 4])
@@ -212,7 +213,7 @@ async def test_our_typescript_client_and_the_published_server(broker, mqtt):
             await a_round(2)
             await asyncio.sleep(2.5)
             await a_round(3)
-            assert not client.told("rejected")
+            assert {event["reason"] for event in client.told("rejected")} <= {"wrong_topic"}
             assert not client.told("error")
 
 

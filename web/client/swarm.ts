@@ -6,6 +6,7 @@
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
 import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
+import { type Place, readPlaces } from "./places";
 import {
   objectsOf,
   type Robot,
@@ -212,8 +213,8 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
     const joined = list(frame["joined"]);
     for (const words of joined) join(robots, words);
     if (joined.length > 0) numbers = numbersOf(robots);
-    for (const words of list(frame["robots"])) {
-      if (Array.isArray(words) && !moveInFrame(robots, numbers, words, swarm.area)) missed ||= swarm.listed;
+    for (const place of readPlaces(frame["places"])) {
+      if (!moveInFrame(robots, numbers, place, swarm.area)) missed ||= swarm.listed;
     }
     for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
     for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
@@ -233,20 +234,18 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   return { ...next, numbers, seq, audits, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
-/** `[number, x, y, direction]`; false for a robot that we do not know. */
+/** False for a robot that we do not know. */
 function moveInFrame(
   robots: Map<string, Robot>,
   numbers: ReadonlyMap<number, string>,
-  words: readonly Json[],
+  { number, x, y, direction }: Place,
   area: Area,
 ): boolean {
-  const [number, x, y, directionWord] = words;
-  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const address = numbers.get(number);
   const robot = address === undefined ? undefined : robots.get(address);
   // Of robots beyond what we keep, no answer would tell us more.
   if (address === undefined || !robot) return robots.size >= MOST_ROBOTS;
-  const direction = readDirection(directionWord);
-  if (direction !== undefined) robots.set(address, { ...robot, direction });
+  robots.set(address, { ...robot, direction });
   move(robots, address, readPointXy(x, y), area);
   return true;
 }

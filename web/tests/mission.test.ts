@@ -12,7 +12,7 @@ type Action = Parameters<typeof swarmReducer>[1];
 const play = (actions: readonly Action[], from: Swarm = NO_SWARM) => actions.reduce(swarmReducer, from);
 const told = (request: number, data: unknown) => ({ kind: "replied", request, data: data as Json, at_ms: 0 }) as const;
 const frame = (seq: number, more: object) =>
-  ({ kind: "notified", payload: { cmd: 16, data: { seq, robots: [], ...more } } as Json, at_ms: 0 }) as const;
+  ({ kind: "notified", payload: { cmd: 16, data: { seq, ...more } } as Json, at_ms: 0 }) as const;
 
 const robot = (address: string, n: number, name: string, walk: unknown) => ({ address, n, name, walk });
 const AREA = { width: 40_000, height: 40_000, walls: 2, mission: ["m1", 5, 4] };

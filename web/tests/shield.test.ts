@@ -14,7 +14,7 @@ const play = (actions: readonly Action[], from: Swarm = NO_SWARM) => actions.red
 const told = (request: number, data: unknown, at_ms = 0) =>
   ({ kind: "replied", request, data: data as Json, at_ms }) as const;
 const frame = (seq: number, at_ms: number, more: object) =>
-  ({ kind: "notified", payload: { cmd: 16, data: { seq, robots: [], ...more } } as Json, at_ms }) as const;
+  ({ kind: "notified", payload: { cmd: 16, data: { seq, ...more } } as Json, at_ms }) as const;
 
 const robot = (address: string, n: number, name: string, shield: unknown = [0, []]) => ({ address, n, name, shield });
 const AREA = { width: 2000, height: 2000, tokens_needed: 2, t_val_ms: 10_000 };

@@ -2,6 +2,7 @@
 
 import fc from "fast-check";
 import { describe, expect, test } from "vitest";
+import { encodeBase64url } from "../client/core/base64url";
 import { type Json, label, MOST_ROBOTS, NO_SWARM, type Swarm, swarmReducer, TRAIL_POINTS, Trail } from "../client";
 
 const A = "DECAFBAD00000001";
@@ -35,7 +36,21 @@ function robot(address: string, more: object = {}) {
 }
 
 const START = play([told(1, { width: 3000, height: 2000 }), told(0, [robot(A), robot(B, { name: "Bo" })])]);
-const frame = (seq: number, more: object = {}) => notified(16, { seq, robots: [], ...more });
+type Row = readonly [number: number, x: number, y: number, direction: number];
+const frame = (seq: number, { robots = [], ...more }: { robots?: readonly Row[]; [key: string]: unknown } = {}) =>
+  notified(16, { seq, ...(robots.length > 0 && { places: packed(robots) }), ...more });
+
+/** As a gateway packs them; by number, none more than 180 after the one before, on less than 65 m. */
+function packed(robots: readonly Row[]): Json {
+  const [[first] = [0]] = robots;
+  const [left, bottom] = [Math.min(...robots.map((row) => row[1])), Math.min(...robots.map((row) => row[2]))];
+  const records = robots.flatMap(([number, x, y, direction], i) => {
+    const skipped = i === 0 ? 0 : number - (robots[i - 1]?.[0] ?? 0) - 1;
+    return [360 * skipped + direction, x - left, y - bottom];
+  });
+  return [first, left, bottom, 1, encodeBase64url(new Uint8Array(Uint16Array.from(records).buffer))];
+}
+
 const of = (swarm: Swarm, address = A) => {
   const found = swarm.robots.get(address);
   if (!found) throw new Error(`no robot ${address}`);
@@ -99,8 +114,8 @@ describe("frames", () => {
     const swarm = play(
       [
         frame(1, { robots: [[1, 110, 200, 270]], changed: [{ address: A, battery_mv: 3100, status: 1, mode: 1 }] }),
-        frame(2, { robots: [[1, 400, 200, -90]] }),
-        frame(3, { robots: [[1, 401, 200, 450]], changed: [{ address: A, battery_mv: 3000, status: 0, mode: 0 }] }),
+        frame(2, { robots: [[1, 400, 200, 270]] }),
+        frame(3, { robots: [[1, 401, 200, 90]], changed: [{ address: A, battery_mv: 3000, status: 0, mode: 0 }] }),
       ],
       START,
     );
@@ -224,11 +239,13 @@ describe("hostile peers", () => {
     },
     { requiredKeys: ["address"] },
   );
-  const row = fc.tuple(address, number, number, number, number, number, number);
+  const records = fc.uint8Array({ maxLength: 60 }).map((raw) => encodeBase64url(raw));
+  const corner = fc.oneof(fc.integer(), number);
+  const places = fc.tuple(corner, corner, corner, corner, fc.oneof(records, fc.string(), number));
   const aFrame = fc.record(
     {
       seq: fc.oneof(fc.nat(5), number),
-      robots: fc.oneof(fc.array(row), number),
+      places: fc.oneof(places, number),
       changed: fc.oneof(fc.array(aRobot), number),
       joined: fc.oneof(fc.array(aRobot), number),
       left: fc.oneof(fc.array(address), number),

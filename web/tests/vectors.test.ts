@@ -7,6 +7,7 @@ import {
   deriveEpoch,
   type Epoch,
   fullTopic,
+  type Json,
   type JsonObject,
   Key,
   OpenError,
@@ -21,6 +22,7 @@ import {
   sealJwe,
   splitTopic,
 } from "../client/core";
+import { readPlaces } from "../client/places";
 
 interface Case {
   readonly name: string;
@@ -173,6 +175,12 @@ describe("parts", () => {
       expect(name === "ok" ? (whole ? "whole" : "part") : name).toBe(step.expect);
       if (step.whole) expect(whole).toEqual(step.whole);
     }
+  });
+});
+
+describe("places", () => {
+  test.each(load<Case & { places: Json; read: number[][] }>("places"))("$name", (c) => {
+    expect(readPlaces(c.places).map(({ number, x, y, direction }) => [number, x, y, direction])).toEqual(c.read);
   });
 });
 

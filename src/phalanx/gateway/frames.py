@@ -9,16 +9,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point, Robot
 
+from .places import AROUND_CHARS, RECORD_CHARS, Places
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
 FULL_EVERY_S = 1.0
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
-FRAME_BYTES = 120  # of a frame without its rows
-
-Row = tuple[int, int, int, int]
+FRAME_BYTES = 48  # of a frame without its lists
+KEY_BYTES = 6  # of a list besides its name and elements
+NOWHERE = 1e9  # mm: nobody drives a thousand kilometres
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class Frames:
         self._numbers: dict[str, int] = {}
         self._next_number = 0
         self._told: dict[str, _Slow] = {}
-        self._rows: dict[str, Row] = {}
+        self._rows = np.zeros((0, 4), np.int64)
         self._full_at_s: float | None = None
 
     def number(self, address: str) -> int:
@@ -67,8 +71,8 @@ class Frames:
             more: further lists to be told, by their names.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
-        rows = {robot.address: self._row(robot) for robot in robots}
-        moved = [row for address, row in rows.items() if full or row != self._rows.get(address)]
+        rows = self._rows_of(robots)
+        moved = rows if full else rows[_differ(rows, self._rows)]
         told = {robot.address: _slow(robot, now_s, self._told.get(robot.address)) for robot in robots}
         joined, left, changed = [], [], []
         if self._full_at_s is not None:
@@ -80,41 +84,63 @@ class Frames:
             del self._numbers[address]
         if full:
             self._full_at_s = uptime_s
-        elif not (moved or joined or left or changed or (more and any(more.values()))):
+        elif not (len(moved) or joined or left or changed or (more and any(more.values()))):
             return None
         news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
         lists: dict[str, Sequence[Any]] = {
             "left": left,
             "joined": news,
             "changed": changed,
-            "robots": moved,
             **(more or {}),
         }
-        frames = [self._frame(words) for words in self._packed(lists)]
+        frames = [self._frame(words) for words in self._packed(lists, Places(moved))]
         return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed))
 
-    def _packed(self, lists: Mapping[str, Sequence[Any]]) -> list[dict[str, list[Any]]]:
-        """The lists in order, in as few frames as hold them; an element that is too long has one of its own."""
-        frames: list[dict[str, list[Any]]] = [{}]
+    def _packed(self, lists: Mapping[str, Sequence[Any]], places: Places) -> list[dict[str, Any]]:
+        """The lists in order, then the places, in as few frames as hold them; a long element has one of its own."""
+        frames: list[dict[str, Any]] = [{}]
         used = 0
         for key, items in lists.items():
             for item in items:
                 size = len(encode_json(item)) + 1
-                if used and used + size > self._limit_bytes:
+                named = 0 if key in frames[-1] else len(key) + KEY_BYTES
+                if used and used + named + size > self._limit_bytes:
                     frames.append({})
-                    used = 0
+                    used, named = 0, len(key) + KEY_BYTES
                 frames[-1].setdefault(key, []).append(item)
-                used += size
+                used += named + size
+        told = 0
+        while told < len(places):
+            room = (self._limit_bytes - AROUND_CHARS - used) // RECORD_CHARS
+            if room > 0:
+                frames[-1]["places"] = places.piece(told, told + room)
+                told += room
+            if told < len(places):
+                frames.append({})
+                used = 0
         return frames
 
     def _frame(self, words: dict[str, Any]) -> dict[str, Any]:
-        data = {"seq": self._seq, "robots": [], **words}
+        data = {"seq": self._seq, **words}
         self._seq += 1
         return {"cmd": int(Notice.FRAME), "data": data}
 
-    def _row(self, robot: Robot) -> Row:
-        at = robot.at
-        return self.number(robot.address), round(at.x_mm), round(at.y_mm), robot.direction_deg
+    def _rows_of(self, robots: Sequence[Robot]) -> NDArray[np.int64]:
+        """Number, x, y (mm) and direction (degrees) of each robot, by number: (robots, 4)."""
+        said = [(self.number(r.address), r.at.x_mm, r.at.y_mm, r.direction_deg) for r in robots]
+        exact = np.array(said, np.float64).reshape(-1, 4)
+        # A driver that knows no place says NaN: that robot stays where it was last, and the others are told.
+        rows = np.rint(exact[(np.abs(exact) < NOWHERE).all(axis=1)]).astype(np.int64)
+        return rows[np.argsort(rows[:, 0])]
+
+
+def _differ(rows: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which rows are not among those of `before`; both by number."""
+    if not len(before):
+        return np.ones(len(rows), np.bool_)
+    beside = np.minimum(np.searchsorted(before[:, 0], rows[:, 0]), len(before) - 1)
+    differ: NDArray[np.bool_] = np.any(before[beside] != rows, axis=1)
+    return differ
 
 
 @dataclass(frozen=True, slots=True)

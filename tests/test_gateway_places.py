@@ -1,0 +1,76 @@
+"""Where robots are, packed: as the vectors say, in however many pieces."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import struct
+from base64 import urlsafe_b64decode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phalanx.gateway.places import Places
+
+VECTORS = Path(__file__).parent.parent / "vectors"
+CASES = json.loads((VECTORS / "places.json").read_text())["cases"]
+
+
+def read_places(words) -> list[tuple[int, int, int, int]]:
+    """What a visitor reads: number, x, y (mm) and direction (degrees) of each robot."""
+    number, left, bottom, step, text = words
+    rows = []
+    for word, x, y in struct.iter_unpack("<HHH", urlsafe_b64decode(text)):
+        skipped, direction = divmod(word, 360)
+        number += skipped
+        if skipped < 181:
+            rows.append((number, left + step * x, bottom + step * y, direction))
+            number += 1
+    return rows
+
+
+def packed(rows) -> Places:
+    return Places(np.array(rows, np.int64).reshape(-1, 4))
+
+
+def test_the_committed_vectors_are_what_the_oracle_writes():
+    spec = importlib.util.spec_from_file_location("make_places", VECTORS / "make_places.py")
+    make = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make)
+    assert (VECTORS / "places.json").read_text() == make.text()
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])
+def test_places_are_packed_as_the_oracle_does_it(case):
+    places = packed(case["rows"])
+    assert places.piece(0, len(places)) == case["places"]
+    assert read_places(case["places"]) == [tuple(row) for row in case["read"]]
+
+
+numbers = st.lists(st.integers(1, 700), max_size=60).map(lambda gaps: np.cumsum([0, *gaps]).tolist())
+near = st.integers(-30_000, 30_000)
+
+
+@given(numbers, st.data(), st.integers(1, 50))
+def test_pieces_together_tell_every_robot_exactly(them, data, most):
+    rows = [(n, data.draw(near), data.draw(near), data.draw(st.integers(0, 359))) for n in them]
+    places = packed(rows)
+    read = [row for start in range(0, len(places), most) for row in read_places(places.piece(start, start + most))]
+    assert read == rows
+
+
+@given(st.lists(st.tuples(st.integers(-(10**9), 10**9), st.integers(-(10**9), 10**9)), min_size=1, max_size=20))
+def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
+    rows = [(n, x, y, 0) for n, (x, y) in enumerate(at)]
+    piece = packed(rows).piece(0, len(rows))
+    extent = max(max(v[axis] for v in at) - min(v[axis] for v in at) for axis in (0, 1))
+    assert piece[3] <= max(1, extent / 65535 + 1)
+    for (_, x, y, _), (_, told_x, told_y, _) in zip(rows, read_places(piece), strict=True):
+        assert max(abs(x - told_x), abs(y - told_y)) <= piece[3] / 2
+
+
+def test_nobody_is_packed_as_nothing():
+    assert len(packed([])) == 0

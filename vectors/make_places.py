@@ -1,0 +1,87 @@
+"""Writes vectors/places.json: where robots are, as frames tell it, which Python writes and TypeScript reads.
+
+Packed here record by record, as docs/spec/vocabulary.md says it, not by the code under test. Run it as
+`python vectors/make_places.py`; a test checks that what is committed is what it writes.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import random
+import struct
+from pathlib import Path
+from typing import Any
+
+FILE = Path(__file__).parent / "places.json"
+
+Row = tuple[int, int, int, int]
+
+
+def packed(rows: list[Row]) -> list[Any]:
+    left, bottom = min(row[1] for row in rows), min(row[2] for row in rows)
+    extent = max(max(x - left, y - bottom) for _, x, y, _ in rows)
+    step = max(1, -(-extent // 65535))
+    first = due = rows[0][0]
+    records = b""
+    for number, x, y, direction in rows:
+        while number - due >= 181:
+            records += struct.pack("<HHH", 181 * 360, 0, 0)
+            due += 181
+        word = 360 * (number - due) + direction
+        records += struct.pack("<HHH", word, round((x - left) / step), round((y - bottom) / step))
+        due = number + 1
+    return [first, left, bottom, step, base64.urlsafe_b64encode(records).decode()]
+
+
+def read(rows: list[Row], places: list[Any]) -> list[Row]:
+    """What arrives: with a step of more than 1 mm, places are rounded to it."""
+    _, left, bottom, step, _ = places
+
+    def rounded(at: int, edge: int) -> int:
+        return edge + step * round((at - edge) / step)
+
+    return [(n, rounded(x, left), rounded(y, bottom), d) for n, x, y, d in rows]
+
+
+def cases() -> list[dict[str, Any]]:
+    chance = random.Random(0)  # noqa: S311
+    some = sorted(chance.sample(range(3000), 40))
+    good: dict[str, list[Row]] = {
+        "one robot": [(7, -12, 3456, 359)],
+        "neighbours": [(0, 0, 0, 0), (1, 2000, 1000, 90), (2, 1999, 1, 180)],
+        "180 left out": [(3, 5, 5, 1), (184, 6, 6, 2)],
+        "181 left out": [(3, 5, 5, 1), (185, 6, 6, 2)],
+        "a thousand left out": [(3, 5, 5, 1), (1004, 6, 6, 2), (1005, 7, 7, 3)],
+        "exact up to 65 m": [(0, -32767, 0, 10), (1, 32768, 65535, 20)],
+        "in steps of 2 mm beyond": [(0, 0, 0, 10), (1, 65536, 30001, 20), (2, 12345, 7, 30)],
+        "far away": [(0, -10_000_000, 10_000_000, 45), (1, 9_999_999, -9_999_999, 46)],
+        "at random": [(n, chance.randrange(2000), chance.randrange(2000), chance.randrange(360)) for n in some],
+    }
+    one = packed(good["one robot"])
+    bad: dict[str, Any] = {
+        "nothing": None,
+        "no list": "places",
+        "too short": one[:4],
+        "a number too much to count": [1e300, *one[1:]],
+        "a corner that is none": [7, "0", 0, 1, one[4]],
+        "a step that is none": [7, 0, 0, None, one[4]],
+        "no text": [7, 0, 0, 1, 5],
+        "not base64url": [7, 0, 0, 1, "AAAA+AAA"],
+        "a letter beyond ASCII": [7, 0, 0, 1, "AAAA\u0141AAA"],
+        "half a record": [7, 0, 0, 1, "AAAA"],
+        "more than anybody keeps": [7, 0, 0, 1, "A" * 8 * 4001],
+    }
+    return [
+        {"name": name, "rows": rows, "places": (places := packed(rows)), "read": read(rows, places)}
+        for name, rows in good.items()
+    ] + [{"name": name, "places": places, "read": []} for name, places in bad.items()]
+
+
+def text() -> str:
+    """The file, with a case on each line."""
+    return '{"cases": [\n' + ",\n".join(json.dumps(case, ensure_ascii=True) for case in cases()) + "\n]}\n"
+
+
+if __name__ == "__main__":
+    FILE.write_text(text())

@@ -1,0 +1,56 @@
+// Where robots are, as frames tell it: six bytes for each (docs/spec/vocabulary.md#places).
+
+import { decodeBase64url } from "./core/base64url";
+import type { Json } from "./core/json";
+import { readNumber } from "./robot";
+
+export interface Place {
+  readonly number: number;
+  readonly x: number;
+  readonly y: number;
+  /** Whole degrees. */
+  readonly direction: number;
+}
+
+const RECORD_BYTES = 6;
+const TURN_DEG = 360;
+/** In the place of so many skipped numbers: they are skipped, and the record is no robot. */
+const NOBODY = 181;
+/** Ten frames of ours. */
+const MOST_RECORDS = 4000;
+const FARTHEST = 1e9;
+
+/** Those that `words` tell, in order of their numbers; none if it is not what frames hold. */
+export function readPlaces(words: Json | undefined): readonly Place[] {
+  if (!Array.isArray(words)) return [];
+  const [first, left, bottom, step] = (words as readonly Json[]).map((word) => readNumber(word, -FARTHEST, FARTHEST));
+  const text = (words as readonly Json[])[4];
+  if (first === undefined || left === undefined || bottom === undefined || step === undefined) return [];
+  if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return [];
+  const raw = decodeBase64url(ascii(text));
+  if (!raw || raw.length % RECORD_BYTES !== 0) return [];
+  const record = new DataView(raw.buffer, raw.byteOffset, raw.length);
+  const places: Place[] = [];
+  let number = first;
+  for (let at = 0; at < raw.length; at += RECORD_BYTES) {
+    const word = record.getUint16(at, true);
+    const skipped = Math.floor(word / TURN_DEG);
+    number += skipped;
+    if (skipped >= NOBODY) continue;
+    places.push({
+      number,
+      x: left + step * record.getUint16(at + 2, true),
+      y: bottom + step * record.getUint16(at + 4, true),
+      direction: word % TURN_DEG,
+    });
+    number += 1;
+  }
+  return places;
+}
+
+/** A code beyond ASCII becomes one that base64url does not have. */
+function ascii(text: string): Uint8Array {
+  const codes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i += 1) codes[i] = Math.min(255, text.charCodeAt(i));
+  return codes;
+}
