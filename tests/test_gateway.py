@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -83,7 +82,7 @@ class TestVocabulary:
     def test_long_histories_are_dropped_until_the_answer_fits(self):
         swarm = Dotbots(50, 1, lambda: NOW)
         trail = [Point(i * 1.1, i * 1.3) for i in range(1000)]
-        robots = [replace(robot, history=trail) for robot in swarm.robots()]
+        robots = [robot._replace(history=trail) for robot in swarm.robots()]
         whole = vocabulary.tell_robots(robots, NOW, 1 << 30, 1 << 30)
         assert all(len(robot["position_history"]) == 1000 for robot in whole)
         told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
@@ -95,7 +94,7 @@ class TestVocabulary:
 
     def test_nothing_makes_an_answer_longer_than_a_client_reads(self):
         robots = [
-            replace(robot, route=[Point(1234.5, 1234.5)] * 65, history=[Point(1.5, 1.5)] * 1000)
+            robot._replace(route=[Point(1234.5, 1234.5)] * 65, history=[Point(1.5, 1.5)] * 1000)
             for robot in Dotbots(2000, 1, lambda: NOW).robots()
         ]
         told = vocabulary.tell_robots(robots, NOW, 48 << 10, 1 << 20)
@@ -105,7 +104,7 @@ class TestVocabulary:
 
     @pytest.mark.parametrize(("silent_s", "status"), [(0, 0), (4.9, 0), (5, 1), (59, 1), (60, 2)])
     def test_a_silent_robot_is_quiet_then_lost(self, silent_s, status):
-        robot = replace(Dotbots(1, 1, lambda: NOW).robots()[0], heard_at_s=NOW - silent_s)
+        robot = Dotbots(1, 1, lambda: NOW).robots()[0]._replace(heard_at_s=NOW - silent_s)
         assert vocabulary.tell_robot(robot, NOW)["status"] == status
 
 

@@ -147,7 +147,7 @@ class TestFrames:
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
         lost, known = Dotbots(2, 1, lambda: NOW).robots()
-        (frame,) = Frames(FRAME_BYTES).next([replace(lost, at=Point(math.nan, 5.0)), known], NOW, 0.0).frames
+        (frame,) = Frames(FRAME_BYTES).next([lost._replace(at=Point(math.nan, 5.0)), known], NOW, 0.0).frames
         ((number, *_),) = read_places(frame["data"]["places"])
         assert number == 1
 

@@ -21,13 +21,13 @@ CASES = json.loads((VECTORS / "places.json").read_text())["cases"]
 
 def read_places(words) -> list[tuple[int, int, int, int]]:
     """What a visitor reads: number, x, y (mm) and direction (degrees) of each robot."""
-    number, left, bottom, step, text = words
+    number, left, top, step, text = words
     rows = []
     for word, x, y in struct.iter_unpack("<HHH", urlsafe_b64decode(text)):
         skipped, direction = divmod(word, 360)
         number += skipped
         if skipped < 181:
-            rows.append((number, left + step * x, bottom + step * y, direction))
+            rows.append((number, left + step * x, top + step * y, direction))
             number += 1
     return rows
 

@@ -19,8 +19,8 @@ Row = tuple[int, int, int, int]
 
 
 def packed(rows: list[Row]) -> list[Any]:
-    left, bottom = min(row[1] for row in rows), min(row[2] for row in rows)
-    extent = max(max(x - left, y - bottom) for _, x, y, _ in rows)
+    left, top = min(row[1] for row in rows), min(row[2] for row in rows)
+    extent = max(max(x - left, y - top) for _, x, y, _ in rows)
     step = max(1, -(-extent // 65535))
     first = due = rows[0][0]
     records = b""
@@ -29,19 +29,19 @@ def packed(rows: list[Row]) -> list[Any]:
             records += struct.pack("<HHH", 181 * 360, 0, 0)
             due += 181
         word = 360 * (number - due) + direction
-        records += struct.pack("<HHH", word, round((x - left) / step), round((y - bottom) / step))
+        records += struct.pack("<HHH", word, round((x - left) / step), round((y - top) / step))
         due = number + 1
-    return [first, left, bottom, step, base64.urlsafe_b64encode(records).decode()]
+    return [first, left, top, step, base64.urlsafe_b64encode(records).decode()]
 
 
 def read(rows: list[Row], places: list[Any]) -> list[Row]:
     """What arrives: with a step of more than 1 mm, places are rounded to it."""
-    _, left, bottom, step, _ = places
+    _, left, top, step, _ = places
 
     def rounded(at: int, edge: int) -> int:
         return edge + step * round((at - edge) / step)
 
-    return [(n, rounded(x, left), rounded(y, bottom), d) for n, x, y, d in rows]
+    return [(n, rounded(x, left), rounded(y, top), d) for n, x, y, d in rows]
 
 
 def cases() -> list[dict[str, Any]]:

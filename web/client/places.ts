@@ -23,9 +23,9 @@ const FARTHEST = 1e9;
 /** Those that `words` tell, in order of their numbers; none if it is not what frames hold. */
 export function readPlaces(words: Json | undefined): readonly Place[] {
   if (!Array.isArray(words)) return [];
-  const [first, left, bottom, step] = (words as readonly Json[]).map((word) => readNumber(word, -FARTHEST, FARTHEST));
+  const [first, left, top, step] = (words as readonly Json[]).map((word) => readNumber(word, -FARTHEST, FARTHEST));
   const text = (words as readonly Json[])[4];
-  if (first === undefined || left === undefined || bottom === undefined || step === undefined) return [];
+  if (first === undefined || left === undefined || top === undefined || step === undefined) return [];
   if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return [];
   const raw = decodeBase64url(ascii(text));
   if (!raw || raw.length % RECORD_BYTES !== 0) return [];
@@ -40,7 +40,7 @@ export function readPlaces(words: Json | undefined): readonly Place[] {
     places.push({
       number,
       x: left + step * record.getUint16(at + 2, true),
-      y: bottom + step * record.getUint16(at + 4, true),
+      y: top + step * record.getUint16(at + 4, true),
       direction: word % TURN_DEG,
     });
     number += 1;

@@ -43,12 +43,12 @@ const frame = (seq: number, { robots = [], ...more }: { robots?: readonly Row[];
 /** As a gateway packs them; by number, none more than 180 after the one before, on less than 65 m. */
 function packed(robots: readonly Row[]): Json {
   const [[first] = [0]] = robots;
-  const [left, bottom] = [Math.min(...robots.map((row) => row[1])), Math.min(...robots.map((row) => row[2]))];
+  const [left, top] = [Math.min(...robots.map((row) => row[1])), Math.min(...robots.map((row) => row[2]))];
   const records = robots.flatMap(([number, x, y, direction], i) => {
     const skipped = i === 0 ? 0 : number - (robots[i - 1]?.[0] ?? 0) - 1;
-    return [360 * skipped + direction, x - left, y - bottom];
+    return [360 * skipped + direction, x - left, y - top];
   });
-  return [first, left, bottom, 1, encodeBase64url(new Uint8Array(Uint16Array.from(records).buffer))];
+  return [first, left, top, 1, encodeBase64url(new Uint8Array(Uint16Array.from(records).buffer))];
 }
 
 const of = (swarm: Swarm, address = A) => {

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
@@ -135,7 +134,7 @@ class Gateway:
         shields = self.shields.in_list(self._frames.number) if self.shields else {}
         walks = self.missions.in_list() if self.missions else {}
         return [
-            vocabulary.tell_robot(robot if with_routes else replace(robot, route=()), now_s, trail)
+            vocabulary.tell_robot(robot if with_routes else robot._replace(route=()), now_s, trail)
             | {"n": self._frames.number(robot.address), "mode": int(bool(robot.route))}
             | shields.get(robot.address, {})
             | walks.get(robot.address, {})

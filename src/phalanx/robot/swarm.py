@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,7 @@ class Led:
     blue: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Robot:
+class Robot(NamedTuple):
     """One robot at one moment.
 
     Args:
