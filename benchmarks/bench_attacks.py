@@ -192,7 +192,8 @@ def is_wrong(result: Result, verdict: str) -> bool:
     """Whether something happened that the verdict excludes; one of an attack that bites excludes nothing."""
     if verdict in ("bites", "not covered"):
         return False
-    honest = verdict == "stopped" and result.deviated < result.liars
+    # Who left out of its log what changed nothing that it did is stopped, too.
+    honest = verdict == "stopped" and result.deviated < result.liars and result.alive > 0
     over = verdict == "limited" and (result.alive < result.liars or result.bucket > 1)
     return bool(result.late or result.correct_stopped or honest or over)
 

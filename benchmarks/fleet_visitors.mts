@@ -11,7 +11,7 @@ import { isObject, type Json, type JsonObject } from "../web/client/core/json";
 import { parseQrUrl } from "../web/client/core/qrurl";
 import { Connection, type ConnectionEvent } from "../web/client/io/connection";
 import { readPlaces } from "../web/client/places";
-import { REQUEST_ROBOTS } from "../web/client/swarm";
+import { REQUEST_AREA, REQUEST_ROBOTS } from "../web/client/swarm";
 import { Watch } from "../web/client/watch";
 
 interface Order {
@@ -75,12 +75,14 @@ class Visitor {
     this.#connection.listen((event) => this.#on(event));
   }
 
-  /** Ask for the list of robots when a page would. */
+  /** Ask for the list of robots, or for the area, when a page would. */
   look(): void {
-    if (!this.#watch.due(performance.now(), Math.random())) return;
-    this.tally.asked += 1;
+    const now_ms = performance.now();
+    const list = this.#watch.due(now_ms, Math.random());
+    if (!list && !this.#watch.presenceDue(now_ms)) return;
+    if (list) this.tally.asked += 1;
     // The answer also comes as an event; that none came is seen by the watch.
-    this.#connection.request(REQUEST_ROBOTS, { frames: true }).catch(() => {});
+    this.#connection.request(list ? REQUEST_ROBOTS : REQUEST_AREA, { frames: true }).catch(() => {});
   }
 
   /** Send a robot on a long tour. */
@@ -118,7 +120,7 @@ class Visitor {
     this.#watch.heard(now_ms);
     if (event.kind === "moved") this.#watch.missed(now_ms, Math.random());
     if (event.kind === "part") this.#watch.answering(now_ms);
-    if (event.kind === "replied") this.#onList(event.data);
+    if (event.kind === "replied" && event.request === REQUEST_ROBOTS) this.#onList(event.data);
     if (event.kind === "notified" && isObject(event.payload) && event.payload["cmd"] === FRAME) {
       this.#onFrame(event.payload["data"] as JsonObject, event.timestamp_s);
     }
@@ -150,6 +152,7 @@ class Visitor {
       this.#watch.missed(performance.now(), Math.random());
     }
     this.#seq = seq;
+    this.#watch.framed();
 
     // Within a tick the frames name robots in the order of their numbers, so a lower one is the next tick's. Times of
     // sending would not tell: a busy machine holds up a tick's own frames, and one late tick comes close to the next.

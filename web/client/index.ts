@@ -1,6 +1,7 @@
 // The library's surface: protocol, connection, hooks, and the vocabulary of swarms.
 
 export * from "./core";
+export { MOST_ROBOTS } from "./frame";
 export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
 export { SwarmLink, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
@@ -9,7 +10,6 @@ export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, shortAddress, shor
 export { type Audit, counting, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {
   type Area,
-  MOST_ROBOTS,
   NO_SWARM,
   REQUEST_AREA,
   REQUEST_LIT,

@@ -6,25 +6,20 @@
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
 import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
-import { type Place, readPlaces } from "./places";
+import { change, join, lastingInFrame, list, MOST_ROBOTS, move, moveInFrame } from "./frame";
+import { readPlaces } from "./places";
 import {
   objectsOf,
   type Robot,
   readBattery,
   readDirection,
-  readMode,
   readNumber,
   readPoint,
-  readPointXy,
-  readRgb,
   readRobot,
-  readStatus,
   readText,
-  readThreshold,
-  readWaypoints,
 } from "./robot";
 import { type Audit, readAudit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
-import { type Point, Trail } from "./trail";
+import { Trail } from "./trail";
 
 export const REQUEST_ROBOTS = 0;
 export const REQUEST_AREA = 1;
@@ -36,8 +31,6 @@ const NOTIFY_UPDATE = 2;
 const NOTIFY_JOINED = 4;
 const NOTIFY_FRAME = 16;
 
-/** Most robots that are kept: ten times what the map is made for. */
-export const MOST_ROBOTS = 2000;
 const LARGEST_AREA_MM = 1e7;
 // A trail point for every step of this fraction of the area's width: 10 mm of 2 m.
 const TRAIL_STEP = 0.005;
@@ -109,7 +102,14 @@ export const NO_SWARM: Swarm = {
 };
 
 export type SwarmAction =
-  | { readonly kind: "replied"; readonly request: number; readonly data: Json; readonly at_ms: number }
+  /** `since`: what was notified since request 0 was asked; some of it is newer than the answer. */
+  | {
+      readonly kind: "replied";
+      readonly request: number;
+      readonly data: Json;
+      readonly at_ms: number;
+      readonly since?: readonly Json[];
+    }
   | { readonly kind: "notified"; readonly payload: Json; readonly at_ms: number }
   /** Connected again: frames were missed, but request 0 is being asked anyway. */
   | { readonly kind: "reconnected" }
@@ -120,7 +120,9 @@ export type SwarmAction =
 export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
   switch (action.kind) {
     case "replied":
-      if (action.request === REQUEST_ROBOTS) return withRobots(swarm, action.data, action.at_ms);
+      if (action.request === REQUEST_ROBOTS) {
+        return withSince(withRobots(swarm, action.data, action.at_ms), action.since ?? [], action.at_ms);
+      }
       if (action.request === REQUEST_AREA) return withArea(swarm, action.data);
       return swarm.missions ? { ...swarm, missions: withMap(swarm.missions, action.request, action.data) } : swarm;
     case "notified":
@@ -171,6 +173,28 @@ function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
   return settled({ ...swarm, robots, numbers, listed: true, at_ms });
 }
 
+/**
+ * A long list is on its way for a while, and frames overtake it: what they told is told once more. They are taken in
+ * order up to the newest, so those that were older than the list do no harm.
+ */
+function withSince(swarm: Swarm, since: readonly Json[], at_ms: number): Swarm {
+  const frames = objectsOf(
+    since.map((payload) => (isObject(payload) && payload["cmd"] === NOTIFY_FRAME ? (payload["data"] ?? null) : null)),
+  );
+  if (frames.length === 0) return swarm;
+  let { numbers } = swarm;
+  const next = edited(swarm, (robots) => {
+    for (const frame of frames) {
+      const joined = list(frame["joined"]);
+      for (const words of objectsOf(joined)) if (!robots.has(words["address"] as string)) join(robots, words);
+      if (joined.length > 0) numbers = numbersOf(robots);
+      lastingInFrame(robots, numbers, frame, at_ms);
+      for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
+    }
+  });
+  return { ...next, numbers };
+}
+
 function withArea(swarm: Swarm, data: Json): Swarm {
   if (!isObject(data)) return swarm;
   const width = readNumber(data["width"], 1, LARGEST_AREA_MM);
@@ -195,7 +219,7 @@ function updated(swarm: Swarm, data: JsonObject): Swarm {
   const direction = readDirection(data["direction"]);
   const battery_v = readBattery(data["battery"]);
   return edited(swarm, (robots) => {
-    move(robots, address, readPoint(data["lh2_position"]), swarm.area);
+    move(robots, address, readPoint(data["lh2_position"]), TRAIL_STEP * swarm.area.width);
     change(robots, address, {
       ...(direction !== undefined && { direction }),
       ...(battery_v !== undefined && { battery_v }),
@@ -209,16 +233,15 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   let missed = swarm.seq !== undefined && seq !== swarm.seq + 1;
   let { numbers } = swarm;
   const ended: Audit[] = [];
+  const step = TRAIL_STEP * swarm.area.width;
   const next = edited(swarm, (robots) => {
     const joined = list(frame["joined"]);
     for (const words of joined) join(robots, words);
     if (joined.length > 0) numbers = numbersOf(robots);
     for (const place of readPlaces(frame["places"])) {
-      if (!moveInFrame(robots, numbers, place, swarm.area)) missed ||= swarm.listed;
+      if (!moveInFrame(robots, numbers, place, step)) missed ||= swarm.listed;
     }
-    for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
-    for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
-    for (const words of list(frame["walks"])) walkInFrame(robots, numbers, words);
+    lastingInFrame(robots, numbers, frame, at_ms);
     for (const words of list(frame["audits"])) {
       const audit = readAudit(words, numbers, at_ms);
       if (audit) ended.push(audit);
@@ -234,93 +257,10 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   return { ...next, numbers, seq, audits, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
-/** False for a robot that we do not know. */
-function moveInFrame(
-  robots: Map<string, Robot>,
-  numbers: ReadonlyMap<number, string>,
-  { number, x, y, direction }: Place,
-  area: Area,
-): boolean {
-  const address = numbers.get(number);
-  const robot = address === undefined ? undefined : robots.get(address);
-  // Of robots beyond what we keep, no answer would tell us more.
-  if (address === undefined || !robot) return robots.size >= MOST_ROBOTS;
-  robots.set(address, { ...robot, direction });
-  move(robots, address, readPointXy(x, y), area);
-  return true;
-}
-
-/** `[number, safe, vouchers]`. */
-function shieldInFrame(
-  robots: Map<string, Robot>,
-  numbers: ReadonlyMap<number, string>,
-  words: Json,
-  at_ms: number,
-): void {
-  if (!Array.isArray(words)) return;
-  const [number, ...rest] = words as readonly Json[];
-  const address = typeof number === "number" ? numbers.get(number) : undefined;
-  const shield = readShield(rest, at_ms);
-  if (address !== undefined && shield) change(robots, address, { shield });
-}
-
-/** `[number, phase, decoded, of, why]`. */
-function walkInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, string>, words: Json): void {
-  if (!Array.isArray(words)) return;
-  const [number, ...rest] = words as readonly Json[];
-  const address = typeof number === "number" ? numbers.get(number) : undefined;
-  const walk = readWalk(rest);
-  if (address !== undefined && walk) change(robots, address, { walk });
-}
-
-function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {
-  const { address } = words;
-  if (typeof address !== "string") return;
-  const led = readRgb(words["rgb_led"]);
-  const waypoints = readWaypoints(words["waypoints"]);
-  const threshold = readThreshold(words["waypoints_threshold"]);
-  const millivolts = readNumber(words["battery_mv"], 0, 100_000);
-  const status = readStatus(words["status"]);
-  const mode = readMode(words["mode"]);
-  change(robots, address, {
-    ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
-    ...(status !== undefined && { status }),
-    ...(mode !== undefined && { mode }),
-    ...(led && { led }),
-    ...(waypoints && { waypoints }),
-    ...(threshold !== undefined && { threshold }),
-    ...(words["history_cleared"] === true && { trail: Trail.EMPTY }),
-  });
-}
-
-function join(robots: Map<string, Robot>, words: Json | undefined): void {
-  const robot = readRobot(words);
-  if (robot && (robots.has(robot.address) || robots.size < MOST_ROBOTS)) robots.set(robot.address, robot);
-}
-
-function change(robots: Map<string, Robot>, address: string, what: Partial<Robot>): void {
-  const robot = robots.get(address);
-  if (robot) robots.set(address, { ...robot, ...what });
-}
-
-function move(robots: Map<string, Robot>, address: string, position: Point | undefined, area: Area): void {
-  const robot = robots.get(address);
-  if (!robot || !position) return;
-  const { trail } = robot;
-  const step = TRAIL_STEP * area.width;
-  const last = trail.length - 1;
-  const near = last >= 0 && Math.hypot(position.x - trail.x(last), position.y - trail.y(last)) < step;
-  robots.set(address, { ...robot, position, trail: near ? trail : trail.append(position) });
-}
-
 function numbersOf(robots: ReadonlyMap<string, Robot>): ReadonlyMap<number, string> {
   const numbers = new Map<number, string>();
   for (const { address, number } of robots.values()) if (number !== undefined) numbers.set(number, address);
   return numbers;
-}
-
-function list(words: Json | undefined): readonly Json[] {
-  return Array.isArray(words) ? (words as readonly Json[]).slice(0, MOST_ROBOTS) : [];
 }
 
 function edited(swarm: Swarm, edit: (robots: Map<string, Robot>) => void): Swarm {

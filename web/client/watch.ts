@@ -12,7 +12,11 @@ const ASK_AGAIN_MS = 3000;
 // An older server says nothing while no robot moves: it must have had the time to answer before it is called silent.
 const GRACE_MS = 1500;
 const RESYNC_MS = 60_000;
-const RESYNC_JITTER_MS = 10_000;
+/** Numbered frames tell what is missing: two hundred visitors' lists of a thousand robots, once a minute, take a third of a core. */
+const RESYNC_BESIDE_FRAMES_MS = 600_000;
+const RESYNC_JITTER = 1 / 6;
+/** A gateway forgets who asked nothing for two and a half minutes. */
+const PRESENT_MS = 60_000;
 /** After a gap everybody asks: not all at once. */
 const GAP_JITTER_MS = 500;
 /** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
@@ -45,6 +49,8 @@ export class Watch {
   #askAt_ms = Number.POSITIVE_INFINITY;
   #askGap_ms = ASK_GAP_MS;
   #answered = true;
+  #framed = false;
+  #presentAt_ms = Number.NEGATIVE_INFINITY;
   #staleInARow = 0;
   #staleAt_ms = Number.NEGATIVE_INFINITY;
   #skew_s = 0;
@@ -62,6 +68,7 @@ export class Watch {
     this.#staleInARow = 0;
     // A question of before died with its connection: what is planned here takes its place.
     this.#answered = true;
+    this.#framed = false;
     this.#askedAt_ms = Number.NEGATIVE_INFINITY;
     this.#askAt_ms = state === "online" ? now_ms + (again ? chance * RECONNECT_JITTER_MS : 0) : Number.POSITIVE_INFINITY;
   }
@@ -70,6 +77,11 @@ export class Watch {
   heard(now_ms: number): void {
     this.#heardAt_ms = now_ms;
     this.#staleInARow = 0;
+  }
+
+  /** A numbered frame came: whatever is missed from now on will show. */
+  framed(): void {
+    this.#framed = true;
   }
 
   /** Request 0 is being answered: a part came. */
@@ -107,7 +119,14 @@ export class Watch {
     this.#askGap_ms = since_ms < CALM_MS ? Math.min(2 * this.#askGap_ms, ASK_GAP_MOST_MS) : ASK_GAP_MS;
     this.#askedAt_ms = now_ms;
     this.#answered = false;
-    this.#askAt_ms = now_ms + RESYNC_MS + chance * RESYNC_JITTER_MS;
+    this.#askAt_ms = now_ms + (this.#framed ? RESYNC_BESIDE_FRAMES_MS : RESYNC_MS) * (1 + chance * RESYNC_JITTER);
+    return true;
+  }
+
+  /** Whether to ask for something small, because nothing was asked for a minute; then it counts as asked. */
+  presenceDue(now_ms: number): boolean {
+    if (this.#broker !== "online" || now_ms - Math.max(this.#askedAt_ms, this.#presentAt_ms) < PRESENT_MS) return false;
+    this.#presentAt_ms = now_ms;
     return true;
   }
 

@@ -84,6 +84,26 @@ describe("answers", () => {
     expect(swarm.missed).toBe(0);
   });
 
+  test("what frames told while a long list was on its way is newer than the list", () => {
+    const green = { red: 0, green: 255, blue: 0 };
+    const meanwhile = [
+      frame(1, { changed: [{ address: A, rgb_led: green, status: 1 }], robots: [[1, 500, 500, 0]] }),
+      frame(2, { joined: [robot("C", { n: 9 })], changed: [{ address: "C", rgb_led: green }] }),
+      frame(3, { left: [B] }),
+    ];
+    const before = play(meanwhile, START);
+    const since = meanwhile.map(({ payload }) => payload);
+    const answer = { ...told(0, [robot(A), robot(B)]), since };
+    const swarm = play([answer], before);
+    expect([...swarm.robots.keys()]).toEqual([A, "C"]);
+    expect(of(swarm)).toMatchObject({ led: green, status: 1, position: { x: 100, y: 200 } });
+    expect(of(swarm, "C").led).toEqual(green);
+    expect(swarm.seq).toBe(3);
+    expect(play([frame(4, { robots: [[9, 1, 1, 1]] })], swarm).missed).toBe(before.missed);
+    const nonsense = [null, 7, {}, { cmd: 16 }, { cmd: 16, data: [] }, { cmd: 16, data: { left: 5, changed: "x" } }];
+    expect(play([{ ...answer, since: nonsense }], before).robots.size).toBe(2);
+  });
+
   test("a second answer forgets robots that are no longer listed", () => {
     expect([...play([told(0, [robot(B)])], START).robots.keys()]).toEqual([B]);
   });

@@ -59,6 +59,29 @@ describe("asking", () => {
     expect(askedAt(watch, 0, 125_000, (now_ms) => wellAt(watch, now_ms))).toEqual([0, 60_000, 120_000]);
   });
 
+  test("beside numbered frames, which show what is missing, about every ten minutes; and something small every minute", () => {
+    const watch = online();
+    const presentAt: number[] = [];
+    const asked = askedAt(watch, 0, 1_300_000, (now_ms) => {
+      wellAt(watch, now_ms);
+      if (now_ms > 0) watch.framed();
+      if (now_ms > 0 && watch.presenceDue(now_ms)) presentAt.push(now_ms);
+    });
+    expect(asked).toEqual([0, 60_000, 660_000, 1_260_000]);
+    expect(presentAt.slice(0, 4)).toEqual([60_000, 120_000, 180_000, 240_000]);
+    expect(presentAt.length).toBe(21);
+  });
+
+  test("a broker that was lost may bring another swarm, which sends no frames", () => {
+    const watch = online();
+    watch.due(0, 0);
+    watch.framed();
+    watch.broker("offline", 1000, 0);
+    expect(watch.presenceDue(100_000)).toBe(false);
+    watch.broker("online", 100_000, 0);
+    expect(askedAt(watch, 100_000, 165_000, (now_ms) => wellAt(watch, now_ms))).toEqual([100_000, 160_000]);
+  });
+
   test("again after 3 s when the answer was lost, though frames come, and less and less often if nothing answers", () => {
     const watch = online();
     expect(askedAt(watch, 0, 40_000, (now_ms) => watch.heard(now_ms))).toEqual([0, 3000, 6000, 10_000, 18_000, 34_000]);

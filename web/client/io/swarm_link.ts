@@ -25,6 +25,8 @@ export interface SwarmView {
 const TICK_MS = 250;
 /** A swarm answers well within this, if the connection still carries anything. */
 const WAKE_MS = 3000;
+/** Frames of ten seconds from a thousand robots. */
+const MOST_SINCE = 300;
 /** Walls are told once; in many parts, where there are many. */
 const WALLS_AGAIN_MS = 5000;
 
@@ -37,6 +39,8 @@ export class SwarmLink {
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
   #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
+  /** What was notified while request 0 is open: newer than the list, where that is slow to come. */
+  #sinceAsked: Json[] | undefined;
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
 
   /** @param onMoved told of every new pin, so that it can be kept for a reload. */
@@ -117,8 +121,18 @@ export class SwarmLink {
         return;
       default:
         this.#watch.heard(now_ms);
-        if (event.kind === "replied" && event.request === REQUEST_ROBOTS) this.#watch.answered();
-        this.#reduce({ ...event, at_ms: now_ms });
+        if (event.kind === "notified") {
+          this.#sinceAsked?.push(event.payload);
+          if (this.#sinceAsked && this.#sinceAsked.length > MOST_SINCE) this.#sinceAsked.shift();
+          this.#reduce({ ...event, at_ms: now_ms });
+          if (this.#view.swarm.seq !== undefined) this.#watch.framed();
+        } else if (event.request === REQUEST_ROBOTS) {
+          this.#watch.answered();
+          this.#reduce({ ...event, at_ms: now_ms, since: this.#sinceAsked ?? [] });
+          this.#sinceAsked = undefined;
+        } else {
+          this.#reduce({ ...event, at_ms: now_ms });
+        }
     }
   }
 
@@ -134,6 +148,9 @@ export class SwarmLink {
       this.#ask(REQUEST_ROBOTS);
       if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
       if (this.#view.swarm.missions) this.#ask(REQUEST_LIT);
+      this.#sinceAsked = [];
+    } else if (this.#watch.presenceDue(now_ms)) {
+      this.#ask(REQUEST_AREA);
     }
     this.#askForWalls(now_ms);
     const health = this.#watch.health(now_ms);

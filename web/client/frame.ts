@@ -1,0 +1,117 @@
+// What a frame says of robots, done to those that a visitor knows (docs/spec/vocabulary.md).
+
+import type { Json, JsonObject } from "./core/json";
+import { readWalk } from "./mission";
+import type { Place } from "./places";
+import {
+  objectsOf,
+  type Robot,
+  readMode,
+  readNumber,
+  readPointXy,
+  readRgb,
+  readRobot,
+  readStatus,
+  readThreshold,
+  readWaypoints,
+} from "./robot";
+import { readShield } from "./shield";
+import { type Point, Trail } from "./trail";
+
+/** Most robots that are kept: ten times what the map is made for. */
+export const MOST_ROBOTS = 2000;
+
+export function list(words: Json | undefined): readonly Json[] {
+  return Array.isArray(words) ? (words as readonly Json[]).slice(0, MOST_ROBOTS) : [];
+}
+
+/** What a frame says that no later one says again. */
+export function lastingInFrame(
+  robots: Map<string, Robot>,
+  numbers: ReadonlyMap<number, string>,
+  frame: JsonObject,
+  at_ms: number,
+): void {
+  for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
+  for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
+  for (const words of list(frame["walks"])) walkInFrame(robots, numbers, words);
+}
+
+/** False for a robot that we do not know. */
+export function moveInFrame(
+  robots: Map<string, Robot>,
+  numbers: ReadonlyMap<number, string>,
+  { number, x, y, direction }: Place,
+  step: number,
+): boolean {
+  const address = numbers.get(number);
+  const robot = address === undefined ? undefined : robots.get(address);
+  // Of robots beyond what we keep, no answer would tell us more.
+  if (address === undefined || !robot) return robots.size >= MOST_ROBOTS;
+  robots.set(address, { ...robot, direction });
+  move(robots, address, readPointXy(x, y), step);
+  return true;
+}
+
+/** `[number, safe, vouchers]`. */
+function shieldInFrame(
+  robots: Map<string, Robot>,
+  numbers: ReadonlyMap<number, string>,
+  words: Json,
+  at_ms: number,
+): void {
+  if (!Array.isArray(words)) return;
+  const [number, ...rest] = words as readonly Json[];
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const shield = readShield(rest, at_ms);
+  if (address !== undefined && shield) change(robots, address, { shield });
+}
+
+/** `[number, phase, decoded, of, why]`. */
+function walkInFrame(robots: Map<string, Robot>, numbers: ReadonlyMap<number, string>, words: Json): void {
+  if (!Array.isArray(words)) return;
+  const [number, ...rest] = words as readonly Json[];
+  const address = typeof number === "number" ? numbers.get(number) : undefined;
+  const walk = readWalk(rest);
+  if (address !== undefined && walk) change(robots, address, { walk });
+}
+
+function changeInFrame(robots: Map<string, Robot>, words: JsonObject): void {
+  const { address } = words;
+  if (typeof address !== "string") return;
+  const led = readRgb(words["rgb_led"]);
+  const waypoints = readWaypoints(words["waypoints"]);
+  const threshold = readThreshold(words["waypoints_threshold"]);
+  const millivolts = readNumber(words["battery_mv"], 0, 100_000);
+  const status = readStatus(words["status"]);
+  const mode = readMode(words["mode"]);
+  change(robots, address, {
+    ...(millivolts !== undefined && { battery_v: millivolts / 1000 }),
+    ...(status !== undefined && { status }),
+    ...(mode !== undefined && { mode }),
+    ...(led && { led }),
+    ...(waypoints && { waypoints }),
+    ...(threshold !== undefined && { threshold }),
+    ...(words["history_cleared"] === true && { trail: Trail.EMPTY }),
+  });
+}
+
+export function join(robots: Map<string, Robot>, words: Json | undefined): void {
+  const robot = readRobot(words);
+  if (robot && (robots.has(robot.address) || robots.size < MOST_ROBOTS)) robots.set(robot.address, robot);
+}
+
+export function change(robots: Map<string, Robot>, address: string, what: Partial<Robot>): void {
+  const robot = robots.get(address);
+  if (robot) robots.set(address, { ...robot, ...what });
+}
+
+/** The trail gets a point for every `step`. */
+export function move(robots: Map<string, Robot>, address: string, position: Point | undefined, step: number): void {
+  const robot = robots.get(address);
+  if (!robot || !position) return;
+  const { trail } = robot;
+  const last = trail.length - 1;
+  const near = last >= 0 && Math.hypot(position.x - trail.x(last), position.y - trail.y(last)) < step;
+  robots.set(address, { ...robot, position, trail: near ? trail : trail.append(position) });
+}
