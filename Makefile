@@ -106,7 +106,7 @@ test-python: setup-dev
 bench: setup-dev
 	$(BIN)/python benchmarks/bench_bti.py
 	$(BIN)/python benchmarks/bench_radio.py
-	$(BIN)/python benchmarks/bench_link.py
+	$(BIN)/python benchmarks/bench_link.py --soak-minutes 10
 	$(BIN)/python benchmarks/bench_attacks.py
 	$(BIN)/python benchmarks/bench_mission.py
 	$(BIN)/python benchmarks/bench_scan.py

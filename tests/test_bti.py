@@ -13,6 +13,7 @@ from phalanx.bti import log, request, rounds
 from phalanx.bti.fleet import PENDING, START
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
+from phalanx.config.flock import FlockConfig
 from phalanx.robot import auditor
 from phalanx.sim.run import Run
 from phalanx.sim.scenario import Scenario
@@ -22,6 +23,20 @@ def running(seconds: float, **said) -> Run:
     run = Run(Scenario(robots=9, grid_step_m=10.0, d_m=10.0, bti=BtiConfig(f_max=2), duration_s=200.0, **said))
     run.advance(seconds)
     return run
+
+
+def spread_out(robots: int, seed: int) -> Run:
+    """20 s of a grid of 64 m that nothing draws anywhere: as dense however large."""
+    stay, bti = FlockConfig(c1_gamma=0.0), BtiConfig(f_max=2)
+    run = Run(Scenario(robots=robots, grid_step_m=64.0, d_m=64.0, flock=stay, bti=bti, seed=seed))
+    run.advance(20.0)
+    assert not run.in_safe_mode.any()
+    return run
+
+
+def neighbours(run: Run) -> float:
+    """In range, in the mean of robots."""
+    return run.world.reach.start[len(run.ids)] / len(run.ids)
 
 
 def with_a_checkpoint_pending() -> tuple[Run, int]:
@@ -154,6 +169,19 @@ class TestBooks:
         early, late = running(20.0).summary(), running(120.0).summary()
         for sort in ("app", "audit"):
             assert late["bytes_per_s_per_robot"][sort] <= 1.1 * early["bytes_per_s_per_robot"][sort]
+
+    def test_neither_grows_with_the_swarm_where_robots_stand_as_dense(self):
+        """Eight swarms of 49 beside one of 400: about as many robots, so the longest log is a draw from as many."""
+        small, large = [spread_out(49, seed) for seed in range(8)], spread_out(400, 0)
+        of_small, of_large = [run.summary() for run in small], large.summary()
+        # Another seed's large swarm may be unluckier than all eight: 2673 to 3594 bytes where these have 3500.
+        assert of_large["log_bytes_max"] <= 1.1 * max(each["log_bytes_max"] for each in of_small)
+        # Less of a larger grid is edge, so its robots have more neighbours to talk with: 7.41 and 6.37.
+        more = neighbours(large) / neighbours(small[0])
+        assert 1.1 < more < 1.2
+        for sort in ("app", "audit"):
+            theirs = np.mean([each["bytes_per_s_per_robot"][sort] for each in of_small])
+            assert of_large["bytes_per_s_per_robot"][sort] <= more * theirs
 
     def test_the_same_seed_gives_the_same_digest_and_another_another(self):
         assert running(10.0, seed=3).summary()["digest"] == running(10.0, seed=3).summary()["digest"]

@@ -90,9 +90,11 @@ class TestUp:
             table = run("link", "connect", ready["qr_url"])
             assert len(table.stdout.splitlines()) == 5
 
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-    def test_it_ends_within_two_seconds_children_included(self, number):
-        with a_gateway() as (up, _):
+    @pytest.mark.parametrize(
+        ("number", "defence"), [(signal.SIGINT, "none"), (signal.SIGTERM, "none"), (signal.SIGINT, "bound")]
+    )
+    def test_it_ends_within_two_seconds_children_included(self, number, defence):
+        with a_gateway("--defence", defence) as (up, _):
             broker = children_of(up.process.pid)
             assert broker
             began = time.monotonic()

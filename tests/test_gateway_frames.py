@@ -15,6 +15,7 @@ from phalanx.config import LinkConfig
 from phalanx.gateway import vocabulary
 from phalanx.gateway.frames import Frames
 from phalanx.link import ClientSide, Request, ServerSide
+from phalanx.link.envelope import encode_json
 from phalanx.link.messages import Reply, ReplyPart
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
@@ -119,9 +120,26 @@ class TestFrames:
         assert len(tick.frames) > 300
         request = Request(0, "phalanx_" + "f" * 16, {"parts": True})
         answer = [vocabulary.tell_robot(robot, NOW, 3) for robot in swarm.robots()]
+        assert max(len(encode_json(frame)) for frame in tick.frames) <= config.part_plaintext_bytes
         sealed = [publish for frame in tick.frames for publish in server.notify(frame, NOW)]
         sealed += server.reply(request, answer, NOW)
         assert max(len(publish.payload) + len(publish.topic) + 16 for publish in sealed) <= 4096
+
+    def test_a_full_frame_of_large_numbers_is_no_longer_than_the_limit(self):
+        frames = Frames(FRAME_BYTES)
+        frames._seq = 10**12
+        far = [
+            robot._replace(at=Point(-9_999_999.0 + i % 7, 9_999_999.0 - i), direction_deg=359)
+            for i, robot in enumerate(Dotbots(1000, 1, lambda: NOW).robots())
+        ]
+        for uptime_s, robots in enumerate((far, far[::2], [robot._replace(led=Led(255, 255, 255)) for robot in far])):
+            more = {
+                "shields": [[i, 0, []] for i in range(300)],
+                "walks": [[i, "seeking", 1, 2, ""] for i in range(300)],
+            }
+            tick = frames.next(robots, NOW, float(uptime_s), more)
+            assert max(len(encode_json(frame)) for frame in tick.frames) <= FRAME_BYTES
+            assert FRAME_BYTES - 40 < max(len(encode_json(frame)) for frame in tick.frames)
 
     def test_an_answer_in_parts_is_the_answer(self):
         config = LinkConfig()
@@ -147,9 +165,25 @@ class TestFrames:
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
         lost, known = Dotbots(2, 1, lambda: NOW).robots()
-        (frame,) = Frames(FRAME_BYTES).next([lost._replace(at=Point(math.nan, 5.0)), known], NOW, 0.0).frames
-        ((number, *_),) = read_places(frame["data"]["places"])
-        assert number == 1
+        nowhere = lost._replace(at=Point(math.nan, 5.0), history=[Point(1.0, math.inf), Point(1.0, 1.0)])
+        frames = Frames(FRAME_BYTES)
+        frames.next([known], NOW, 0.0)
+        (frame,) = frames.next([known, nowhere], NOW, 1.0).frames
+        assert [number for number, *_ in read_places(frame["data"]["places"])] == [0]
+        (told,) = json.loads(encode_json(frame))["data"]["joined"]
+        assert told["lh2_position"] is None
+        listed = json.loads(encode_json(vocabulary.tell_robot(nowhere, NOW)))
+        assert (listed["lh2_position"], listed["position_history"]) == (None, [{"x": 1.0, "y": 1.0, "z": 0}])
+
+    def test_what_could_not_be_told_is_told_at_the_next_tick(self):
+        here, other = Dotbots(2, 1, lambda: NOW).robots()
+        frames = Frames(FRAME_BYTES)
+        frames.next([here], NOW, 0.0)
+        with pytest.raises(ValueError, match="JSON"):
+            frames.next([here._replace(led=Led(1, 2, 3)), other._replace(threshold_mm=1, name=math.nan)], NOW, 0.1)
+        (frame,) = frames.next([here._replace(led=Led(1, 2, 3)), other], NOW, 0.2).frames
+        assert [robot["address"] for robot in frame["data"]["joined"]] == [other.address]
+        assert [change["address"] for change in frame["data"]["changed"]] == [here.address]
 
     def test_a_cleared_history_is_told(self):
         swarm, frames = Dotbots(1, 1, lambda: NOW), Frames(FRAME_BYTES)

@@ -13,27 +13,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phalanx.gateway.places import Places
+from phalanx.gateway.places import Places, in_places
 
 VECTORS = Path(__file__).parent.parent / "vectors"
 CASES = json.loads((VECTORS / "places.json").read_text())["cases"]
 
 
-def read_places(words) -> list[tuple[int, int, int, int]]:
+def read_places(pieces) -> list[tuple[int, int, int, int]]:
     """What a visitor reads: number, x, y (mm) and direction (degrees) of each robot."""
-    number, left, top, step, text = words
     rows = []
-    for word, x, y in struct.iter_unpack("<HHH", urlsafe_b64decode(text)):
-        skipped, direction = divmod(word, 360)
-        number += skipped
-        if skipped < 181:
-            rows.append((number, left + step * x, top + step * y, direction))
-            number += 1
+    for number, left, top, step, text in pieces:
+        for word, x, y in struct.iter_unpack("<HHH", urlsafe_b64decode(text)):
+            skipped, direction = divmod(word, 360)
+            number += min(181, skipped)
+            if skipped < 181:
+                rows.append((number, left + step * x, top + step * y, direction))
+                number += 1
     return rows
 
 
-def packed(rows) -> Places:
-    return Places(np.array(rows, np.int64).reshape(-1, 4))
+def table(rows) -> np.ndarray:
+    return np.array(rows, np.int64).reshape(-1, 4)
 
 
 def test_the_committed_vectors_are_what_the_oracle_writes():
@@ -45,8 +45,8 @@ def test_the_committed_vectors_are_what_the_oracle_writes():
 
 @pytest.mark.parametrize("case", [case for case in CASES if "rows" in case], ids=lambda case: case["name"])
 def test_places_are_packed_as_the_oracle_does_it(case):
-    places = packed(case["rows"])
-    assert places.piece(0, len(places)) == case["places"]
+    places = Places(table(case["rows"]))
+    assert [places.piece(0, len(places))] == case["places"]
     assert read_places(case["places"]) == [tuple(row) for row in case["read"]]
 
 
@@ -57,20 +57,33 @@ near = st.integers(-30_000, 30_000)
 @given(numbers, st.data(), st.integers(1, 50))
 def test_pieces_together_tell_every_robot_exactly(them, data, most):
     rows = [(n, data.draw(near), data.draw(near), data.draw(st.integers(0, 359))) for n in them]
-    places = packed(rows)
-    read = [row for start in range(0, len(places), most) for row in read_places(places.piece(start, start + most))]
-    assert read == rows
+    places = Places(table(rows))
+    pieces = [places.piece(start, start + most) for start in range(0, len(places), most)]
+    assert read_places(pieces) == rows
 
 
 @given(st.lists(st.tuples(st.integers(-(10**9), 10**9), st.integers(-(10**9), 10**9)), min_size=1, max_size=20))
 def test_on_a_wide_field_no_place_is_off_by_more_than_half_a_step(at):
     rows = [(n, x, y, 0) for n, (x, y) in enumerate(at)]
-    piece = packed(rows).piece(0, len(rows))
+    piece = Places(table(rows)).piece(0, len(rows))
     extent = max(max(v[axis] for v in at) - min(v[axis] for v in at) for axis in (0, 1))
     assert piece[3] <= max(1, extent / 65535 + 1)
-    for (_, x, y, _), (_, told_x, told_y, _) in zip(rows, read_places(piece), strict=True):
+    for (_, x, y, _), (_, told_x, told_y, _) in zip(rows, read_places([piece]), strict=True):
         assert max(abs(x - told_x), abs(y - told_y)) <= piece[3] / 2
 
 
+def test_one_that_is_far_away_does_not_blur_where_the_others_are():
+    rows = [(0, 1757, 402, 10), (1, 871, 1551, 20), (2, 9_000_000, 9_000_000, 30), (3, 900, 800, 40)]
+    told = read_places([some.piece(0, len(some)) for some in in_places(table(rows))])
+    assert sorted(told) == rows
+
+
+def test_what_swarms_that_come_and_go_leave_out_costs_a_piece_and_no_more():
+    rows = [(0, 1, 1, 0), (10**9, 2, 2, 0), (10**9 + 1200, 3, 3, 0)]
+    places = in_places(table(rows))
+    assert [len(some) for some in places] == [1, 8]
+    assert read_places([some.piece(0, len(some)) for some in places]) == rows
+
+
 def test_nobody_is_packed_as_nothing():
-    assert len(packed([])) == 0
+    assert in_places(table([])) == []

@@ -141,7 +141,7 @@ class TestOrders:
             turn += 1
             for address in places(swarm):
                 swarm.set_led(address, Led(turn % 256, 0, 0))
-                swarm.follow(address, [Point(100.0, 100.0 + turn)] * 64, 60)
+                swarm.follow(address, [Point(100.0, 100.0 + turn)] * swarm.longest_route, 60)
                 if turn % 2:
                     swarm.drive(address, 100, -100)
 
@@ -286,9 +286,12 @@ class TestUp:
         with a_gateway("--defence", "bound") as (up, ready):
             async with Client(ready["qr_url"]) as client:
                 area = await client.request(1, frames=True)
-                assert (area["tokens_needed"], area["t_val_ms"]) == (4, 10_000)
+                assert (area["tokens_needed"], area["t_val_ms"], area["most_waypoints"]) == (4, 10_000, 32)
                 before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
                 driven, liar, *_ = before
+                tour = [{"x": 100 + 50 * i, "y": 900, "z": 0} for i in range(33)]
+                await client.command(driven, "waypoints", {"threshold": 50, "waypoints": tour})
+                await eventually(lambda: state_of(ready)["rejected"] == {"bad_payload": 1})
                 for _ in range(60):
                     await client.command(driven, "move_raw", {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 50})
                     await asyncio.sleep(0.1)

@@ -1,4 +1,4 @@
-"""The radio against ns-3: latencies, the disc, losses by overlap; and against what its rules say."""
+"""The radio against ns-3, a frame at a time: the disc, latencies; and against its rules. Shares: test_radio_ns3.py."""
 
 from __future__ import annotations
 
@@ -248,47 +248,6 @@ class TestRules:
         with pytest.raises(UsageError) as caught:
             RadioConfig(**bad)
         assert caught.value.hint
-
-
-class TestAgainstNs3:
-    # As far as the phases lie apart, so far do we agree: all at once, every station contends with every other and the
-    # rest of ns-3's physics shows (docs/adr/0011).
-    @pytest.mark.parametrize("robots", [25, 100])
-    @pytest.mark.parametrize("jitter_s, within", [(0.001, 0.05), (0.005, 0.04), (0.02, 0.02), (0.1, 0.02), (0.5, 0.02)])
-    def test_broadcast_delivery_by_spread_of_phases(self, robots, jitter_s, within):
-        same = [r for r in rows("contention_seeds.csv") if (int(r["N"]), float(r["jitter_s"])) == (robots, jitter_s)]
-        assert len(same) == 12
-        theirs = np.mean([float(row["bcast_pdr"]) for row in same])
-        ours = np.mean([replay(robots, 4, seconds=15, jitter_s=jitter_s, seed=s).broadcast for s in range(40)])
-        assert ours == pytest.approx(theirs, abs=within)
-
-    @pytest.mark.parametrize("robots, spacing_m", [(25, 4), (25, 64), (100, 4)])
-    @pytest.mark.parametrize("fragments", [1, 2])
-    def test_delivery_and_latency_with_audits(self, robots, spacing_m, fragments):
-        wanted = {"N": str(robots), "spacing_m": str(spacing_m), "msgs_per_4s": "4", "sync": "0", "mobile": "0"}
-        same = [
-            row
-            for row in rows("contention_ns3.csv")
-            if wanted.items() <= row.items() and row["tag"] in ("ns3.37", "ns3.44", "ns3.44clean")
-        ]
-        assert len(same) >= 2
-        theirs = [float(row["bcast_pdr"]) for row in same]
-        runs = [replay(robots, spacing_m, seconds=50, audits=True, fragments=fragments, seed=s) for s in range(10)]
-        assert min(theirs) - 0.02 <= np.mean([run.broadcast for run in runs]) <= max(theirs) + 0.02
-        assert np.mean([run.unicast for run in runs]) == pytest.approx(1.0, abs=0.001)
-        late = [float(row["bcast_lat_mean_ms"]) for row in same]
-        assert 0.85 * min(late) <= np.mean([run.broadcast_ms for run in runs]) <= 1.1 * max(late)
-
-    def test_the_saturated_channel_is_in_the_region(self):
-        # 324 in one range with 3.5 kB each: ns-3's own versions disagree; some of it must be lost, not most.
-        run = replay(324, 4, seconds=8, audits=True)
-        assert 0.7 < run.broadcast < 0.97
-        assert run.unicast > 0.95
-
-    def test_without_audits_everything_arrives(self):
-        run = replay(25, 4, seconds=50)
-        assert run.broadcast == 1.0
-        assert run.broadcast_ms == pytest.approx(0.153, rel=0.02)
 
 
 class TestDeterminism:

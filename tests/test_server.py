@@ -30,6 +30,17 @@ class TestEverydayUse:
         assert server.counters == {"commands": 1, "requests": 1, "notifications": 1}
         assert not server.rejected
 
+    async def test_a_question_that_follows_an_answer_in_parts_is_asked_at_once(self, broker):
+        server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=broker.mqtt)
+        server.on_request(0)(lambda _: ["x" * 1000] * 12)
+        async with server:
+            await server.wait_connected(10)
+            async with Client(server.qr()) as client:
+                for _ in range(3):
+                    # Less than it would wait before it asked again.
+                    assert len(await client.request(0, timeout_s=1.0)) == 12
+        assert server.counters["requests"] == 3
+
     async def test_what_is_said_before_entering_is_one_clear_error(self):
         server = Server("mqtt://127.0.0.1:1")
         client = Client(server.qr(), broker="mqtt://127.0.0.1:1")

@@ -18,6 +18,10 @@ FILE = Path(__file__).parent / "places.json"
 Row = tuple[int, int, int, int]
 
 
+def b64(raw: bytes) -> str:
+    return base64.urlsafe_b64encode(raw).decode()
+
+
 def packed(rows: list[Row]) -> list[Any]:
     left, top = min(row[1] for row in rows), min(row[2] for row in rows)
     extent = max(max(x - left, y - top) for _, x, y, _ in rows)
@@ -31,7 +35,7 @@ def packed(rows: list[Row]) -> list[Any]:
         word = 360 * (number - due) + direction
         records += struct.pack("<HHH", word, round((x - left) / step), round((y - top) / step))
         due = number + 1
-    return [first, left, top, step, base64.urlsafe_b64encode(records).decode()]
+    return [first, left, top, step, b64(records)]
 
 
 def read(rows: list[Row], places: list[Any]) -> list[Row]:
@@ -60,7 +64,7 @@ def cases() -> list[dict[str, Any]]:
     }
     one = packed(good["one robot"])
     bad: dict[str, Any] = {
-        "nothing": None,
+        "no piece": None,
         "no list": "places",
         "too short": one[:4],
         "a number too much to count": [1e300, *one[1:]],
@@ -73,9 +77,18 @@ def cases() -> list[dict[str, Any]]:
         "more than anybody keeps": [7, 0, 0, 1, "A" * 8 * 4001],
     }
     return [
-        {"name": name, "rows": rows, "places": (places := packed(rows)), "read": read(rows, places)}
+        {"name": name, "rows": rows, "places": [piece := packed(rows)], "read": read(rows, piece)}
         for name, rows in good.items()
-    ] + [{"name": name, "places": places, "read": []} for name, places in bad.items()]
+    ] + [
+        {"name": "two pieces, and what is none between them", "places": [one, 7, one], "read": 2 * good["one robot"]},
+        {
+            "name": "a word beyond the last",
+            "places": [[0, 0, 0, 1, b64(struct.pack("<6H", 65535, 1, 2, 10, 3, 4))]],
+            "read": [(181, 3, 4, 10)],
+        },
+        *({"name": name, "places": [piece], "read": []} for name, piece in bad.items()),
+        {"name": "no list at all", "places": {"0": one}, "read": []},
+    ]
 
 
 def text() -> str:

@@ -34,12 +34,11 @@ def advanced(made, controller) -> Run:
 def test_the_example_stops_its_liar_and_nobody_else():
     child = subprocess.run([sys.executable, str(EXAMPLE)], capture_output=True, text=True, timeout=120)
     assert child.returncode == 0, child.stderr
-    lied, stopped, refused = child.stdout.splitlines()
+    lied, stopped = child.stdout.splitlines()
     began_s, stopped_s = (float(word) for word in re.findall(r"\d+\.\d+", lied))
     assert 10.0 <= began_s < stopped_s <= began_s + 10.101
     assert stopped == "honest robots stopped: [], for want of a quorum: []"
-    assert refused == "audits of honest robots refused: {}"
-    assert len(EXAMPLE.read_text().splitlines()) < 70
+    assert len(EXAMPLE.read_text().splitlines()) < 60
 
 
 def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
@@ -50,6 +49,7 @@ def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
     np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
     assert own.summary()["compromised"] == bundled.summary()["compromised"]
     assert own.summary()["correct_in_safe_mode"] == own.summary()["without_quorum"] == []
+    assert {why for *_, tee, why in own.new_verdicts() if tee not in own.compromised} == {Refusal.NONE}
 
 
 def credulous():

@@ -15,8 +15,10 @@ import {
   readThreshold,
   readWaypoints,
 } from "./robot";
-import { readShield } from "./shield";
+import { type Audit, readAudit, readShield } from "./shield";
 import { type Point, Trail } from "./trail";
+
+export const NOTIFY_FRAME = 16;
 
 /** Most robots that are kept: ten times what the map is made for. */
 export const MOST_ROBOTS = 2000;
@@ -25,16 +27,19 @@ export function list(words: Json | undefined): readonly Json[] {
   return Array.isArray(words) ? (words as readonly Json[]).slice(0, MOST_ROBOTS) : [];
 }
 
-/** What a frame says that no later one says again. */
+/** What a frame says that no later one says again; the audits that it tells of. */
 export function lastingInFrame(
   robots: Map<string, Robot>,
   numbers: ReadonlyMap<number, string>,
   frame: JsonObject,
   at_ms: number,
-): void {
-  for (const words of objectsOf(frame["changed"])) changeInFrame(robots, words);
+): readonly Audit[] {
+  for (const words of objectsOf(list(frame["changed"]))) changeInFrame(robots, words);
   for (const words of list(frame["shields"])) shieldInFrame(robots, numbers, words, at_ms);
   for (const words of list(frame["walks"])) walkInFrame(robots, numbers, words);
+  const audits = list(frame["audits"]).flatMap((words) => readAudit(words, numbers, at_ms) ?? []);
+  for (const audit of audits) change(robots, audit.auditee, { audited: audit });
+  return audits;
 }
 
 /** False for a robot that we do not know. */

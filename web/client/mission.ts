@@ -50,8 +50,10 @@ const LONGEST_TYPE = 24;
 /** In the answer to request 1; undefined where robots live no missions. */
 export function readMissions(words: JsonObject, before: Missions | undefined): Missions | undefined {
   if (readNumber(words["walls"], 0, Number.MAX_SAFE_INTEGER) === undefined) return undefined;
-  const progress = readProgress(words["mission"]);
-  return { walls: before?.walls, lit: before?.lit ?? [], progress: progress ?? before?.progress };
+  const told = readProgress(words["mission"]);
+  // Of another mission than the one whose lights are on, the next frame tells: then they go out.
+  const progress = before?.progress && told?.id !== before.progress.id ? before.progress : told;
+  return { walls: before?.walls, lit: before?.lit ?? [], progress };
 }
 
 /** `[id, nodes, left]`. */

@@ -18,25 +18,35 @@ const TURN_DEG = 360;
 const NOBODY = 181;
 /** Ten frames of ours. */
 const MOST_RECORDS = 4000;
+const MOST_PIECES = 100;
 const FARTHEST = 1e9;
 
-/** Those that `words` tell, in order of their numbers; none if it is not what frames hold. */
+/** Those that `words` tell, piece by piece; nothing of a piece that is none. */
 export function readPlaces(words: Json | undefined): readonly Place[] {
   if (!Array.isArray(words)) return [];
-  const [first, left, top, step] = (words as readonly Json[]).map((word) => readNumber(word, -FARTHEST, FARTHEST));
-  const text = (words as readonly Json[])[4];
-  if (first === undefined || left === undefined || top === undefined || step === undefined) return [];
-  if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return [];
-  const raw = decodeBase64url(ascii(text));
-  if (!raw || raw.length % RECORD_BYTES !== 0) return [];
-  const record = new DataView(raw.buffer, raw.byteOffset, raw.length);
   const places: Place[] = [];
+  for (const piece of (words as readonly Json[]).slice(0, MOST_PIECES)) {
+    readPiece(piece, places);
+    if (places.length > MOST_RECORDS) break;
+  }
+  return places;
+}
+
+function readPiece(words: Json, places: Place[]): void {
+  if (!Array.isArray(words)) return;
+  const [first, left, top, step] = (words as readonly Json[]).slice(0, 4).map((word) => readNumber(word, -FARTHEST, FARTHEST));
+  const text = (words as readonly Json[])[4];
+  if (first === undefined || left === undefined || top === undefined || step === undefined) return;
+  if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return;
+  const raw = decodeBase64url(ascii(text));
+  if (!raw || raw.length % RECORD_BYTES !== 0) return;
+  const record = new DataView(raw.buffer, raw.byteOffset, raw.length);
   let number = first;
   for (let at = 0; at < raw.length; at += RECORD_BYTES) {
     const word = record.getUint16(at, true);
-    const skipped = Math.floor(word / TURN_DEG);
+    const skipped = Math.min(NOBODY, Math.floor(word / TURN_DEG));
     number += skipped;
-    if (skipped >= NOBODY) continue;
+    if (skipped === NOBODY) continue;
     places.push({
       number,
       x: left + step * record.getUint16(at + 2, true),
@@ -45,7 +55,6 @@ export function readPlaces(words: Json | undefined): readonly Place[] {
     });
     number += 1;
   }
-  return places;
 }
 
 /** A code beyond ASCII becomes one that base64url does not have. */

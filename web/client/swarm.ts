@@ -6,7 +6,8 @@
 import { isObject, type Json, type JsonObject } from "./core/json";
 import { isAddress } from "./core/topics";
 import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, withLit } from "./mission";
-import { change, join, lastingInFrame, list, MOST_ROBOTS, move, moveInFrame } from "./frame";
+import { change, join, lastingInFrame, list, MOST_ROBOTS, move, moveInFrame, NOTIFY_FRAME } from "./frame";
+import type { Said } from "./lately";
 import { readPlaces } from "./places";
 import {
   objectsOf,
@@ -18,7 +19,7 @@ import {
   readRobot,
   readText,
 } from "./robot";
-import { type Audit, readAudit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
+import { type Audit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
 import { Trail } from "./trail";
 
 export const REQUEST_ROBOTS = 0;
@@ -29,9 +30,10 @@ export const REQUEST_LIT = 3;
 const NOTIFY_RELOAD = 1;
 const NOTIFY_UPDATE = 2;
 const NOTIFY_JOINED = 4;
-const NOTIFY_FRAME = 16;
 
 const LARGEST_AREA_MM = 1e7;
+/** What a server takes that says nothing else. */
+const MOST_WAYPOINTS = 64;
 // A trail point for every step of this fraction of the area's width: 10 mm of 2 m.
 const TRAIL_STEP = 0.005;
 // Positions of an older server are fractions of the side; robots can stand a little outside.
@@ -59,6 +61,8 @@ export interface Swarm {
   /** Addresses by the numbers that frames use. */
   readonly numbers: ReadonlyMap<number, string>;
   readonly area: Area;
+  /** How many points a route may have. */
+  readonly mostWaypoints: number;
   /** Whether the server answered request 1; until then the area is guessed from the positions. */
   readonly areaTold: boolean;
   /** Whether request 0 was ever answered: before that, robots that a frame names are no surprise. */
@@ -90,6 +94,7 @@ export const NO_SWARM: Swarm = {
   numbers: new Map(),
   roster: [],
   area: DEFAULT_AREA,
+  mostWaypoints: MOST_WAYPOINTS,
   areaTold: false,
   listed: false,
   seq: undefined,
@@ -102,13 +107,13 @@ export const NO_SWARM: Swarm = {
 };
 
 export type SwarmAction =
-  /** `since`: what was notified since request 0 was asked; some of it is newer than the answer. */
+  /** `said`: what frames said lately; some of it is newer than the answer. */
   | {
       readonly kind: "replied";
       readonly request: number;
       readonly data: Json;
       readonly at_ms: number;
-      readonly since?: readonly Json[];
+      readonly said?: readonly Said[];
     }
   | { readonly kind: "notified"; readonly payload: Json; readonly at_ms: number }
   /** Connected again: frames were missed, but request 0 is being asked anyway. */
@@ -121,7 +126,7 @@ export function swarmReducer(swarm: Swarm, action: SwarmAction): Swarm {
   switch (action.kind) {
     case "replied":
       if (action.request === REQUEST_ROBOTS) {
-        return withSince(withRobots(swarm, action.data, action.at_ms), action.since ?? [], action.at_ms);
+        return withSaid(withRobots(swarm, action.data, action.at_ms), action.said ?? []);
       }
       if (action.request === REQUEST_AREA) return withArea(swarm, action.data);
       return swarm.missions ? { ...swarm, missions: withMap(swarm.missions, action.request, action.data) } : swarm;
@@ -173,20 +178,14 @@ function withRobots(swarm: Swarm, data: Json, at_ms: number): Swarm {
   return settled({ ...swarm, robots, numbers, listed: true, at_ms });
 }
 
-/**
- * A long list is on its way for a while, and frames overtake it: what they told is told once more. They are taken in
- * order up to the newest, so those that were older than the list do no harm.
- */
-function withSince(swarm: Swarm, since: readonly Json[], at_ms: number): Swarm {
-  const frames = objectsOf(
-    since.map((payload) => (isObject(payload) && payload["cmd"] === NOTIFY_FRAME ? (payload["data"] ?? null) : null)),
-  );
-  if (frames.length === 0) return swarm;
+/** A list, and what is newer than it. */
+function withSaid(swarm: Swarm, said: readonly Said[]): Swarm {
+  if (said.length === 0) return swarm;
   let { numbers } = swarm;
   const next = edited(swarm, (robots) => {
-    for (const frame of frames) {
-      const joined = list(frame["joined"]);
-      for (const words of objectsOf(joined)) if (!robots.has(words["address"] as string)) join(robots, words);
+    for (const { words: frame, at_ms } of said) {
+      const joined = objectsOf(list(frame["joined"]));
+      for (const words of joined) if (!robots.has(words["address"] as string)) join(robots, words);
       if (joined.length > 0) numbers = numbersOf(robots);
       lastingInFrame(robots, numbers, frame, at_ms);
       for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
@@ -202,7 +201,9 @@ function withArea(swarm: Swarm, data: Json): Swarm {
   if (width === undefined || height === undefined) return swarm;
   const missions = readMissions(data, swarm.missions);
   const unprotected = readText(data["unprotected"], LONGEST_NOTE) ?? "";
-  return { ...swarm, area: { width, height, unit: "mm" }, areaTold: true, terms: readTerms(data), unprotected, missions };
+  const mostWaypoints = readNumber(data["most_waypoints"], 1, MOST_WAYPOINTS) ?? MOST_WAYPOINTS;
+  const area: Area = { width, height, unit: "mm" };
+  return { ...swarm, area, mostWaypoints, areaTold: true, terms: readTerms(data), unprotected, missions };
 }
 
 function withMap(missions: Missions, request: number, data: Json): Missions {
@@ -232,7 +233,7 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   if (seq === undefined || !Number.isInteger(seq)) return swarm;
   let missed = swarm.seq !== undefined && seq !== swarm.seq + 1;
   let { numbers } = swarm;
-  const ended: Audit[] = [];
+  let ended: readonly Audit[] = [];
   const step = TRAIL_STEP * swarm.area.width;
   const next = edited(swarm, (robots) => {
     const joined = list(frame["joined"]);
@@ -241,12 +242,7 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
     for (const place of readPlaces(frame["places"])) {
       if (!moveInFrame(robots, numbers, place, step)) missed ||= swarm.listed;
     }
-    lastingInFrame(robots, numbers, frame, at_ms);
-    for (const words of list(frame["audits"])) {
-      const audit = readAudit(words, numbers, at_ms);
-      if (audit) ended.push(audit);
-    }
-    for (const audit of ended) change(robots, audit.auditee, { audited: audit });
+    ended = lastingInFrame(robots, numbers, frame, at_ms);
     for (const address of list(frame["left"])) if (typeof address === "string") robots.delete(address);
   });
   const told = swarm.missions && missionsInFrame(swarm.missions, frame);

@@ -12,7 +12,10 @@ const ASK_AGAIN_MS = 3000;
 // An older server says nothing while no robot moves: it must have had the time to answer before it is called silent.
 const GRACE_MS = 1500;
 const RESYNC_MS = 60_000;
-/** Numbered frames tell what is missing: two hundred visitors' lists of a thousand robots, once a minute, take a third of a core. */
+/**
+ * Numbered frames show what is missing; and lists of a thousand robots for two hundred visitors, once a minute, would be
+ * half of a gateway's work.
+ */
 const RESYNC_BESIDE_FRAMES_MS = 600_000;
 const RESYNC_JITTER = 1 / 6;
 /** A gateway forgets who asked nothing for two and a half minutes. */
@@ -70,6 +73,7 @@ export class Watch {
     this.#answered = true;
     this.#framed = false;
     this.#askedAt_ms = Number.NEGATIVE_INFINITY;
+    this.#presentAt_ms = now_ms;
     this.#askAt_ms = state === "online" ? now_ms + (again ? chance * RECONNECT_JITTER_MS : 0) : Number.POSITIVE_INFINITY;
   }
 

@@ -17,7 +17,7 @@ const frame = (seq: number, at_ms: number, more: object) =>
   ({ kind: "notified", payload: { cmd: 16, data: { seq, ...more } } as Json, at_ms }) as const;
 
 const robot = (address: string, n: number, name: string, shield: unknown = [0, []]) => ({ address, n, name, shield });
-const AREA = { width: 2000, height: 2000, tokens_needed: 2, t_val_ms: 10_000 };
+const AREA = { width: 2000, height: 2000, tokens_needed: 2, t_val_ms: 10_000, most_waypoints: 32 };
 const START = play([
   told(1, AREA),
   told(0, [robot(A, 1, "Ada", [0, [[2, 90], [3, 40]]]), robot(B, 2, "Bo"), robot(C, 3, "Cleo")], 1000),

@@ -9,7 +9,7 @@ import { Led } from "./led";
 import { MapView } from "./map/map_view";
 import { MissionWords } from "./mission_words";
 import { RobotPicker } from "./robot_picker";
-import { MOST_WAYPOINTS, Route, routePayload } from "./route";
+import { Route, routePayload } from "./route";
 import { ShieldWords } from "./shield_words";
 
 interface Props {
@@ -27,6 +27,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const [threshold, setThreshold] = useState(40);
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
   const health = useSwarm(link, (view) => view.health);
+  const mostWaypoints = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
   const onMission = useSwarm(link, ({ swarm }) => swarm.missions !== undefined);
 
   // A robot that left is no longer driven; of a single one there is nothing to choose.
@@ -90,7 +91,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
           routing={routing}
           draft={draft}
           threshold={threshold}
-          onWaypoint={(point) => setDraft((points) => [...points, point].slice(0, MOST_WAYPOINTS))}
+          onWaypoint={(point) => setDraft((points) => [...points, point].slice(0, mostWaypoints))}
         />
         <div className="controls">
           <RobotPicker

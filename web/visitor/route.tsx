@@ -15,9 +15,6 @@ interface Props {
   readonly onClear: () => void;
 }
 
-/** What a server takes. */
-export const MOST_WAYPOINTS = 64;
-
 /** The payload of `waypoints`. PyDotBot refuses points without z. */
 export function routePayload(threshold: number, points: readonly Point[]) {
   return { threshold, waypoints: points.map(({ x, y }) => ({ x, y, z: 0 })) };
@@ -26,6 +23,7 @@ export function routePayload(threshold: number, points: readonly Point[]) {
 export function Route(props: Props) {
   const { link, selected, routing, draft, threshold } = props;
   const unit = useSwarm(link, ({ swarm }) => (swarm.area.unit === "mm" ? "mm" : "‰ of the side"));
+  const most = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
   const disabled = selected === undefined;
   const points = draft.length === 1 ? "1 waypoint" : `${draft.length} waypoints`;
   return (
@@ -71,7 +69,7 @@ export function Route(props: Props) {
           disabled={draft.length === 0}
           onClick={props.onStart}
         >
-          Start{draft.length > 0 && ` (${draft.length})`}
+          Start{draft.length > 0 && ` (${draft.length}${draft.length >= most ? ", the most" : ""})`}
         </button>
         <button type="button" data-testid="route-clear" onClick={props.onClear}>
           Clear

@@ -111,7 +111,9 @@ def _clock() -> Finding:
     if SYNCHRONIZED.exists():
         return Finding("clock", True, f"{now}, synchronized")
     keeper = next((name for name in ("chronyc", "ntpq") if shutil.which(name)), None)
-    return Finding("clock", True, f"{now}, {f'kept by {keeper}' if keeper else 'not known to be synchronized'}")
+    if keeper:
+        return Finding("clock", True, f"{now}, kept by {keeper}")
+    return Finding("clock", True, f"{now}, not known to be synchronized: messages more than 30 s off are refused")
 
 
 async def _reach(server: Server, url: str) -> Finding:

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from phalanx.link.envelope import encode_json
 from phalanx.robot import Led, Point, Robot
 
-from .places import AROUND_CHARS, RECORD_CHARS, Places
+from .places import AROUND_CHARS, RECORD_CHARS, Places, in_places
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
 FULL_EVERY_S = 1.0
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
 FRAME_BYTES = 48  # of a frame without its lists
 KEY_BYTES = 6  # of a list besides its name and elements
-NOWHERE = 1e9  # mm: nobody drives a thousand kilometres
+NOWHERE = 1e7  # mm: pages show no robot beyond
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +79,7 @@ class Frames:
             joined = [robot for robot in robots if robot.address not in self._told]
             left = [address for address in self._told if address not in told]
             changed = [c for address, slow in told.items() if (c := _change(address, self._told.get(address), slow))]
-        self._rows, self._told = rows, told
-        for address in left:
-            del self._numbers[address]
-        if full:
-            self._full_at_s = uptime_s
-        elif not (len(moved) or joined or left or changed or (more and any(more.values()))):
+        if not (full or len(moved) or joined or left or changed or (more and any(more.values()))):
             return None
         news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
         lists: dict[str, Sequence[Any]] = {
@@ -93,10 +88,16 @@ class Frames:
             "changed": changed,
             **(more or {}),
         }
-        frames = [self._frame(words) for words in self._packed(lists, Places(moved))]
+        frames = [self._frame(words) for words in self._packed(lists, in_places(moved))]
+        # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
+        self._rows, self._told = rows, told
+        for address in left:
+            del self._numbers[address]
+        if full:
+            self._full_at_s = uptime_s
         return Tick(tuple(frames), tuple(joined), tuple(left), bool(changed))
 
-    def _packed(self, lists: Mapping[str, Sequence[Any]], places: Places) -> list[dict[str, Any]]:
+    def _packed(self, lists: Mapping[str, Sequence[Any]], places: Sequence[Places]) -> list[dict[str, Any]]:
         """The lists in order, then the places, in as few frames as hold them; a long element has one of its own."""
         frames: list[dict[str, Any]] = [{}]
         used = 0
@@ -109,15 +110,17 @@ class Frames:
                     used, named = 0, len(key) + KEY_BYTES
                 frames[-1].setdefault(key, []).append(item)
                 used += named + size
-        told = 0
-        while told < len(places):
-            room = (self._limit_bytes - AROUND_CHARS - used) // RECORD_CHARS
-            if room > 0:
-                frames[-1]["places"] = places.piece(told, told + room)
-                told += room
-            if told < len(places):
-                frames.append({})
-                used = 0
+        for some in places:
+            told = 0
+            while told < len(some):
+                records = min(len(some) - told, (self._limit_bytes - AROUND_CHARS - used) // RECORD_CHARS)
+                if records > 0:
+                    frames[-1].setdefault("places", []).append(some.piece(told, told + records))
+                    told += records
+                    used += AROUND_CHARS + RECORD_CHARS * records
+                if told < len(some):
+                    frames.append({})
+                    used = 0
         return frames
 
     def _frame(self, words: dict[str, Any]) -> dict[str, Any]:

@@ -106,7 +106,8 @@ class Gateway:
         self.swarm.set_led(address, vocabulary.parse_rgb_led(command.payload))
 
     def _waypoints(self, address: str, command: Command) -> None:
-        route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm)
+        longest = self.swarm.longest_route if isinstance(self.swarm, Shielded) else vocabulary.MAX_WAYPOINTS
+        route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm, longest)
         self.swarm.follow(address, route.points, route.threshold_mm)
         self._joysticks.drive(address, False, time.monotonic())
 
@@ -169,6 +170,8 @@ class Gateway:
             await asyncio.sleep(due_s - time.monotonic())
 
     async def _tell_tick(self) -> None:
+        # A list that was made before this tick must not be handed out after its frames.
+        self._lists.clear()
         robots = self.swarm.robots()
         watches = [watch for watch in (self.shields, self.missions) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# As JSON: a record's six bytes are eight characters, and this much stands around them.
+# As JSON: a record's six bytes are eight characters, and this much stands around a piece's records.
 RECORD_CHARS = 8
 AROUND_CHARS = 56
 TURN_DEG = 360
 # Numbers that a record leaves out. One more fits its 16 bits, and is the word of a record that is no robot.
 MOST_SKIPPED = 180
 NOBODY = MOST_SKIPPED + 1
+# To leave out more takes longer than to begin anew.
+MOST_LEFT_OUT = NOBODY * (AROUND_CHARS // RECORD_CHARS)
 FARTHEST = 0xFFFF
 
 
@@ -27,15 +29,14 @@ class Places:
 
     def __init__(self, rows: NDArray[np.int64]) -> None:
         numbers, at = rows[:, 0], rows[:, 1:3]
-        self._corner = at.min(axis=0) if len(rows) else np.zeros(2, np.int64)
-        extent = int((at - self._corner).max(initial=0))
+        self._corner = at.min(axis=0)
+        extent = int((at - self._corner).max())
         # Exact on 65 m, and a few mm off on more: a map shows neither.
         self._step_mm = max(1, -(-extent // FARTHEST))
-        self._first = int(numbers[0]) if len(rows) else 0
+        self._first = int(numbers[0])
         skipped = np.diff(numbers, prepend=self._first - 1) - 1
-        fillers = skipped // NOBODY
-        robots = np.cumsum(fillers + 1) - 1
-        self._records = np.zeros((int(robots[-1]) + 1 if len(rows) else 0, 3), "<u2")
+        robots = np.cumsum(skipped // NOBODY + 1) - 1
+        self._records = np.zeros((int(robots[-1]) + 1, 3), "<u2")
         self._records[:, 0] = NOBODY * TURN_DEG
         self._records[robots, 0] = (skipped % NOBODY) * TURN_DEG + rows[:, 3] % TURN_DEG
         self._records[robots, 1:] = np.rint((at - self._corner) / self._step_mm)
@@ -48,10 +49,30 @@ class Places:
         return len(self._records)
 
     def piece(self, start: int, stop: int) -> list[Any]:
-        """Records `start` to `stop` as a frame's `places`: `[number, x, y, step, records]`.
+        """Records `start` to `stop` as one of a frame's `places`: `[number, x, y, step, records]`.
 
         Source: docs/spec/vocabulary.md.
         """
         first = int(self._next[start - 1]) if start else self._first
         records = urlsafe_b64encode(self._records[start:stop].tobytes()).decode()
         return [first, *self._corner.tolist(), self._step_mm, records]
+
+
+def in_places(rows: NDArray[np.int64]) -> list[Places]:
+    """The rows in as few `Places` as tell them well: whoever is far from the others does not blur where they are.
+
+    Args:
+        rows: as of `Places`.
+    Source: docs/spec/vocabulary.md.
+    """
+    if not len(rows):
+        return []
+    at = rows[:, 1:3]
+    near = (np.abs(at - np.median(at, axis=0)) <= FARTHEST // 2).all(axis=1)
+    groups = [rows[near], rows[~near]]
+    return [
+        Places(run)
+        for group in groups
+        for run in np.split(group, np.flatnonzero(np.diff(group[:, 0]) > MOST_LEFT_OUT) + 1)
+        if len(run)
+    ]

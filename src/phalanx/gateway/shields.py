@@ -105,7 +105,11 @@ class ShieldWatch:
         """What the answer to request 1 says beside the area; nothing of a swarm of nobody."""
         # The same for all and for ever. Kept, as visitors may ask a thousand times a second.
         if not self._terms and (shields := self._swarm.shields()):
-            self._terms = {"tokens_needed": shields[0].needed, "t_val_ms": round(shields[0].full_s * 1000)}
+            self._terms = {
+                "tokens_needed": shields[0].needed,
+                "t_val_ms": round(shields[0].full_s * 1000),
+                "most_waypoints": self._swarm.longest_route,
+            }
         return self._terms
 
     def compromise(self, address: str, attack: str) -> None:

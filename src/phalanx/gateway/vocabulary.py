@@ -7,7 +7,8 @@ Only this file knows the names of fields (docs/spec/vocabulary.md). Peers' value
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import islice
@@ -81,15 +82,15 @@ def parse_rgb_led(payload: Any) -> Led:
     return Led(red, green, blue)
 
 
-def parse_waypoints(payload: Any, area_mm: tuple[int, int]) -> Waypoints:
-    """A route inside the area.
+def parse_waypoints(payload: Any, area_mm: tuple[int, int], longest: int = MAX_WAYPOINTS) -> Waypoints:
+    """A route of at most `longest` points inside the area.
 
     Raises: BadPayload.
     """
     threshold = _number(payload, "threshold", *THRESHOLD_MM)
     points = payload["waypoints"] if isinstance(payload.get("waypoints"), list) else None
-    if points is None or len(points) > MAX_WAYPOINTS:
-        raise BadPayload(f"'waypoints' is a list of at most {MAX_WAYPOINTS}")
+    if points is None or len(points) > longest:
+        raise BadPayload(f"'waypoints' is a list of at most {longest}")
     width, height = area_mm
     return Waypoints(tuple(Point(_number(p, "x", 0, width), _number(p, "y", 0, height)) for p in points), threshold)
 
@@ -129,7 +130,7 @@ def tell_robot(robot: Robot, now_s: float, history: int | None = None) -> dict[s
         "rgb_led": tell_led(robot.led),
         "waypoints": tell_route(robot.route),
         "waypoints_threshold": round(robot.threshold_mm),
-        "position_history": [_tell_place(place) for place in trail],
+        "position_history": _tell_places(trail),
         "calibrated": 1,
         "battery": round(robot.battery_v, 3),
     }
@@ -167,7 +168,7 @@ def tell_led(led: Led) -> dict[str, int]:
 
 def tell_route(route: Sequence[Point]) -> list[dict[str, float]]:
     """A route, its first point where the robot stood."""
-    return [_tell_place(point) for point in route]
+    return _tell_places(route)
 
 
 def tell_update(robot: Robot) -> dict[str, Any]:
@@ -180,8 +181,15 @@ def tell_update(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _tell_place(place: Point) -> dict[str, float]:
+def _tell_place(place: Point) -> dict[str, float] | None:
+    # A driver that knows no place says NaN, which is not JSON: one such robot would take the list from everybody.
+    if not (math.isfinite(place.x_mm) and math.isfinite(place.y_mm)):
+        return None
     return {"x": round(place.x_mm, 1), "y": round(place.y_mm, 1), "z": 0}
+
+
+def _tell_places(places: Iterable[Point]) -> list[dict[str, float]]:
+    return [told for place in places if (told := _tell_place(place))]
 
 
 def tell_vouchers(shield: Shield, number: Callable[[str], int]) -> list[list[int]]:

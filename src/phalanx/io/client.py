@@ -130,6 +130,8 @@ class Client:
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(number, []).append(answer)
         deadline = time.monotonic() + timeout_s
+        # Parts that came before belong to an answer of before.
+        self._part_at_s.pop(number, None)
         try:
             while (left_s := deadline - time.monotonic()) > 0:
                 # While parts of the answer are coming, asking again would only make the queue longer.

@@ -56,6 +56,10 @@ class AttackChoice:
 class Shielded(Swarm, Protocol):
     """A swarm whose robots audit each other."""
 
+    @property
+    def longest_route(self) -> int:
+        """Most points that a robot is told to follow: its orders are logged, and sent by radio."""
+
     def shields(self) -> Sequence[Shield]:
         """One for every robot."""
 

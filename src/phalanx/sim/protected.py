@@ -179,6 +179,11 @@ class ProtectedSwarm:
             history=self._history[i],
         )
 
+    @property
+    def longest_route(self) -> int:
+        """Most points of a route."""
+        return orders.WAYPOINTS_MAX
+
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
         """Turn the wheels for 300 ms; ends waypoint following."""
         i = self._find(address)
@@ -191,13 +196,18 @@ class ProtectedSwarm:
         self._show(self._find(address), led)
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
-        """Visit these points in order, of more than 32 the first; none stops the robot."""
+        """Visit these points in order; none stops the robot.
+
+        Raises: UsageError: more than `longest_route`.
+        """
         i = self._find(address)
-        points = [(round(point.x_mm), round(point.y_mm)) for point in route[: orders.WAYPOINTS_MAX]]
+        if len(route) > self.longest_route:
+            raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
+        points = [(round(point.x_mm), round(point.y_mm)) for point in route]
         near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
         self._waiting[i, MOTION] = partial(orders.route_order, threshold_mm=near, points_mm=points)
         here = Point(*(self.world.pos[i] * 1000).tolist())
-        self._routes[i] = (here, *route[: orders.WAYPOINTS_MAX]) if route else ()
+        self._routes[i] = (here, *route) if route else ()
         self._thresholds[i] = threshold_mm
 
     def clear_history(self, address: str) -> None:

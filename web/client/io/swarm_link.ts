@@ -3,6 +3,7 @@
 import type { Json, JsonObject } from "../core/json";
 import type { Pin } from "../core/pin";
 import type { Invitation } from "../core/qrurl";
+import { Lately } from "../lately";
 import {
   NO_SWARM,
   REQUEST_AREA,
@@ -25,22 +26,19 @@ export interface SwarmView {
 const TICK_MS = 250;
 /** A swarm answers well within this, if the connection still carries anything. */
 const WAKE_MS = 3000;
-/** Frames of ten seconds from a thousand robots. */
-const MOST_SINCE = 300;
 /** Walls are told once; in many parts, where there are many. */
 const WALLS_AGAIN_MS = 5000;
 
 export class SwarmLink {
   readonly connection: Connection;
   readonly #watch = new Watch(performance.now());
+  readonly #lately = new Lately();
   readonly #listeners = new Set<() => void>();
   readonly #ticking: ReturnType<typeof setInterval>;
   readonly #onMoved: (pin: Pin) => void;
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
   #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
-  /** What was notified while request 0 is open: newer than the list, where that is slow to come. */
-  #sinceAsked: Json[] | undefined;
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
 
   /** @param onMoved told of every new pin, so that it can be kept for a reload. */
@@ -103,6 +101,7 @@ export class SwarmLink {
       case "broker":
         this.#watch.broker(event.state, now_ms, Math.random());
         if (event.state === "online") this.#reduce({ kind: "reconnected" });
+        this.#lately.forget();
         this.#tick();
         return;
       case "rejected":
@@ -122,14 +121,14 @@ export class SwarmLink {
       default:
         this.#watch.heard(now_ms);
         if (event.kind === "notified") {
-          this.#sinceAsked?.push(event.payload);
-          if (this.#sinceAsked && this.#sinceAsked.length > MOST_SINCE) this.#sinceAsked.shift();
           this.#reduce({ ...event, at_ms: now_ms });
           if (this.#view.swarm.seq !== undefined) this.#watch.framed();
+          this.#lately.heard(event.payload, now_ms);
         } else if (event.request === REQUEST_ROBOTS) {
           this.#watch.answered();
-          this.#reduce({ ...event, at_ms: now_ms, since: this.#sinceAsked ?? [] });
-          this.#sinceAsked = undefined;
+          const { said, cut } = this.#lately.tell();
+          this.#reduce({ ...event, at_ms: now_ms, said });
+          if (cut) this.#watch.missed(now_ms, Math.random());
         } else {
           this.#reduce({ ...event, at_ms: now_ms });
         }
@@ -138,7 +137,10 @@ export class SwarmLink {
 
   #reduce(action: SwarmAction): void {
     const swarm = swarmReducer(this.#view.swarm, action);
-    if (swarm.missed !== this.#view.swarm.missed) this.#watch.missed(performance.now(), Math.random());
+    if (swarm.missed !== this.#view.swarm.missed) {
+      this.#watch.missed(performance.now(), Math.random());
+      this.#lately.forget();
+    }
     if (swarm !== this.#view.swarm) this.#show({ ...this.#view, swarm });
   }
 
@@ -148,7 +150,6 @@ export class SwarmLink {
       this.#ask(REQUEST_ROBOTS);
       if (!this.#view.swarm.areaTold) this.#ask(REQUEST_AREA);
       if (this.#view.swarm.missions) this.#ask(REQUEST_LIT);
-      this.#sinceAsked = [];
     } else if (this.#watch.presenceDue(now_ms)) {
       this.#ask(REQUEST_AREA);
     }
