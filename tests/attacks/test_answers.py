@@ -120,7 +120,7 @@ def test_f_max_of_them_starve_nobody_on_the_paper_s_grid(name):
 
 def test_one_token_request_is_audited_once_however_often_it_is_sent():
     trial = attacked("drain", "bound")
-    made, sent = sum(len(liar.kept) for liar in trial.liars), sum(liar.replays for liar in trial.liars)
+    made, sent = sum(len(liar.kept) for liar in trial.liars), sum(liar.gained for liar in trial.liars)
     assert 0 < trial.refusals[Refusal.AUTHENTICATOR_INVALID] <= made < sent / 5
 
 

@@ -129,6 +129,8 @@ def goes_on(trial: Trial) -> bool:
 
 
 def harmless(trial: Trial) -> None:
+    if trial.run.scenario.defence != "none":  # where there are no audits, an attack on them can do nothing
+        assert all(liar.gained > 0 for liar in trial.liars), "it acted"
     assert trial.harm < trial.kind.bites_from
     assert nobody_else_stopped(trial)
 

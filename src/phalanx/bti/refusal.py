@@ -6,7 +6,10 @@ from enum import IntEnum
 
 
 class Refusal(IntEnum):
-    """The first of the auditor's checks that failed; numbers are for logs, not their order. Source: RoboRebound §3.7; docs/spec/rebound.md."""
+    """The first of the auditor's checks that failed; the numbers are for logs, and not their order.
+
+    Source: RoboRebound §3.7; docs/spec/rebound.md.
+    """
 
     NONE = 0
     MALFORMED = 1  # not a request, or longer or shorter than it says

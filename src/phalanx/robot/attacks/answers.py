@@ -99,7 +99,6 @@ class Drain(RefuseToAudit):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self.kept: dict[int, bytes] = {}
-        self.replays = 0
         self._sent_ms: dict[int, int] = {}
         self._made_ms = 0
         self._no = 0
@@ -120,7 +119,7 @@ class Drain(RefuseToAudit):
                 continue
             self._no = (self._no + 1) & 0xFFFF
             self._sent_ms[tor] = now_ms
-            self.replays += 1
+            self.gained += 1
             fragment = self._no.to_bytes(2, "little") + ALONE + self.kept[tor]
             return self.send(now_ms, audit_frame(self.id, tor, request.FRAGMENT, fragment), tor)
         return []

@@ -194,11 +194,13 @@ class SlotSquat(Attack):
         """The same last fragment to each, once more."""
         others = [rob_id for rob_id in self.plan.ids if rob_id not in (self.id, *self.plan.accomplices)]
         last_of_two = bytes([0, 0, 1, 2, 0])
-        return [
+        actions = [
             action
             for auditor in others
             for action in self.send(now_ms, audit_frame(self.id, auditor, request.FRAGMENT, last_of_two), auditor)
         ]
+        self.gained += len(actions)
+        return actions
 
 
 class GhostAuditors(Attack):

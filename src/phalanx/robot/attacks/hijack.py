@@ -101,7 +101,9 @@ class Dawdle(Attack):
         "none": "not covered", "paper": "not covered", "bound": "not covered",
     }  # fmt: skip
     harm = UNEARNED
-    bites_from = 0.02
+    # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
+    # docs/attacks.md one that delays by the period alone stays within 2 mm of it (tests/attacks/test_small_harm.py).
+    bites_from = 0.05
     period_ms = 5
 
     DELAY_MS: ClassVar[int] = 85  # and the period on top of it

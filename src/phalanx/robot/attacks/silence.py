@@ -21,7 +21,7 @@ class OmitSends(Attack):
     on_wheels = True
     stopped_by = "replay sends states that the log lacks"
     verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    bites_from = 0.05
+    bites_from = 0.5  # the same flock with other dice: 0.2 to 0.3 m
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """Commands only."""

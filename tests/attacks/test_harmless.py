@@ -1,0 +1,98 @@
+"""Attacks that are declared harmless everywhere: each bites as soon as what stops it is taken away.
+
+Without that, one that does nothing would be as harmless.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from opened import Hole, run_with
+from trials import AT_S, F_MAX, run, scenario
+
+from phalanx.bti import request, rounds
+from phalanx.config import BtiConfig
+from phalanx.robot import node
+from phalanx.robot.attacks import ATTACKS
+from phalanx.sim.run import Run
+from phalanx.sim.scenario import AttackSpec, Scenario
+
+# Either guard is enough, for an old token is for an old checkpoint too; but not while the same one is still pending.
+OLD_TOKENS = (Hole(rounds, "on_token", " and t >= p.asked_ms and p.claimed == number"),)
+OTHER_CHECKPOINTS = (Hole(rounds, "on_token", " and p.claimed == number"),)
+SAME_REQUEST = (Hole(node, "admit", "t <= f.peer[i, at].took_t or "),)
+# If newcomers push nobody out, 4 starve; if robots may also begin more than one request each T_audit / 2, all do.
+PLACES = (
+    Hole(request, "_place", "return oldest", "return oldest if f.rx_info[i, oldest].src == 0 else -1"),
+    Hole(
+        request, "take_fragment", "    at = _place(f, i, src)", "    at = _place(f, i, src)\n    if at < 0: return -1"
+    ),
+    Hole(request, "_may_begin", " or now - f.peer[i, at].took < f.settings[0].t_audit // 2"),
+)
+
+
+def crowd(name: str, **bti: int) -> Scenario:
+    """The paper's 25 robots, of which f_max lie."""
+    liars = tuple(AttackSpec(name=name, at_s=5.0) for _ in range(F_MAX))
+    return Scenario(name="grid", robots=25, duration_s=45.0, bti=BtiConfig(**bti), attacks=liars)
+
+
+def starved(ended: Run) -> int:
+    """Correct robots in Safe Mode."""
+    told = ended.summary()
+    return len(told["correct_in_safe_mode"]) + len(told["without_quorum"])
+
+
+def gained(ended: Run) -> list[int]:
+    """Of each liar."""
+    return [ended.robots[rob_id - 1].gained for rob_id in ended.compromised]
+
+
+@pytest.mark.parametrize(
+    "made, holes, at_least",
+    [
+        (crowd("slot-squat"), PLACES, 22),
+        # An honest answer to every other request is a fresh token for ever if two rounds are shorter than T_val.
+        (crowd("stale-answers", t_audit_ms=6000), OLD_TOKENS, 4),
+        (crowd("wrong-checkpoint"), OTHER_CHECKPOINTS, 4),
+    ],
+    ids=lambda each: each.attacks[0].name if isinstance(each, Scenario) else None,
+)
+def test_with_its_hole_opened_it_starves_correct_robots(made, holes, at_least, monkeypatch):
+    shut, opened = run_with(monkeypatch, made), run_with(monkeypatch, made, *holes)
+    assert starved(shut) == 0
+    assert starved(opened) >= at_least
+    assert all(count > 0 for count in gained(shut) + gained(opened))
+    nobody_lies = run_with(monkeypatch, replace(made, attacks=()), *holes)
+    assert starved(nobody_lies) == 0, "it is not the hole alone"
+
+
+def test_a_token_request_that_counts_each_time_uses_up_the_6_f_max_of_the_paper(monkeypatch):
+    """And not our 12 f_max (docs/adr/0015). Rounds each 3 s, so that honest robots need most of them."""
+    monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 6 * bti.f_max))
+    made = crowd("drain", t_audit_ms=3000)
+    shut, opened = run_with(monkeypatch, made), run_with(monkeypatch, made, *SAME_REQUEST)
+    assert starved(shut) == 0
+    assert starved(opened) >= 2
+    assert all(count > 0 for count in gained(shut) + gained(opened))
+    assert starved(run_with(monkeypatch, replace(made, attacks=()), *SAME_REQUEST)) == 0
+
+
+@pytest.mark.parametrize("robots, correct_in_range", [(7, F_MAX), (8, F_MAX + 1)])
+def test_robots_that_audit_nobody_starve_those_with_fewer_than_f_max_plus_one_correct_ones_in_range(
+    robots, correct_in_range
+):
+    """All are in range of all: the liars only have to do nothing."""
+    liars = [AttackSpec(name="refuse-to-audit", at_s=AT_S) for _ in range(F_MAX)]
+    ended = run(scenario("bound", *liars, robots=robots))
+    enough = correct_in_range > F_MAX
+    assert starved(ended) == (0 if enough else robots - F_MAX)
+    assert starved(run(scenario("bound", robots=robots))) == 0
+    assert all(count > 0 for count in gained(ended))
+
+
+def test_these_are_all_that_are_harmless_everywhere():
+    assert {name for name, kind in ATTACKS.items() if set(kind.verdicts.values()) == {"harmless"}} == {
+        "slot-squat", "stale-answers", "wrong-checkpoint", "drain", "refuse-to-audit",
+    }  # fmt: skip
