@@ -2,6 +2,7 @@
 
     python scripts/plot_landmarks.py MAP OUT.png             a built-in map, or a YAML file
     python scripts/plot_landmarks.py SCANS.npz OUT.png       six of the scans, and the counts over time
+    python scripts/plot_landmarks.py SCAN.csv OUT.png        one scan, a beam a line: angle, range
 
 Walls blue (grey: nobody sees them), convex corners green, concave ones orange, jambs red, doorways red squares, rooms
 purple stars, QR codes black diamonds.
@@ -54,12 +55,26 @@ def draw_scan(axes: Axes, scan: LaserScan, seen: Features) -> None:
     axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
 
 
+def scan_of_csv(path: str) -> LaserScan:
+    """A scan of one turn with beams at odd angles; each is put where an evenly spaced one would be."""
+    rows = np.loadtxt(path, delimiter=",", ndmin=2)
+    step_rad = 2 * np.pi / len(rows)
+    ranges = np.full(len(rows), np.nan)
+    ranges[np.round(rows[:, 0] / step_rad).astype(int) % len(rows)] = rows[:, 1]
+    return LaserScan(ranges, 0.0, step_rad)
+
+
 def main() -> None:
     """Draws what the command line asks for."""
     if len(sys.argv) != 3:
         sys.exit(__doc__)
     source, out = sys.argv[1:]
-    if not source.endswith(".npz"):
+    if source.endswith(".csv"):
+        figure, axes = plt.subplots(figsize=(14, 14))
+        scan = scan_of_csv(source)
+        draw_scan(axes, scan, extract(scan, REAL_DOORS))
+        axes.set(title=source)
+    elif not source.endswith(".npz"):
         figure, axes = plt.subplots(figsize=(14, 14))
         draw_plan(axes, load_floorplan(source))
     else:

@@ -15,6 +15,7 @@ from worlds import (
     built,
     cheap,
     corridor,
+    explored,
     fork,
     until_decoded,
     walk,
@@ -37,7 +38,7 @@ from phalanx.mission import (
     State,
     Walker,
 )
-from phalanx.mission.records import parse_mission
+from phalanx.mission.records import JOIN, parse_mission
 from phalanx.mission.refused import Altered
 from phalanx.mission.walk import TABLE, Event
 from phalanx.mission.walk import step as next_phase
@@ -133,18 +134,9 @@ class TestExploring:
         for a, b in (("start", "d0"), ("d0", "d1"), ("d0", "d2")):
             draft.way(a, b, both=True)
         mission = cheap(draft.mission(), profile)
-        walker = walker_of(built(mission, profile))
-        state, t_s, path = State(), 0.0, []
-        x, y = 0.0, 0.0
-        for _ in range(200):
-            t_s += 0.1
-            state, outcome = walker.step(state, at(mission, x, y, t_s, range_m=1.0))
-            if outcome.decoded:
-                path.append(outcome.decoded.node)
-            if outcome.order.kind is Kind.DONE:
-                break
-            if outcome.order.target is not None:
-                x, y = mission.nodes[outcome.order.target].place
+        steps = list(explored(mission, walker_of(built(mission, profile))))
+        state, outcome = steps[-1]
+        path = [o.decoded.node for _, o in steps if o.decoded]
         assert outcome.order.kind is Kind.DONE
         assert sorted(set(path)) == [0, 1, 2, 3]
         assert path[:2] == [0, 1]
@@ -167,6 +159,51 @@ class TestExploring:
         if profile is Profile.SEALED:
             lies = walker.hear_report(State(), ((1, bytes(32)), (2, report[1][1])))
             assert lies.others == frozenset()
+
+    @both
+    def test_it_is_not_done_while_a_node_is_dark_whatever_became_of_the_way_there(self, profile):
+        """One bit, JOIN of the fourth node, shuts it for ever; and an author may forget a way."""
+        draft = Draft("five")
+        draft.node("start", Position(0, 0), start=True)
+        for i in range(1, 5):
+            draft.node(f"d{i}", Landmark("doorway", 4 * i, 0, 0.1 * i))
+        for a, b in (("start", "d1"), ("d1", "d2"), ("d2", "d3"), ("d3", "start"), ("d2", "d4"), ("d4", "d2")):
+            draft.way(a, b)
+        whole = cheap(draft.mission(), profile)
+        island = replace(whole, ways=tuple(way for way in whole.ways if way.target != "d3"))
+        one = built(whole, profile)
+        nodes = [replace(node, flags=node.flags ^ JOIN * (i == 3)) for i, node in enumerate(one.mission.nodes)]
+        raw = replace(one.mission, nodes=tuple(nodes)).encode()
+        assert sum((a ^ b).bit_count() for a, b in zip(raw, one.mission.encode(), strict=True)) == 1
+        for walker, end in (
+            (walker_of(one), Phase.DONE),
+            (walker_of(replace(one, mission=parse_mission(raw))), Phase.HELD),
+            (walker_of(built(island, profile)), Phase.HELD),
+        ):
+            *_, (state, outcome) = explored(whole, walker)
+            assert state.phase is end
+            assert sorted(state.opened) == ([0, 1, 2, 3, 4] if end is Phase.DONE else [0, 1, 2, 4])
+            assert outcome.reason is (None if end is Phase.DONE else Reason.NO_WAY)
+
+    @both
+    def test_what_others_proved_to_have_decoded_need_not_be_reached_and_a_word_proves_nothing(self, profile):
+        draft = Draft("two ways")
+        draft.node("start", Position(0, 0), start=True)
+        for i, y in enumerate((3, -3)):
+            draft.node(f"d{i}", Landmark("doorway", 4, y, 0.3 * i))
+            draft.way("start", f"d{i}")
+        walker = walker_for(draft, profile)
+        begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        ends = [
+            until_decoded(walker, begun, Experience(1, 3, y, 0, 3.0, (Landmark("doorway", 4, y, 0.3 * i),)))[0]
+            for i, y in enumerate((3, -3))
+        ]
+        assert {state.phase for state in ends} == {Phase.HELD}
+        for report, proven in ((walker.report(ends[1]), profile is Profile.SEALED), (((2, bytes(32)),), False)):
+            told = walker.hear_report(begun, report)
+            seen = Experience(1, 3, 3, 0, 3.0, (Landmark("doorway", 4, 3, 0.0),))
+            state, _ = until_decoded(walker, told, seen)
+            assert state.phase is (Phase.DONE if proven else Phase.HELD)
 
 
 class TestReplay:

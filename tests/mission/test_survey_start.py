@@ -15,6 +15,8 @@ from phalanx.cli.mission import mission as group
 from phalanx.cli.mission_draw import draw_mission, lived
 from phalanx.cli.mission_files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
+from phalanx.mission import Profile
+from phalanx.mission.audit import audit
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.survey import STAND_M, begun_at, roomiest, survey
@@ -27,6 +29,8 @@ ROS = [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.g
 TB3 = OTHERS / "tb3_world.yaml"
 # Two rooms without a door between them.
 ROOMS = b"walls: [[0,0,9,0],[9,0,9,4],[9,4,0,4],[0,4,0,0],[3,0,3,4]]\n"
+# So long that its one landmark, its middle, is in nobody's sight at the ends.
+HALL = b"walls: [[0,0,60,0],[60,0,60,4],[60,4,0,4],[0,4,0,0]]\n"
 
 
 def command(*words: object) -> Result:
@@ -173,3 +177,24 @@ def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
     for read in (read_encoded, read_start_key):
         with pytest.raises(MalformedMission, match="is empty"):
             read(tmp_path / "none.phxm")
+
+
+@pytest.mark.parametrize(
+    ("name", "left_out"), [("nav2_depot", "21 of 124"), ("nav2_warehouse", "23 of 136"), ("office_40x40", "")]
+)
+def test_a_mission_made_from_a_map_has_what_can_be_reached_and_tells_how_much_it_has_not(
+    name: str, left_out: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    (path,) = [each for each in (*MAPS.glob("*.yaml"), *OTHERS.glob("*.yaml")) if each.stem == name]
+    plan = load_floorplan(path)
+    mission = survey(plan if plan.start else begun_at(plan, roomiest(plan)))
+    assert not [row for row in audit(mission, Profile.PAPER).nodes if "unreachable from any start" in row.problems]
+    assert caplog.messages == [f"{name}: {left_out} landmarks left out: no way from the start"] * bool(left_out)
+
+
+def test_a_landmark_where_robots_begin_is_in_reach_and_a_start_without_any_is_refused() -> None:
+    mission = survey(floorplan_of_yaml(ROOMS + b"start_pose: [6, 2, 0]\n"))
+    assert [node.name for node in mission.nodes] == ["start", "room1"]
+    assert len(mission.ways) == 2
+    with pytest.raises(UsageError, match="no way leads to a landmark"):
+        survey(floorplan_of_yaml(HALL + b"start_pose: [10, 2, 0]\n"))

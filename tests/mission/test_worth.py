@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -50,10 +51,15 @@ class TestAudit:
     def test_without_its_start_key_a_sealed_mission_cannot_be_guessed_at_all(self):
         report, row = rows(small(CHEAP), Profile.SEALED)
         assert row["start"].candidates >= OUT_OF_REACH
-        assert report.core_s == 0
+        # Nothing could be summed: that is no cost of 0.
+        assert report.out_of_reach == len(report.nodes)
+        assert report.core_s == report.gpu_s == math.inf
+        told = json.loads(json.dumps(report.told(), allow_nan=False))
+        assert (told["core_s"], told["gpu_s"]) == (None, None)
         report, row = rows(small(CHEAP), Profile.SEALED, open_start=True)
         assert row["start"].candidates == pytest.approx(30 * 25)
         assert 0 < report.core_s < math.inf
+        assert report.told()["core_s"] == report.core_s
 
     def test_what_is_behind_a_message_or_a_random_token_is_out_of_reach(self):
         for barrier in ("message", "token"):

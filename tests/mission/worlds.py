@@ -14,8 +14,10 @@ from phalanx.mission import (
     Experience,
     Landmark,
     Mission,
+    Phase,
     Position,
     Profile,
+    Sensor,
     State,
     Walker,
     build,
@@ -96,6 +98,28 @@ def walk(mission: Mission, walker: Walker, *, places=None, steps_each: int = 30,
             yield state, outcome
             if outcome.decoded is None and outcome.reason is not None and outcome.reason.value == "no match":
                 break
+
+
+def explored(mission: Mission, walker: Walker, *, told: tuple[bytes, ...] = (), vain: int = 6):
+    """Go where the walker says, until it is done or holds; yields (state, outcome) of every step.
+
+    After some steps in vain the time-out goes by. What nodes send is heard; `told` is what a controller says.
+    """
+    things = [thing for node in mission.nodes for alias in node.see for thing in alias]
+    sensors = tuple(dict.fromkeys(thing.value for thing in things if isinstance(thing, Sensor)))
+    (x, y), *_ = (node.place for node in mission.nodes if node.start)
+    state, t_s, travelled, waited, heard = State(), 0.0, 0.0, 0, told
+    while state.phase in (Phase.SEEKING, Phase.RETURNING):
+        t_s += 0.1 if waited < vain else 1 + walker.config.timeout_s
+        senses = at(mission, x, y, t_s, travelled_m=travelled, messages=heard, sensors=sensors)
+        state, outcome = walker.step(state, senses)
+        yield state, outcome
+        waited = 0 if outcome.event else waited + 1
+        heard += outcome.decoded.sends if outcome.decoded else ()
+        there = outcome.order.target is not None and mission.nodes[outcome.order.target].place
+        if there:
+            travelled += math.dist((x, y), there)
+            x, y = there
 
 
 def decoded_of(steps) -> list[tuple]:

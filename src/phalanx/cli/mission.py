@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -35,16 +36,19 @@ from .mission_files import (
     write_file,
 )
 from .mission_run import parse_start, run_command
-from .terminal import end_status_line, print_json, status_line, talk
+from .terminal import Progress, end_status_line, print_json, status_line, talk
 
 SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
 WARNINGS = 10  # told by build
+TELL_LOCKS = 16  # from one word of progress to the next
 # What a header that is silent about these says.
 UNLIMITED = {"robots": "anybody", "valid_to_s": "for ever", "signer": "nobody", "flags": "none"}
 PROFILES = click.Choice([profile.name.lower() for profile in Profile])
 profile_option = click.option(
     "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
 )
+START_HELP = "Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place."
+start_option = click.option("--start", metavar="X,Y[,DEGREES]", help=START_HELP)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 FLAGS = ((REPEATABLE, "repeatable"), (ROAM, "roam"), (OPEN_START, "open start"))
 NODE_FLAGS = ((START, "start"), (FINAL, "final"), (JOIN, "join"))
@@ -60,11 +64,7 @@ def mission() -> None:
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
 @profile_option
 @click.option("--map", "plan", metavar="MAP", help="Floor plan: explore it, or check the mission against it.")
-@click.option(
-    "--start",
-    metavar="X,Y[,DEGREES]",
-    help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
-)
+@start_option
 @click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
 @click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
 @click.option("--valid", metavar="FROM/TO", default="/", help="When: seconds or dates; either may be empty.")
@@ -97,8 +97,8 @@ def build_command(
         open_start=open_start,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    told = _explored(plan, start) if source is None else _mission(source, plan, start)
-    _warn(told, options.profile)
+    told = _explored(plan, start, "build") if source is None else _mission(source, plan, start)
+    _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
     rows = []
@@ -123,10 +123,10 @@ def build_command(
             click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
 
 
-def _explored(name: str | None, start: str | None) -> Mission:
+def _explored(name: str | None, start: str | None, what: str) -> Mission:
     """The mission to find every landmark of a map."""
     if name is None:
-        raise UsageError("nothing to build", f"a YAML file, one of {', '.join(built_in_missions())}, or --map MAP")
+        raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in_missions())}, or --map MAP")
     plan = load_floorplan(name)
     if start is not None:
         plan = begun_at(plan, parse_start(start))
@@ -156,12 +156,13 @@ def _mission(source: str, plan: str | None, start: str | None) -> Mission:
     return told
 
 
-def _warn(told: Mission, profile: Profile) -> None:
+def _warn(told: Mission, profile: Profile, of: str) -> None:
     looks = [f"{row.name}: {problem}" for row in audit(told, profile).nodes for problem in row.problems]
     for line in looks[:WARNINGS]:
         click.echo(f"phalanx: warning: {line}", err=True)
     if len(looks) > WARNINGS:
-        click.echo(f"phalanx: warning: {len(looks) - WARNINGS} more; phalanx mission audit tells them", err=True)
+        more = f"{len(looks) - WARNINGS} more; phalanx mission audit {of}--profile {profile.name.lower()} tells them"
+        click.echo(f"phalanx: warning: {more}", err=True)
 
 
 def _same(a: Landmark, b: Landmark) -> bool:
@@ -182,14 +183,15 @@ def _seeded(seed: int) -> Callable[[int], bytes]:
 def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes]) -> list[Built]:
     locks = sum(len(node.see) for node in told.nodes)
     done = 0
+    progress = Progress()
     with ThreadPoolExecutor(os.cpu_count()) as pool:
 
         def spread(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[Any]:
             nonlocal done
             for answer in pool.map(work, jobs):
                 done += 1
-                if not done % 16:
-                    status_line(f"{done} of {locks} locks   {100 * done // locks} %   Ctrl-C stops")
+                if not done % TELL_LOCKS:
+                    progress.tell(f"{done} of {locks} locks", done / locks)
                 yield answer
 
         try:
@@ -198,7 +200,7 @@ def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes])
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         finally:
-            if done >= 16:
+            if done >= TELL_LOCKS:
                 end_status_line()
 
 
@@ -280,14 +282,21 @@ def _for_anybody(encoded: EncodedMission) -> EncodedMission:
 
 
 @mission.command("audit", epilog="Example: phalanx mission audit office --profile paper")
-@click.argument("source", metavar="MISSION.yaml|BUILTIN")
+@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
 @profile_option
+@click.option(
+    "--map", "plan", metavar="MAP", help="The mission that build makes of this map, or what to check against."
+)
+@start_option
 @click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
 @json_option
-def audit_command(source: str, profile: str, open_start: bool, as_json: bool) -> None:
+def audit_command(
+    source: str | None, profile: str, plan: str | None, start: str | None, open_start: bool, as_json: bool
+) -> None:
     """Tell what a captured file is worth: what an attacker must try, what the robot must, and what looks wrong."""
     rates = Rates()
-    report = audit(read_plain(source), Profile[profile.upper()], open_start=open_start, rates=rates)
+    told = _explored(plan, start, "audit") if source is None else _mission(source, plan, start)
+    report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates)
     if as_json:
         print_json({**report.told(), "rates": asdict(rates)})
         return
@@ -297,7 +306,8 @@ def audit_command(source: str, profile: str, open_start: bool, as_json: bool) ->
         cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
         problems = f"   {'; '.join(row.problems)}" if row.problems else ""
         click.echo(f"{row.name:16}{cells[0]:>12}{cells[1]:>12}{cells[2]:>12}{row.robot_ms:>7.1f} ms{problems}")
-    click.echo(f"{'all that can be guessed':28}{span(report.core_s):>12}{span(report.gpu_s):>12}")
+    whole = [span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in (report.core_s, report.gpu_s)]
+    click.echo(f"{'all that can be guessed':28}{whole[0]:>12}{whole[1]:>12}")
     for problem in report.problems:
         click.echo(f"note: {problem}")
     click.echo(
@@ -307,18 +317,24 @@ def audit_command(source: str, profile: str, open_start: bool, as_json: bool) ->
 
 
 @mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
-@click.argument("source", metavar="MISSION.yaml|BUILTIN")
+@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="A .png or .svg file.")
-@click.option("--map", "plan", metavar="MAP", help="Floor plan to draw behind it; without, the one the mission names.")
+@click.option(
+    "--map",
+    "plan",
+    metavar="MAP",
+    help="Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.",
+)
+@start_option
 @click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
-def draw(source: str, out: Path, plan: str | None, simulate: bool, seed: int) -> None:
+def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
     """Draw a mission's landmarks and ways on its map.
 
     With --run also where a robot went, where it believed to be, and where odometry alone would have put it.
     """
     check_drawable(out)
-    told = read_plain(source)
+    told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
     name = plan or told.floor_plan
     floor = load_floorplan(name) if name else None
     if simulate and floor is None:

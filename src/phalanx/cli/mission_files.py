@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -23,6 +23,13 @@ from phalanx.mission.refused import MalformedMission
 Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
+ENDING = ".phxm"
+FURNISH_METAVAR = "MISSION.yaml|BUILTIN"
+FURNISH_HELP = (
+    "What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
+    " its actions, and puts them where its parts begin."
+)
+SEVERAL = ("several missions", "one that is not encoded, or the encoded files of all its parts")
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
 
@@ -216,14 +223,26 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
 
 
 def is_encoded(source: str) -> bool:
-    """Whether a command's FILE|BUILTIN is an encoded mission's file.
+    """Whether a command's FILE|BUILTIN is an encoded mission's file, or was meant to be one.
 
     Raises: UsageError: there is neither.
     """
     if source in built_in_missions():
         return False
     what = f"a mission's file, or one of {', '.join(built_in_missions())}"
-    return read_bytes(Path(source), FILE_LIMIT, what).startswith(MAGIC)
+    data = read_bytes(Path(source), FILE_LIMIT, what)
+    return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
+
+
+def read_files(paths: Sequence[str], key: Path | None, option: str) -> list[tuple[EncodedMission, StartKey | None]]:
+    """Encoded missions, each with its start key: the one given, or those that lie beside them.
+
+    Raises: UsageError: one cannot be read, or has no start key; `option` is where to say it. PeerError: one is none.
+    """
+    if key is not None and len(paths) > 1:
+        raise UsageError(f"{option} for {len(paths)} files", f"each with its start key beside it, FILE{ENDING}.key")
+    files = [(Path(path), read_encoded(Path(path))) for path in paths]
+    return [(encoded, start_key_of(path, key, encoded, option)) for path, encoded in files]
 
 
 def start_key_of(path: Path, given: Path | None, encoded: EncodedMission, option: str) -> StartKey | None:

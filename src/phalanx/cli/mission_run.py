@@ -5,39 +5,36 @@ from __future__ import annotations
 import math
 import os
 import random
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.errors import UsageError
-from phalanx.mission import (
-    BuildOptions,
-    Built,
-    EncodedMission,
-    Mission,
-    Profile,
-    admit,
-    build,
-    check_signature,
-)
+from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.survey import roomiest
 from phalanx.mission.walker import LONGEST_S
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.mission_orders import furnished
+from phalanx.sim.mission_orders import File, orders_of_files
 from phalanx.sim.mission_recording import write_recording
-from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
+from phalanx.sim.mission_robot import Report
+from phalanx.sim.mission_run import MissionRun, run_mission, summary
 from phalanx.sim.odometry import OdometryNoise, Pose
 
-from .mission_files import is_encoded, read_encoded, read_plain, read_trusted, start_key_of
+from .mission_files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
 from .terminal import Progress, counted, end_status_line, print_json, talk
 
 
 @click.command(
-    "run", epilog="Example: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage"
+    "run",
+    epilog="Examples: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage; "
+    "phalanx mission run two-a.phxm two-b.phxm --furnish inspection",
 )
-@click.argument("source", metavar="FILE|BUILTIN")
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...|BUILTIN")
 @click.option("--world", "world", metavar="NAME|FILE", help="The building; without, the one the mission names.")
+@click.option("--furnish", metavar=FURNISH_METAVAR, help=FURNISH_HELP)
 @click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
 @click.option(
     "--noise",
@@ -53,7 +50,7 @@ from .terminal import Progress, counted, end_status_line, print_json, talk
     show_default=True,
     help="In which a plain mission is encoded first.",
 )
-@click.option("--key", type=click.Path(path_type=Path), help="Start key of a sealed FILE; without, FILE.key.")
+@click.option("--key", type=click.Path(path_type=Path), help="Start key of one sealed FILE; without, FILE.key.")
 @click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
 @click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
 @click.option(
@@ -62,6 +59,7 @@ from .terminal import Progress, counted, end_status_line, print_json, talk
     metavar="X,Y[,DEGREES]",
     help="Where robots are put; without, where the mission or the map says.",
 )
+@click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
 @click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
 @click.option(
     "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
@@ -72,8 +70,9 @@ from .terminal import Progress, counted, end_status_line, print_json, talk
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def run_command(
-    source: str,
+    sources: tuple[str, ...],
     world: str | None,
+    furnish: str | None,
     robots: int | None,
     noise: str,
     profile: str,
@@ -81,6 +80,7 @@ def run_command(
     trust: tuple[str, ...],
     at_s: float | None,
     said_start: str | None,
+    people: int,
     duration: float,
     meet_m: float,
     seed: int,
@@ -89,46 +89,34 @@ def run_command(
 ) -> int:
     """Run a mission; exit 1 if a robot did not complete it.
 
-    A plain mission is encoded first, from the seed. The same mission, options and seed give the same digest.
+    A plain mission is encoded first, from the seed. The same mission, options and seed give the same digest. Of encoded
+    files each robot gets one, in turn. A file says neither which codes hang on the walls nor what robots can do nor
+    where they begin: --furnish does.
     """
     trusted = [read_trusted(word) for word in trust] or None
-    plain: Mission | None = None
-    if is_encoded(source):
-        encoded = read_encoded(Path(source))
-        pairs = [(encoded, start_key_of(Path(source), key, encoded, "--key"))]
-    else:
-        if trusted or key:
-            raise UsageError("--trust and --key are for encoded missions", "phalanx mission build makes one")
-        plain = read_plain(source)
-        pairs = [(each.mission, each.key) for each in _built(plain, profile, seed)]
-    plan = load_floorplan(world or (plain.floor_plan if plain and plain.floor_plan else DEFAULT))
-    told_start = parse_start(said_start) if said_start else plan.start
-    if told_start is None:
-        told_start = roomiest(plan)
-        talk(f"{plan.name} does not say where robots begin: where there is most room, --start {_words(told_start)}")
-    if plain is not None:
-        plan = furnished(plan, plain)
-    count = robots if robots is not None else len(pairs)
-    begin_s = float(pairs[0][0].header.valid_from_s) if at_s is None else at_s
+    files, plain = _missions(sources, key, furnish, trusted, profile, seed)
+    start = parse_start(said_start) if said_start else None
+    plan = _building(world or (plain.floor_plan if plain else "") or DEFAULT, told=start is not None)
+    orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
+    count = robots if robots is not None else len(files)
+    begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
     if not 0 <= begin_s < LONGEST_S:
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
-    if plain is None:
-        _admit(pairs[0][0], trusted, count, begin_s)
+    for i, (encoded, _) in enumerate(files):
+        _admit(encoded, trusted, len(range(i, count, len(files))), begin_s)
     run = MissionRun(
-        plan=plan,
-        parts=tuple(
-            Part(encoded, start_key, told_start if said_start else _start(told_start, plain, part))
-            for part, (encoded, start_key) in enumerate(pairs)
-        ),
+        plan=orders.plan,
+        parts=orders.parts,
         robots=count,
         noise=OdometryNoise.parse(noise),
         seed=seed,
         begin_s=begin_s,
         duration_s=duration,
-        pool=pool_of(plain) if plain else (),
-        controller=tuple(message for _, start_key in pairs if start_key for message in start_key.messages.values()),
+        pool=orders.pool,
+        controller=orders.controller,
         meet_m=meet_m,
         keep_trace=record is not None,
+        people=people,
     )
     progress = Progress()
     try:
@@ -141,14 +129,45 @@ def run_command(
         return 1
     end_status_line()
     if record is not None:
-        write_recording(record, plan, reports)
+        write_recording(record, orders.plan, reports)
         click.echo(f"recorded: {record}", err=True)
+    for line in _lacking(reports):
+        talk(line)
     told = summary(run, reports)
     if as_json:
         print_json(told)
     else:
         _show(told)
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _missions(
+    sources: tuple[str, ...],
+    key: Path | None,
+    furnish: str | None,
+    trusted: list[bytes] | None,
+    profile: str,
+    seed: int,
+) -> tuple[list[File], Mission | None]:
+    """What robots get, and what their mission's author says, if somebody asks him."""
+    if is_encoded(sources[0]):
+        return read_files(sources, key, "--key"), read_plain(furnish) if furnish else None
+    if len(sources) > 1:
+        raise UsageError(*SEVERAL)
+    if trusted or key or furnish:
+        raise UsageError("--trust, --key and --furnish are for encoded missions", "phalanx mission build makes one")
+    plain = read_plain(sources[0])
+    return [(each.mission, each.key) for each in _built(plain, profile, seed)], plain
+
+
+def _building(name: str, *, told: bool) -> FloorPlan:
+    """A floor plan; with a place where robots begin, if nobody has told it."""
+    plan = load_floorplan(name)
+    if told or plan.start is not None:
+        return plan
+    start = roomiest(plan)
+    talk(f"{plan.name} does not say where robots begin: where there is most room, --start {_words(start)}")
+    return replace(plan, start=start)
 
 
 def _words(pose: Pose) -> str:
@@ -187,13 +206,17 @@ def parse_start(said: str) -> Pose:
     return x, y, math.radians(degrees)
 
 
-def _start(otherwise: Pose, plain: Mission | None, part: int) -> Pose:
-    """Where a part's robots are put: its start node's place, if the author is asked; else where the map says."""
-    if plain is None:
-        return otherwise
-    name = plain.parts[part]
-    place = next(node.place for node in plain.nodes if node.start and node.part == name)
-    return otherwise if place is None else (*place, otherwise[2])
+def _lacking(reports: list[Report]) -> list[str]:
+    """What a mission's author would have told the world, as far as robots can tell by what stopped them."""
+    lines = [
+        f"robot {report.robot + 1} does not stand where its mission begins: --start X,Y, or --furnish MISSION.yaml"
+        " and files in the order of its parts"
+        for report in reports
+        if not report.decoded
+    ]
+    if lacks := sorted({what for report in reports for what in report.lacks}):
+        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml brings codes and actions")
+    return lines
 
 
 def _show(told: dict[str, Any]) -> None:

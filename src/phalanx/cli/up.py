@@ -22,10 +22,10 @@ from phalanx.mission import BuildOptions, build, check_signature
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
 from phalanx.sim.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.mission_orders import Orders, orders_of, orders_of_file
+from phalanx.sim.mission_orders import Orders, orders_of, orders_of_files
 from phalanx.sim.mission_swarm import DEFAULT_ROBOTS
 
-from .mission_files import is_encoded, read_encoded, read_plain, read_trusted, start_key_of
+from .mission_files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
 from .options import broker_options, link_options, read_login
 from .run import run
 from .terminal import EventLines, end_status_line, plain, qr_text, status_line
@@ -39,16 +39,19 @@ ROBOTS = 12
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
 @click.option(
     "--mission",
-    "mission",
+    "missions",
+    multiple=True,
     metavar="FILE|BUILTIN",
-    help="Robots live this mission, and are not driven; the operator's page has an editor for others.",
+    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
+    " Repeatable, for the FILEs of its parts.",
 )
+@click.option("--furnish", metavar=FURNISH_METAVAR, help=FURNISH_HELP)
 @click.option(
     "--world",
     metavar="NAME|FILE",
     help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
 )
-@click.option("--start-key", type=click.Path(path_type=Path), help="Of a sealed --mission FILE; without, FILE.key.")
+@click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")
 @click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
 @click.option(
     "--defence",
@@ -69,7 +72,11 @@ ROBOTS = 12
 @click.option("--page-url", default="", help="Where visitors find our page, if not here: behind an https proxy, say.")
 @click.option("--frontend", default="", help="Send visitors to this page of the published kind instead of ours.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
-@click.option("--events", is_flag=True, help="Print one JSON object a line instead of a QR code; the first is 'ready'.")
+@click.option(
+    "--events",
+    is_flag=True,
+    help="Print a JSON object a line instead of a QR code; the first is 'ready' ('waiting' while there is no broker).",
+)
 def up(
     mode: str,  # noqa: ARG001  # one value until the session mode exists
     pin_digits: int,
@@ -78,7 +85,8 @@ def up(
     root: str,
     robots: int | None,
     seed: int,
-    mission: str | None,
+    missions: tuple[str, ...],
+    furnish: str | None,
     world: str | None,
     start_key: Path | None,
     trust: tuple[str, ...],
@@ -100,7 +108,7 @@ def up(
     """
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
-    on_mission = mission is not None or world is not None
+    on_mission = bool(missions) or world is not None
     if on_mission and (defence not in (None, "none") or f_max is not None):
         raise UsageError("robots on a mission do not audit each other", "leave --defence and --f-max away")
     count = robots if robots is not None else DEFAULT_ROBOTS if on_mission else ROBOTS
@@ -121,7 +129,7 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    with _robots(mission, world, start_key, trust, count, seed) as swarm:
+    with _robots(missions, furnish, world, start_key, trust, count, seed) as swarm:
         if events:
             lines = EventLines()
             try:
@@ -134,15 +142,23 @@ def up(
 
 @contextlib.contextmanager
 def _robots(
-    mission: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...], count: int, seed: int
+    missions: tuple[str, ...],
+    furnish: str | None,
+    world: str | None,
+    start_key: Path | None,
+    trust: tuple[str, ...],
+    count: int,
+    seed: int,
 ) -> Iterator[Swarm | None]:
     """Robots that live missions, the first of which has begun if there is one; None where no mission is wanted."""
-    if (start_key is not None or trust) and (mission is None or not is_encoded(mission)):
-        raise UsageError("--start-key and --trust are for encoded missions", "phalanx mission build makes one")
-    if mission is None and world is None:
+    if (start_key is not None or trust or furnish) and not (missions and is_encoded(missions[0])):
+        raise UsageError(
+            "--start-key, --trust and --furnish are for encoded missions", "phalanx mission build makes one"
+        )
+    if not missions and world is None:
         yield None
         return
-    plan, orders = _orders(mission, world, start_key, trust)
+    plan, orders = _orders(missions, furnish, world, start_key, trust)
     with mission_swarm(plan, count, seed, _talk) as swarm:
         if orders is not None:
             swarm.begin(orders)
@@ -150,18 +166,21 @@ def _robots(
 
 
 def _orders(
-    mission: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...]
+    missions: tuple[str, ...], furnish: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...]
 ) -> tuple[FloorPlan, Orders | None]:
-    if mission is None:
+    if not missions:
         return load_floorplan(world or DEFAULT), None
-    if is_encoded(mission):
-        path = Path(mission)
-        encoded = read_encoded(path)
-        if trust or encoded.signer:
-            check_signature(encoded, [read_trusted(key) for key in trust] or None)
-        plan = load_floorplan(world or DEFAULT)
-        return plan, orders_of_file(path.stem, encoded, start_key_of(path, start_key, encoded, "--start-key"), plan)
-    told = read_plain(mission)
+    if is_encoded(missions[0]):
+        files = read_files(missions, start_key, "--start-key")
+        for encoded, _ in files:
+            if trust or encoded.signer:
+                check_signature(encoded, [read_trusted(key) for key in trust] or None)
+        plain = read_plain(furnish) if furnish else None
+        plan = load_floorplan(world or (plain.floor_plan if plain else "") or DEFAULT)
+        return plan, orders_of_files(Path(missions[0]).stem, files, plan, plain)
+    if len(missions) > 1:
+        raise UsageError(*SEVERAL)
+    told = read_plain(missions[0])
     plan = load_floorplan(world or told.floor_plan or DEFAULT)
     return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
 

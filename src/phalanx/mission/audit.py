@@ -64,7 +64,7 @@ class NodeAudit:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """The whole mission; costs are sums over the nodes that can be reached by guessing."""
+    """The whole mission; costs are sums over the nodes that can be reached by guessing, infinite if there is none."""
 
     nodes: tuple[NodeAudit, ...]
     core_s: float
@@ -76,7 +76,9 @@ class Audit:
     def told(self) -> dict[str, Any]:
         """As JSON has it."""
         rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
-        return {**asdict(self), "nodes": rows}
+        # JSON knows no infinity, and 0 would read as free to crack.
+        costs = {} if math.isfinite(self.core_s) else {"core_s": None, "gpu_s": None}
+        return {**asdict(self), **costs, "nodes": rows}
 
 
 def audit(
@@ -132,8 +134,8 @@ def audit(
         general.append("without the start key nothing can be tried; each row supposes that the node before is open")
     return Audit(
         tuple(rows),
-        sum(row.core_s for row in within),
-        sum(row.gpu_s for row in within),
+        sum(row.core_s for row in within) if within else math.inf,
+        sum(row.gpu_s for row in within) if within else math.inf,
         max(row.robot_ms for row in rows),
         len(rows) - len(within),
         tuple(general),

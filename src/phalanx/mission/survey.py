@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from dataclasses import replace
@@ -28,18 +29,22 @@ STAND_M = 0.2
 GRID_PLACES = 200
 GRID_M = 0.05
 NORTH_RAD = math.pi / 2
+START = "start"
 SHORT = {"doorway": "door", "corner_concave": "corner", "room": "room", "qr": "code"}
+
+log = logging.getLogger(__name__)
 
 
 def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     """The mission to visit all doorways, rooms, concave corners and codes of a floor plan.
 
-    Convex corners are left out: every room has four, and tells them apart by more than each alone.
+    Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
+    warning, what no way leads to from where robots begin: a mission with such nodes is never done.
 
     Args:
         plan: with the pose where robots begin, see `begun_at` and `roomiest`.
         coding: None is the profile's default.
-    Raises: UsageError: it says not where robots begin, or no robot can stand there, or it has no landmarks.
+    Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
     """
     if plan.start is None:
@@ -51,16 +56,27 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     x0, y0, x1, y1 = plan.bounds
     draft = Draft(f"explore {plan.name}", coding=coding, area_m=(x0, y0, x1, y1), floor_plan=plan.name)
     start = (plan.start[0], plan.start[1])
-    draft.node("start", Position(*start), start=True)
-    places = {"start": start}
+    draft.node(START, Position(*start), start=True)
+    named: dict[str, Site] = {}
     counts: Counter[str] = Counter()
     for site in sites:
         counts[site.type] += 1
-        name = f"{SHORT[site.type]}{counts[site.type]}"
-        draft.node(name, *site.aliases, width_m=site.width_m or None)
-        places[name] = _place(site)
-    for source, target in sorted(_pairs(plan, places)):
-        draft.way(source, target, both=True)
+        named[f"{SHORT[site.type]}{counts[site.type]}"] = site
+    pairs = _pairs(plan, {START: start, **{name: _place(site) for name, site in named.items()}})
+    reached = _joined(START, pairs)
+    if len(reached) == 1:
+        raise UsageError(
+            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}", "another start"
+        )
+    if len(reached) <= len(sites):
+        away = len(sites) + 1 - len(reached)
+        log.warning("%s: %d of %d landmarks left out: no way from the start", plan.name, away, len(sites))
+    for name, site in named.items():
+        if name in reached:
+            draft.node(name, *site.aliases, width_m=site.width_m or None)
+    for source, target in sorted(pairs):
+        if source in reached:
+            draft.way(source, target, both=True)
     return draft.mission()
 
 
@@ -128,14 +144,32 @@ def _pairs(plan: FloorPlan, places: dict[str, tuple[float, float]]) -> set[tuple
     for name, place in places.items():
         around = _around(plan, place)
         near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
-        in_sight = (
-            other
-            for away, other in near
-            if CLEARANCE_M < away <= WAY_LIMIT_M and _is_clear(around, place, places[other], away)
-        )
+        in_sight = (other for away, other in near if away <= WAY_LIMIT_M and _is_way(around, places, name, other, away))
         for other, _ in zip(in_sight, range(NEIGHBOURS), strict=False):
             pairs.add((min(name, other), max(name, other)))
     return pairs
+
+
+def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
+    """Whether a robot gets from one to the other; so near each other there is no way, but for who begins there."""
+    a, b = places[one], places[other]
+    if away_m <= CLEARANCE_M:
+        return START in (one, other) and plan.sees(a, b)
+    return _is_clear(plan, a, b, away_m)
+
+
+def _joined(start: str, pairs: set[tuple[str, str]]) -> set[str]:
+    """The start, and what pairs lead to from it."""
+    beside: dict[str, list[str]] = {}
+    for one, other in pairs:
+        beside.setdefault(one, []).append(other)
+        beside.setdefault(other, []).append(one)
+    reached, waiting = {start}, [start]
+    while waiting:
+        new = [name for name in beside.get(waiting.pop(), []) if name not in reached]
+        reached.update(new)
+        waiting += new
+    return reached
 
 
 def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:

@@ -118,8 +118,8 @@ class Walker:
     def hear_report(self, state: State, report: tuple[tuple[int, bytes], ...]) -> State:
         """The state after another robot told where it was; what it cannot prove is ignored (sealed profile).
 
-        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a liar can keep
-        others from going somewhere, and no more.
+        In the paper profile nothing is stored to check a proof with, and a robot's word is taken: a liar can make
+        others go elsewhere first, and no more.
         """
         nodes = self.mission.nodes
         checked = self.mission.header.profile is Profile.SEALED
@@ -202,7 +202,8 @@ class Walker:
             keys=self._finder.keys_of(state, opened),
         )
         state = self._aim(state)
-        return state, Outcome(self.order(state), opened, fix=fix, trials=trials, event=event)
+        why = Reason.NO_WAY if state.phase is Phase.HELD else None
+        return state, Outcome(self.order(state), opened, why, fix, trials, event)
 
     def _walked(self, state: State, seen: Experience, again: Fix | None, find: Find) -> tuple[State, Outcome]:
         if again is not None:
@@ -219,14 +220,20 @@ class Walker:
         return max(walked, math.sqrt(dx * dx + dy * dy))
 
     def _aim(self, state: State) -> State:
-        """The state with its next target, or held if there is none and something is still to be done."""
+        """The state with its next target; without one it is done if all is, else held."""
         if state.phase is not Phase.SEEKING or state.at is None:
             return state
         target = self.map.next_target(state.at, state.opened, state.others, state.lengths_m, state.blocked)
         if target is not None:
             return replace(state, target=target)
-        explored = not self.map.finals and not state.blocked
-        return replace(state, target=None, phase=Phase.DONE if explored else next_phase(state.phase, Event.NO_WAY))
+        event = Event.COMPLETED if self._is_explored(state) else Event.NO_WAY
+        return replace(state, target=None, phase=next_phase(state.phase, event))
+
+    def _is_explored(self, state: State) -> bool:
+        """Whether each node of a mission without a final one was decoded, by this robot or, proven, by another."""
+        # In the paper profile a report proves nothing, and a liar's must not make a mission look whole.
+        proven = state.others if self.mission.header.profile is Profile.SEALED else frozenset()
+        return not self.map.finals and len(state.opened.keys() | proven) == len(self.mission.nodes)
 
     def _timeout_s(self, state: State) -> float:
         own = 0 if state.at is None else self.mission.nodes[state.at].timeout_s

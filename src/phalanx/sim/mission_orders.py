@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from phalanx.errors import UsageError
-from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, StartKey
+from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Sensor, StartKey
 from phalanx.mission.landmarks import FloorPlan, WallCode
 
 from .diffdrive import DiffDriveConfig
@@ -16,6 +16,7 @@ from .odometry import Pose
 
 CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
 NORTH_RAD = math.pi / 2
+File = tuple[EncodedMission, StartKey | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +38,46 @@ class Orders:
     controller: tuple[bytes, ...] = ()
 
 
-def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan) -> Orders:
+def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan, start: Pose | None = None) -> Orders:
     """What robots are given of a mission whose author is asked.
 
     Args:
         plain: the mission.
         built: a file and a key for each of its parts, in their order.
         plan: the building.
-    Raises: UsageError: robots cannot be put where a part begins.
+        start: where all robots are put; None is where each part begins.
+    Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
     """
-    parts = tuple(
-        Part(each.mission, each.key, _start(plain, name, plan)) for each, name in zip(built, plain.parts, strict=True)
-    )
-    messages = tuple(message for each in built for message in each.key.messages.values())
-    return Orders(plain.name, furnished(plan, plain), parts, pool_of(plain), messages)
+    return orders_of_files(plain.name, [(each.mission, each.key) for each in built], plan, plain, start)
 
 
-def orders_of_file(name: str, mission: EncodedMission, key: StartKey | None, plan: FloorPlan) -> Orders:
-    """What robots are given of an encoded mission, of which nobody here knows more than its file says.
+def orders_of_files(
+    name: str, files: Sequence[File], plan: FloorPlan, plain: Mission | None = None, start: Pose | None = None
+) -> Orders:
+    """What robots are given of encoded missions.
 
-    Raises: UsageError: the building does not say where robots begin.
+    Args:
+        name: for people.
+        files: one for each part, with its start key.
+        plan: the building.
+        plain: what the files were built from, in the order of its parts: it says where robots begin, what hangs on the
+            walls and what robots can do. Without it nobody here knows more than the files say.
+        start: where all robots are put; None is where each part begins, or where the building says.
+    Raises: UsageError: robots cannot be put there, lack a sensor, or there are more or fewer files than parts.
     """
-    messages = tuple(key.messages.values()) if key else ()
-    return Orders(name, plan, (Part(mission, key, start_of(plan)),), (), messages)
+    messages = tuple(message for _, key in files if key for message in key.messages.values())
+    if plain is None:
+        begin = start or start_of(plan)
+        return Orders(name, plan, tuple(Part(*file, begin) for file in files), (), messages)
+    if len(files) != len(plain.parts):
+        raise UsageError(
+            f"encoded files: {len(files)}, and {plain.name!r} is built into {len(plain.parts)}",
+            "one file for each part, in the order in which they were built",
+        )
+    _check_sensed(plain)
+    starts = [start or _start(plain, part, plan) for part in plain.parts]
+    parts = tuple(Part(*file, begin) for file, begin in zip(files, starts, strict=True))
+    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages)
 
 
 def start_of(plan: FloorPlan) -> Pose:
@@ -95,3 +113,15 @@ def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
         if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
     ]
     return replace(plan, codes=(*plan.codes, *hung)) if hung else plan
+
+
+def _check_sensed(plain: Mission) -> None:
+    """Refuses a mission with a node that no robot here can sense: they have wheels, a lidar and a camera."""
+    for node in plain.nodes:
+        wanted = [next((thing for thing in alias if isinstance(thing, Sensor)), None) for alias in node.see]
+        if (sensor := wanted[0]) is not None and None not in wanted:
+            raise UsageError(
+                f"{node.name!r} wants the reading {sensor.value.decode(errors='replace')!r}, and simulated robots have"
+                " no such sensor",
+                "see: a landmark, a QR code or a position instead",
+            )

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission import Action, Experience, Landmark, Outcome, Phase, State, Walker
@@ -46,6 +47,8 @@ class World:
         self.lidar = Lidar(plan.walls, lidar)
         self.camera = Camera(plan) if plan.codes else None
         self.extraction = ExtractionConfig(feature_range_m=SEE_M).for_noise(self.lidar.config.noise_m)
+        # (m, 3) centre and radius of those who walk about, metres; whoever lets them walk puts them here.
+        self.people: NDArray[np.float64] = np.zeros((0, 3))
 
 
 @dataclass(slots=True)
@@ -63,6 +66,7 @@ class Report:
         not_validated: (t_s, reason).
         actions: (t_s, action) that it carried out.
         trace: (t_s, true pose, estimate, odometry alone) of each step, if it is kept.
+        lacks: what nodes that it could have decoded next are made of, and its world does not have.
     """
 
     robot: int
@@ -80,6 +84,7 @@ class Report:
     actions: list[tuple[float, str]] = field(default_factory=list)
     trace: list[tuple[float, Pose, Pose, Pose]] = field(default_factory=list)
     digest: str = ""
+    lacks: tuple[str, ...] = ()
 
 
 class MissionRobot:
@@ -141,7 +146,7 @@ class MissionRobot:
         Returns: messages that it gives out.
         """
         t_s = self._tick * TICK_S
-        scan = self._world.lidar.sweep(self.body.pose, self._random)
+        scan = self._world.lidar.sweep(self.body.pose, self._random, self._world.people)
         started = time.perf_counter()
         landmarks = extract(scan, self._world.extraction).landmarks(*self.odometry.pose)
         self.report.extraction_ms.append(1e3 * (time.perf_counter() - started))
@@ -174,7 +179,7 @@ class MissionRobot:
         camera = self._world.camera
         if camera is None or self._tick % CAMERA_EVERY:
             return ()
-        picture = camera.picture(self.body.pose, self._random, turn_radps=self._turn_radps)
+        picture = camera.picture(self.body.pose, self._random, self._world.people, self._turn_radps)
         return camera.landmarks(camera.read(picture), self.odometry.pose)
 
     def _correct(self, fix: Fix) -> None:
@@ -223,14 +228,36 @@ class MissionRobot:
         return ""
 
     def _drive(self, speed_mps: float, turn_radps: float) -> None:
+        speed_mps = 0.0 if self._runs_into_somebody(speed_mps * TICK_S) else speed_mps
         way, turn = self.body.step(*self.body.wheels(speed_mps, turn_radps), TICK_S)
         self.odometry.step(way, turn)
         self._uncorrected.step(way, turn)
 
+    def _runs_into_somebody(self, way_m: float) -> bool:
+        """Whether a person whom it touches then is nearer after so much way: its bumper stops the wheels."""
+        x, y, heading = self.body.pose
+        after = x + way_m * math.cos(heading), y + way_m * math.sin(heading)
+        for *person, radius in self._world.people.tolist():
+            away = math.dist(after, person)
+            if away < radius + self.body.config.radius_m and away < math.dist((x, y), person):
+                return True
+        return False
+
     def finish(self) -> Report:
         """What became of it."""
         told = [*self.report.not_validated, *([] if self.over else [(self.report.t_s, "out of time")])]
-        return replace(self.report, not_validated=told, digest=self._digest.hexdigest())
+        return replace(self.report, not_validated=told, digest=self._digest.hexdigest(), lacks=self._lacks())
+
+    def _lacks(self) -> tuple[str, ...]:
+        # A paper file tells what nodes are made of; in a sealed one a gate tells it of the node behind.
+        gates = [gate for (_, node), gate in self.state.keys.gates.items() if node not in self.state.opened]
+        shapes = [*self.walker.mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
+        wanted = (
+            ("codes on the walls", self._world.camera is None and any(shape.text for shape in shapes)),
+            ("actions that robots can do", not self._pool and any(shape.action for shape in shapes)),
+            ("a sensor that simulated robots do not have", any(shape.sensors for shape in shapes)),
+        )
+        return () if self.report.done else tuple(what for what, is_wanted in wanted if is_wanted)
 
 
 def meet(robots: Iterable[MissionRobot], plan: FloorPlan, near_m: float) -> None:

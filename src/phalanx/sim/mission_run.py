@@ -1,8 +1,9 @@
 """A mission run in a world: robots that know only the encoded graph, from their start until done, held or out of time.
 
-Robots do not hinder each other (each sees the building, not the others), and what is drawn for one depends on the seed
-and its number alone. So a run's digest is the same however many processes share the work. It covers all that no clock
-decides: where robots were at each step, what they decoded and when, hashes tried, false fixes, actions and reasons.
+Robots do not hinder each other (each sees the building and who walks there, not the others), and what is drawn for one
+depends on the seed and its number alone. So a run's digest is the same however many processes share the work. It covers
+all that no clock decides: where robots were at each step, what they decoded and when, hashes tried, false fixes,
+actions and reasons.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from phalanx.mission.landmarks import FloorPlan
 
 from .mission_robot import TICK_S, MissionRobot, Report, World, meet
 from .odometry import OdometryNoise, Pose
+from .walkers import PEOPLE_MAX, Walkers
 
 ROBOTS_MAX = 1000
 PROGRESS_TICKS = 20
+PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,7 @@ class MissionRun:
         controller: messages that a controller has sent when the robots start.
         meet_m: robots so near that see each other exchange what they decoded; 0 is never.
         keep_trace: keep where robots were at every step.
+        people: who walk about, are seen by lidars and hide codes; robots stop when they touch one.
     Raises: UsageError: a value is out of range.
     """
 
@@ -67,6 +71,7 @@ class MissionRun:
     controller: tuple[bytes, ...] = ()
     meet_m: float = 0.0
     keep_trace: bool = False
+    people: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.robots <= ROBOTS_MAX:
@@ -75,6 +80,8 @@ class MissionRun:
             raise UsageError(f"a run of {self.duration_s} s", "up to a day")
         if self.seed < 0:
             raise UsageError(f"seed {self.seed}", "0 or more")
+        if not 0 <= self.people <= PEOPLE_MAX:
+            raise UsageError(f"{self.people} people", f"0 to {PEOPLE_MAX}")
 
     @property
     def alone(self) -> bool:
@@ -134,6 +141,8 @@ def _live(run: MissionRun, numbers: range, on_progress: Callable[[float], None] 
         )
         for number in numbers
     ]
+    # From the seed alone: all processes see the same people.
+    people = Walkers(run.plan, run.people, np.random.default_rng([run.seed, PEOPLE_DRAW]))
     said = run.controller
     ticks = round(run.duration_s / TICK_S)
     for tick in range(ticks):
@@ -141,6 +150,8 @@ def _live(run: MissionRun, numbers: range, on_progress: Callable[[float], None] 
         if not alive:
             break
         heard, said = said, ()
+        people.step(TICK_S)
+        world.people = people.discs
         for robot in alive:
             said += robot.step(heard)
         if run.meet_m:

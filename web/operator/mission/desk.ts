@@ -29,8 +29,9 @@ export interface Compiled {
   readonly bytes: number;
   readonly profile: string;
   readonly rows: readonly WorthRow[];
-  readonly core_s: number;
-  readonly gpu_s: number;
+  /** Of all that can be guessed; null if nothing can. */
+  readonly core_s: number | null;
+  readonly gpu_s: number | null;
   readonly notes: readonly string[];
   /** Nodes of which the building shows no such landmark. */
   readonly unseen: readonly string[];
@@ -188,8 +189,8 @@ function readCompiled(it: Words): Compiled {
     nodes: finite(it["nodes"]),
     bytes: finite(it["bytes"]),
     profile: text(it["profile"]),
-    core_s: finite(audit["core_s"]),
-    gpu_s: finite(audit["gpu_s"]),
+    core_s: audit["core_s"] === null ? null : finite(audit["core_s"]),
+    gpu_s: audit["gpu_s"] === null ? null : finite(audit["gpu_s"]),
     notes: list(audit["problems"]).map(text),
     unseen: list(it["unseen"]).map(text),
     rates: {

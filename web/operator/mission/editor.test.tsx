@@ -21,7 +21,7 @@ const COMPILED = {
   nodes: 2,
   bytes: 634,
   profile: "sealed",
-  audit: { nodes: [ROW], core_s: 0, gpu_s: 0, robot_ms: 170, out_of_reach: 1, problems: ["nothing can be tried"] },
+  audit: { nodes: [ROW], core_s: null, gpu_s: null, robot_ms: 170, out_of_reach: 1, problems: ["nothing can be tried"] },
   rates: { hash_core: 1.4e7, hash_gpu: 5e9, kdf_core: 100, kdf_gpu: 28_000 },
   unseen: ["door1"],
 };

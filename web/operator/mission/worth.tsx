@@ -68,8 +68,8 @@ export function Worth({ compiled }: { readonly compiled: Compiled }) {
               <th scope="row" colSpan={2}>
                 All that can be guessed
               </th>
-              <td className="right number">{compiled.core_s > 0 ? span(compiled.core_s) : "nothing"}</td>
-              <td className="right number">{compiled.gpu_s > 0 ? span(compiled.gpu_s) : "nothing"}</td>
+              <td className="right number">{compiled.core_s === null ? "nothing" : span(compiled.core_s)}</td>
+              <td className="right number">{compiled.gpu_s === null ? "nothing" : span(compiled.gpu_s)}</td>
               <td />
             </tr>
           </tfoot>

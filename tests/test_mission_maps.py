@@ -1,0 +1,96 @@
+"""Missions that are made from a map can be looked at like others; whoever waits for locks is told how far they are."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from phalanx.cli import terminal
+from phalanx.cli.mission import mission as group
+from phalanx.errors import UsageError
+from phalanx.mission import Profile, survey
+from phalanx.mission.audit import audit
+from phalanx.sim.floorplan import load_floorplan
+
+CHEAP = """
+mission: chain
+coding: {{delta_mm: 400, kdf_log2_n: 1, kdf_r: 1}}
+nodes:
+  n0: {{start: true, see: {{position: [0, 0]}}}}
+{nodes}
+ways:
+{ways}
+"""
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(group, [str(word) for word in words], standalone_mode=False)
+
+
+def chain(folder: Path, nodes: int) -> Path:
+    file = folder / "chain.yaml"
+    rows = [f"  n{i}: {{see: {{doorway: [{3 * i}, 0], facing: 0}}}}" for i in range(1, nodes)]
+    ways = [f"  - [n{i - 1}, n{i}]" for i in range(1, nodes)]
+    file.write_text(CHEAP.format(nodes="\n".join(rows), ways="\n".join(ways)))
+    return file
+
+
+def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_path: Path) -> None:
+    told = command("build", "--map", "aws_small_house", "--out", tmp_path / "m.phxm", "--profile", "paper")
+    assert told.exception is None
+    hint = re.search(r"(\d+) more; phalanx mission (audit .*) tells them", told.stderr)
+    assert hint
+    words = shlex.split(hint[2].replace("MAP", "aws_small_house"))
+    report = json.loads(command(*words, "--json").stdout)
+    problems = [problem for node in report["nodes"] for problem in node["problems"]]
+    warned = [line for line in told.stderr.splitlines() if line.startswith("phalanx: warning:")]
+    assert len(problems) == int(hint[1]) + len(warned) - 1
+
+
+def test_a_map_alone_is_audited_as_what_build_makes_of_it() -> None:
+    plan = load_floorplan("office_30x25")
+    report = json.loads(command("audit", "--map", "office_30x25", "--json").stdout)
+    assert report["nodes"] == json.loads(json.dumps(audit(survey.survey(plan), Profile.SEALED).told()))["nodes"]
+    elsewhere = json.loads(command("audit", "--map", "office_30x25", "--start", "14,8", "--json").stdout)
+    assert elsewhere["nodes"] != report["nodes"]
+
+
+def test_a_map_alone_is_drawn_with_its_landmarks(tmp_path: Path) -> None:
+    assert command("draw", "--map", "office_30x25", "--out", tmp_path / "m.svg").exception is None
+    text = (tmp_path / "m.svg").read_text()
+    names = [node.name for node in survey.survey(load_floorplan("office_30x25")).nodes]
+    assert len(names) > 10
+    assert all(f"<!-- {name} -->" in text for name in names)
+
+
+def test_an_audit_of_what_nobody_can_begin_to_guess_gives_no_time_for_the_whole() -> None:
+    def whole(*words: str) -> list[str]:
+        (line,) = [row for row in command("audit", *words).stdout.splitlines() if row.startswith("all that can")]
+        return line.split()[5:]
+
+    assert whole("office") == ["nothing", "nothing"]
+    assert "nothing" not in whole("office", "--profile", "paper")
+
+
+@pytest.mark.parametrize("words", [("audit",), ("draw", "--out", "x.svg")])
+def test_without_mission_and_map_it_is_said_what_to_give(words: tuple[str, ...]) -> None:
+    error = command(*words).exception
+    assert isinstance(error, UsageError)
+    assert f"nothing to {words[0]}" in str(error)
+    start = command(words[0], "office", "--start", "1,1", *words[1:]).exception
+    assert isinstance(start, UsageError)
+
+
+def test_locks_that_take_long_are_counted_in_a_log_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = chain(tmp_path, 64)
+    said = command("build", file, "--out", tmp_path / "m.phxm").stderr
+    assert re.findall(r"(\d+) of 64 locks", said) == ["64"], "nobody waited for the others"
+    monkeypatch.setattr(terminal, "EVERY_S", 0.0)
+    said = command("build", file, "--out", tmp_path / "m.phxm").stderr
+    assert re.findall(r"(\d+) of 64 locks", said) == ["16", "32", "48", "64"]
+    assert "locks" not in command("build", chain(tmp_path, 8), "--out", tmp_path / "m.phxm").stderr
