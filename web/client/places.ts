@@ -21,6 +21,8 @@ const MOST_RECORDS = 4000;
 const MOST_PIECES = 100;
 const FARTHEST = 1e9;
 
+const encoder = new TextEncoder();
+
 /** Those that `words` tell, piece by piece; nothing of a piece that is none. */
 export function readPlaces(words: Json | undefined): readonly Place[] {
   if (!Array.isArray(words)) return [];
@@ -38,7 +40,7 @@ function readPiece(words: Json, places: Place[]): void {
   const text = (words as readonly Json[])[4];
   if (first === undefined || left === undefined || top === undefined || step === undefined) return;
   if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return;
-  const raw = decodeBase64url(ascii(text));
+  const raw = decodeBase64url(encoder.encode(text));
   if (!raw || raw.length % RECORD_BYTES !== 0) return;
   const record = new DataView(raw.buffer, raw.byteOffset, raw.length);
   let number = first;
@@ -55,11 +57,4 @@ function readPiece(words: Json, places: Place[]): void {
     });
     number += 1;
   }
-}
-
-/** A code beyond ASCII becomes one that base64url does not have. */
-function ascii(text: string): Uint8Array {
-  const codes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i += 1) codes[i] = Math.min(255, text.charCodeAt(i));
-  return codes;
 }

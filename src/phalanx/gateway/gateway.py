@@ -62,6 +62,7 @@ class Gateway:
         self._joysticks = Joysticks()
         self._frames = Frames(server.config.part_plaintext_bytes)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
+        self._longest_route = swarm.longest_route if isinstance(swarm, Shielded) else vocabulary.MAX_WAYPOINTS
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, MissionSwarm) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
@@ -106,8 +107,7 @@ class Gateway:
         self.swarm.set_led(address, vocabulary.parse_rgb_led(command.payload))
 
     def _waypoints(self, address: str, command: Command) -> None:
-        longest = self.swarm.longest_route if isinstance(self.swarm, Shielded) else vocabulary.MAX_WAYPOINTS
-        route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm, longest)
+        route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm, self._longest_route)
         self.swarm.follow(address, route.points, route.threshold_mm)
         self._joysticks.drive(address, False, time.monotonic())
 
