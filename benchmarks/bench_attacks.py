@@ -25,12 +25,12 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from phalanx.errors import PhalanxError, UsageError
-from phalanx.experiments.attack_trial import airtime_since, sent, stop_bound_s
+from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
 from phalanx.experiments.growing_table import ELSEWHERE, GrowingTable
 from phalanx.experiments.version import version
 from phalanx.robot.attacks import ATTACKS, Attack
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import DEFENCES, AttackSpec, Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import DEFENCES, AttackSpec, Scenario
 
 ROBOTS = 25
 # Rounds come every 4 s: attacks begin anywhere from the first second of grace to the fifth of them.

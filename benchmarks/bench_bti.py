@@ -18,8 +18,8 @@ from dataclasses import replace
 from rows import Row, print_table
 
 from phalanx.config import BtiConfig
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
 
 # Robots, grid step and spacing in metres, f_max, least factor of real time.
 SWARMS = (

@@ -22,12 +22,12 @@ from multiprocessing import get_context
 
 from rows import Row, print_table
 
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_robot import FALSE_FIX_M, Report
-from phalanx.sim.mission_run import MissionRun, Part, run_mission
-from phalanx.sim.odometry import OdometryNoise
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.missions.robot import FALSE_FIX_M, Report
+from phalanx.sim.missions.run import MissionRun, Part, run_mission
 
 ROBOTS, CORES = 100, 2
 LIMIT = 5.0

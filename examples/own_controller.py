@@ -9,8 +9,8 @@ import sys
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
 from phalanx.sim.compiling import telling_of_compiling
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 STATE = struct.Struct("<BHQffff")  # kind, id, time ms, place m, velocity m/s: what robots read, and what they broadcast
 COMMAND = struct.Struct("<BHQff")  # kind, id, time ms, acceleration m/s²

@@ -10,11 +10,11 @@ from __future__ import annotations
 import argparse
 import random
 
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_run import MissionRun, Part, run_mission, summary
-from phalanx.sim.odometry import OdometryNoise
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.missions.run import MissionRun, Part, run_mission, summary
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.mission.landmarks import Features, FloorPlan, LaserScan, extract, landmarks_of
-from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import load_floorplan
 
 MARKS = {"doorway": "rs", "corner_convex": "g.", "corner_concave": "y.", "room": "m*", "qr": "kD"}
 REAL_DOORS = ExtractionConfig(door_min_m=0.7)

@@ -12,10 +12,10 @@ import numba
 import numpy as np
 
 from phalanx.config.radio import RadioConfig
-from phalanx.sim import radio
-from phalanx.sim.events import make_queue, next_us, pop, push, refused
-from phalanx.sim.radio import ATTEMPT, BROADCAST, TX_END, attempt, enqueue, finish, make_air
-from phalanx.sim.reach import make_reach, rebuild
+from phalanx.sim.audited.events import make_queue, next_us, pop, push, refused
+from phalanx.sim.radio import channel as radio
+from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, TX_END, attempt, enqueue, finish, make_air
+from phalanx.sim.radio.reach import make_reach, rebuild
 
 STATE, AUDIT = 10, 11
 STATE_US, AUDIT_US = 1_500_000, 4_000_000

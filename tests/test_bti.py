@@ -15,8 +15,8 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.robot import auditor
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
 
 
 def running(seconds: float, **said) -> Run:

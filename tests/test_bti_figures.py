@@ -14,11 +14,13 @@ import pytest
 
 import phalanx
 from phalanx.errors import UsageError
-from phalanx.experiments import bti_fig8, bti_fig9, bti_flock
-from phalanx.experiments.attack_trial import Stop, Trial, stop_bound_s, try_attack
-from phalanx.experiments.bti_flock import FlockConfig, band, last_line, mean_distances_m, measure, read_reference
-from phalanx.experiments.bti_flock_plot import draw_flock
-from phalanx.experiments.bti_flock_table import (
+from phalanx.experiments.bti import fig8 as bti_fig8
+from phalanx.experiments.bti import fig9 as bti_fig9
+from phalanx.experiments.bti import flock as bti_flock
+from phalanx.experiments.bti.attack_trial import Stop, Trial, stop_bound_s, try_attack
+from phalanx.experiments.bti.flock import FlockConfig, band, last_line, mean_distances_m, measure, read_reference
+from phalanx.experiments.bti.flock_plot import draw_flock
+from phalanx.experiments.bti.flock_table import (
     HONEST,
     LIAR,
     STOPPED,
@@ -28,7 +30,7 @@ from phalanx.experiments.bti_flock_table import (
     Origin,
     read_flock_table,
 )
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 ORIGIN = Origin(figure="bti-fig8", scenario="all of it", every_s=5.0, version="0 (cafe)")
 GOAL_M = (500.0, 500.0)

@@ -16,9 +16,9 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
 from phalanx.robot.attacks import ATTACKS
-from phalanx.sim.play import play
-from phalanx.sim.scenario import Scenario, parse_attack
-from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.play import play
+from phalanx.sim.scenarios.scenario import Scenario, parse_attack
 
 QUICK = ("--duration", "3", "--robots", "6")
 KEYS = set(
@@ -319,7 +319,7 @@ class TestAttack:
         assert len(said(*words)["stops"]) == 2
 
     def test_too_late_ends_with_1(self, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.experiments.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
+        monkeypatch.setattr("phalanx.experiments.bti.attack_trial.stop_bound_s", lambda *_, **__: 0.5)
         code, out, _ = phalanx("attack", "run", "spoof:at=5", "--duration", "18", "--robots", "9")
         assert code == 1
         assert "BROKEN" in out

@@ -17,17 +17,17 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from chromium import wait_until
 from conftest import child, eventually
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.files import read_plain
 from phalanx.errors import PhalanxError, Unknown, UsageError
-from phalanx.gateway.mission_watch import MissionWatch
+from phalanx.gateway.missions.watch import MissionWatch
 from phalanx.io import Client
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_live import Completed, Decoded, Moment, NotValidated, Standing
-from phalanx.sim.mission_orders import orders_of
-from phalanx.sim.mission_swarm import MOST_ROBOTS, MissionSwarm
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.missions.live import Completed, Decoded, Moment, NotValidated, Standing
+from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm
 
 # The first after a kernel has changed compiles what robots run.
 pytestmark = pytest.mark.timeout(600)

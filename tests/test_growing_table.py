@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.bti_flock_table import FlockFile, FlockRun, read_flock_table
-from phalanx.experiments.bti_flock_table import Origin as FlockOrigin
-from phalanx.experiments.link_fig4_table import Origin, Row, RowFile, read_table
-from phalanx.experiments.mission_table import CaseFile, read_case_table
+from phalanx.experiments.bti.flock_table import FlockFile, FlockRun, read_flock_table
+from phalanx.experiments.bti.flock_table import Origin as FlockOrigin
+from phalanx.experiments.link.fig4_table import Origin, Row, RowFile, read_table
+from phalanx.experiments.missions.table import CaseFile, read_case_table
 
 
 class Rows:

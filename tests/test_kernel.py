@@ -13,7 +13,7 @@ from phalanx import kernel as kernel_module
 from phalanx.bti.audit import make_work
 from phalanx.bundle import pack
 from phalanx.config import BtiConfig
-from phalanx.sim.events import Queue, make_queue, pop, push
+from phalanx.sim.audited.events import Queue, make_queue, pop, push
 
 SRC = Path(kernel_module.__file__).parent
 
@@ -57,10 +57,10 @@ def stamp_of(root: Path, module: str) -> str:
 def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
     copy = tmp_path / "phalanx"
     shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__", "pages", "data"))
-    before = stamp_of(tmp_path, "sim/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    before = stamp_of(tmp_path, "sim/audited/loop.py"), stamp_of(tmp_path, "link/pin.py")
     # Two imports away from the loop: loop -> node -> rounds.
     rounds = copy / "bti" / "rounds.py"
     rounds.write_text(rounds.read_text() + "\n# changed\n")
-    after = stamp_of(tmp_path, "sim/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    after = stamp_of(tmp_path, "sim/audited/loop.py"), stamp_of(tmp_path, "link/pin.py")
     assert before[0] != after[0]
     assert before[1] == after[1]

@@ -18,9 +18,9 @@ import pytest
 
 from conftest import bare_mosquitto, child, eventually
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.link_fig4 import CSV_NAME, PAPER, Config, make_packet, measure
-from phalanx.experiments.link_fig4_plot import draw
-from phalanx.experiments.link_fig4_table import KINDS, Origin, Row, RowFile, read_table, summarize
+from phalanx.experiments.link.fig4 import CSV_NAME, PAPER, Config, make_packet, measure
+from phalanx.experiments.link.fig4_plot import draw
+from phalanx.experiments.link.fig4_table import KINDS, Origin, Row, RowFile, read_table, summarize
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import free_port
 

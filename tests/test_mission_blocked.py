@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.mission.landmarks import FloorPlan, LaserScan
-from phalanx.mission.outcome import Kind, Order
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_pilot import Pilot
-from phalanx.sim.mission_robot import Report
-from phalanx.sim.mission_run import MissionRun, Part, run_mission
+from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.missions.pilot import Pilot
+from phalanx.sim.missions.robot import Report
+from phalanx.sim.missions.run import MissionRun, Part, run_mission
 
 OFFICE = load_floorplan("office_40x40")
 # Ends of the two walls beside each door.

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.cli.mission_files import _missions, read_plain
+from phalanx.cli.mission.files import _missions, read_plain
 from phalanx.errors import UsageError
 from phalanx.gateway import OperatorPages
-from phalanx.gateway.mission_desk import MissionDesk, _read, parse_profile
+from phalanx.gateway.missions.desk import MissionDesk, _read, parse_profile
 from phalanx.gateway.serve_pages import TEXT_MAX_BYTES
 from phalanx.mission import Profile
 from test_gateway_mission import THROUGH, Silent, plain_of

@@ -9,14 +9,18 @@ import pytest
 
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
 from phalanx.errors import UsageError
-from phalanx.experiments import mission_fig8a, mission_fig8c, mission_fig9, mission_fig10, mission_table1
-from phalanx.experiments.bti_flock import Statement
-from phalanx.experiments.mission_drive import encoded, errors_m, record, replay
-from phalanx.experiments.mission_explore import ROBOTS, ends, measure_case, shares_of
-from phalanx.experiments.mission_figure import MissionFigure, draw, measure
-from phalanx.experiments.mission_table import CaseFile, CaseTable, read_case_table
+from phalanx.experiments.bti.flock import Statement
+from phalanx.experiments.missions import fig8a as mission_fig8a
+from phalanx.experiments.missions import fig8c as mission_fig8c
+from phalanx.experiments.missions import fig9 as mission_fig9
+from phalanx.experiments.missions import fig10 as mission_fig10
+from phalanx.experiments.missions import table1 as mission_table1
+from phalanx.experiments.missions.drive import encoded, errors_m, record, replay
+from phalanx.experiments.missions.explore import ROBOTS, ends, measure_case, shares_of
+from phalanx.experiments.missions.figure import MissionFigure, draw, measure
+from phalanx.experiments.missions.table import CaseFile, CaseTable, read_case_table
 from phalanx.mission import Walker
-from phalanx.sim.odometry import NoiseModel, OdometryNoise
+from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 ROWS = np.array([[1.5, 2.0], [np.nan, 4.0]])
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from phalanx.cli.mission import mission as group
-from phalanx.cli.mission_files import read_encoded, read_plain
+from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.mission.files import read_encoded, read_plain
 from phalanx.cli.up import _orders
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import plain_mission
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_orders import orders_of_files
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.missions.orders import orders_of_files
 
 NORTH = 1.5708  # as the map says it
 RED = {

@@ -11,11 +11,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from phalanx.cli import terminal
-from phalanx.cli.mission import mission as group
+from phalanx.cli.mission.commands import mission as group
 from phalanx.errors import UsageError
-from phalanx.mission import Profile, survey
-from phalanx.mission.audit import audit
-from phalanx.sim.floorplan import load_floorplan
+from phalanx.mission import Profile
+from phalanx.mission.authoring import survey
+from phalanx.mission.worth.audit import audit
+from phalanx.sim.building.floorplan import load_floorplan
 
 CHEAP = """
 mission: chain

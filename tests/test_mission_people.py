@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from phalanx.cli.mission import mission as group
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Profile, Walker, build
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_orders import orders_of
-from phalanx.sim.mission_robot import MissionRobot, World
-from phalanx.sim.mission_run import MissionRun, run_mission, summary
-from phalanx.sim.odometry import OdometryNoise
-from phalanx.sim.walkers import RADIUS_M
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.building.walkers import RADIUS_M
+from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.missions.robot import MissionRobot, World
+from phalanx.sim.missions.run import MissionRun, run_mission, summary
 
 OFFICE = load_floorplan("office_40x40")
 TOUCH_M = RADIUS_M + 0.175

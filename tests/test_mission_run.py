@@ -13,19 +13,19 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from phalanx.cli.mission_files import read_plain
-from phalanx.cli.mission_run import run_command
+from phalanx.cli.mission.files import read_plain
+from phalanx.cli.mission.run import run_command
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
 from phalanx.mission.landmarks import LaserScan, floorplan_of_yaml
-from phalanx.mission.outcome import Kind, Order
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.mission_orders import furnished
-from phalanx.sim.mission_pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
-from phalanx.sim.mission_robot import MissionRobot, World, meet
-from phalanx.sim.mission_run import MissionRun, Part, pool_of, run_mission, summary
-from phalanx.sim.odometry import NoiseModel, OdometryNoise
+from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
+from phalanx.sim.missions.orders import furnished
+from phalanx.sim.missions.pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
+from phalanx.sim.missions.robot import MissionRobot, World, meet
+from phalanx.sim.missions.run import MissionRun, Part, pool_of, run_mission, summary
 
 OFFICE = load_floorplan("office_40x40")
 START = (3.0, 1.5, math.pi / 2)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.errors import UsageError
-from phalanx.sim.motion import advance, command, halt, obstacle_contacts, robot_contacts
-from phalanx.sim.reach import make_reach, rebuild
+from phalanx.sim.audited.motion import advance, command, halt, obstacle_contacts, robot_contacts
+from phalanx.sim.radio.reach import make_reach, rebuild
 
 NO_DISCS, NO_BOXES = np.zeros((0, 3)), np.zeros((0, 4))
 # Narrow and wide crowds, negative coordinates, places that many share.

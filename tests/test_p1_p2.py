@@ -7,10 +7,10 @@ import hashlib
 import pytest
 
 from phalanx.config import BtiConfig
-from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Attack
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 SEEDS = range(5)
 ROBOTS = 25

@@ -18,7 +18,7 @@ from phalanx.io import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import ATTACKS as EVERY_ATTACK
 from phalanx.robot.shield import Shielded
-from phalanx.sim.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
+from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 

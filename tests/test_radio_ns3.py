@@ -9,10 +9,10 @@ import pytest
 
 from conftest import ROOT
 from phalanx.config.radio import RadioConfig
-from phalanx.sim import radio
-from phalanx.sim.events import make_queue, push
-from phalanx.sim.radio import make_air
-from phalanx.sim.reach import make_reach, rebuild
+from phalanx.sim.audited.events import make_queue, push
+from phalanx.sim.radio import channel as radio
+from phalanx.sim.radio.channel import make_air
+from phalanx.sim.radio.reach import make_reach, rebuild
 from radio_replay import AUDIT, MESSAGE_BYTES, STATE, TARGETS, grid, replay, run
 
 WITHIN = 0.02  # docs/spec/world.md

@@ -13,9 +13,9 @@ from mcap_protobuf.decoder import DecoderFactory
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.sim.play import STEP_S, play
-from phalanx.sim.recording import HONEST, LIAR, NS, STOPPED
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.play import STEP_S, play
+from phalanx.sim.scenarios.recording import HONEST, LIAR, NS, STOPPED
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 SCENARIO = Scenario(
     name="small",

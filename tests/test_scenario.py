@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from phalanx.config import BtiConfig
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
-from phalanx.sim.scenario import AttackSpec, Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario, parse_attack
 
 SPOOF = AttackSpec(name="spoof")
 

@@ -17,9 +17,7 @@ from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import ATTACKS
-from phalanx.sim.play import play
-from phalanx.sim.scenario import AttackSpec, Scenario
-from phalanx.sim.scenario_file import (
+from phalanx.sim.scenarios.file import (
     MOST_BYTES,
     SCHEMA_NAME,
     built_in_names,
@@ -28,6 +26,8 @@ from phalanx.sim.scenario_file import (
     read_scenario,
     scenario_schema,
 )
+from phalanx.sim.scenarios.play import play
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 DATA = Path(phalanx.__file__).parent / "data"
 SPOOF = AttackSpec(name="spoof")

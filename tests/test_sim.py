@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, wheels_towards
 from phalanx.sim import Dotbots
-from phalanx.sim.dotbots import BODY_MM, TOP_SPEED_MMPS
+from phalanx.sim.swarms.dotbots import BODY_MM, TOP_SPEED_MMPS
 
 DT = 0.02
 

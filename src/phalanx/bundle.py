@@ -30,7 +30,6 @@ def reference(fields: type[tuple[Any, ...]]) -> tuple[Any, Any]:
     """The type numba knows a class of arrays by, and what makes one in a kernel.
 
     They must be bound, as `<Name>Type` and `<Name>Ref`, in the module of the class: compiled code on disk names them.
-    Source: none (numba.experimental.structref).
     """
     name, module = fields.__name__, fields.__module__
 
@@ -45,10 +44,7 @@ def reference(fields: type[tuple[Any, ...]]) -> tuple[Any, Any]:
 
 
 def pack(bundle: _T, refer: Callable[[_T], Any]) -> _T:
-    """The bundle as kernels take it, with the same attributes; uncompiled it is the bundle itself.
-
-    Source: none.
-    """
+    """The bundle as kernels take it, with the same attributes; uncompiled it is the bundle itself."""
     if _CONFIG.DISABLE_JIT:
         return bundle
     packed = refer(bundle)

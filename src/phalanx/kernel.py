@@ -86,10 +86,7 @@ _cache_somewhere()
 
 
 def kernel(function: _F) -> _F:
-    """`function`, compiled when first called and cached on disk until it or what it imports changes.
-
-    Source: none (numba).
-    """
+    """`function`, compiled when first called and cached on disk until it or what it imports changes."""
     compiled: Any = numba.njit(**_OPTIONS)(function)
     file = Path(function.__code__.co_filename)
     if not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT):

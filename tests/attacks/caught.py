@@ -16,7 +16,7 @@ from phalanx.bti import request
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import Fleet
 from phalanx.robot import node
-from phalanx.sim.run import Run
+from phalanx.sim.scenarios.run import Run
 
 HERE = Path(__file__).parent
 MARKS = range(0x81, 0x84)

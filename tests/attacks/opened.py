@@ -13,9 +13,9 @@ from trials import scenario
 from phalanx.bti import request
 from phalanx.robot import node
 from phalanx.robot.cnode import CNode
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import Scenario
-from phalanx.sim.world import PYTHON
+from phalanx.sim.audited.world import PYTHON
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from phalanx.config.flock import FlockConfig
 from phalanx.robot import node
 from phalanx.robot.attacks.attack import MOTION
 from phalanx.robot.controllers.flock_law import flock_params
-from phalanx.sim.scenario import AttackSpec, Scenario
-from phalanx.sim.setup import limits_of, power_up
+from phalanx.sim.audited.setup import limits_of, power_up
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import KIND_STATE
 

@@ -8,10 +8,10 @@ import pytest
 from trials import AT_S, F_MAX, scenario
 
 from phalanx.errors import UsageError
-from phalanx.experiments.attack_trial import Airtime, Stop, Trial, airtime_since, sent, try_attack
+from phalanx.experiments.bti.attack_trial import Airtime, Stop, Trial, airtime_since, sent, try_attack
 from phalanx.robot.attacks import ATTACKS, check_options
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec
 
 TOLD = {"duration_s": 60.0}
 STOPPED = Trial("crash", "bound", "stopped", 10.101, (), 0.0, "m", "", 1.0, TOLD, TOLD, 0.0, missing_s=0.15)

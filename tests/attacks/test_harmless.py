@@ -15,8 +15,8 @@ from phalanx.bti import request, rounds
 from phalanx.config import BtiConfig
 from phalanx.robot import node
 from phalanx.robot.attacks import ATTACKS
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 # Either guard is enough, for an old token is for an old checkpoint too; but not while the same one is still pending.
 OLD_TOKENS = (Hole(rounds, "on_token", " and t >= p.asked_ms and p.claimed == number"),)

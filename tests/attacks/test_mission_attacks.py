@@ -10,14 +10,14 @@ import pytest
 
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
-from phalanx.experiments.mission_attacked import ROBOT, Operator, honest_errand, plan_of, walk
-from phalanx.experiments.mission_errand import errand
-from phalanx.experiments.mission_trial import is_kept, try_mission_attack
+from phalanx.experiments.missions.attacked import ROBOT, Operator, honest_errand, plan_of, walk
+from phalanx.experiments.missions.errand import errand
+from phalanx.experiments.missions.trial import is_kept, try_mission_attack
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guess, MissionAttack, Walked
 from phalanx.robot.attacks.missions.body import Slip
 from phalanx.robot.attacks.missions.senses import SpoofScan
 from phalanx.robot.attacks.missions.walls import NudgeCode
-from phalanx.sim.scenario import DEFENCES
+from phalanx.sim.scenarios.scenario import DEFENCES
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 WALKED = [name for name, kind in MISSION_ATTACKS.items() if not issubclass(kind, Guess)]

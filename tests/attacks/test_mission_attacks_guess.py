@@ -7,13 +7,13 @@ from functools import cache
 import pytest
 
 from phalanx.config.mission import CodingConfig
-from phalanx.experiments.mission_attacked import ROBOT, Operator, plan_of
-from phalanx.experiments.mission_errand import TOKEN, errand
-from phalanx.experiments.mission_guess import try_guess
-from phalanx.experiments.mission_trial import try_mission_attack
+from phalanx.experiments.missions.attacked import ROBOT, Operator, plan_of
+from phalanx.experiments.missions.errand import TOKEN, errand
+from phalanx.experiments.missions.guess import try_guess
+from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.mission import parse_start_key
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guess
-from phalanx.sim.scenario import DEFENCES
+from phalanx.sim.scenarios.scenario import DEFENCES
 
 GUESSES = [name for name, kind in MISSION_ATTACKS.items() if issubclass(kind, Guess)]
 CHEAP = CodingConfig(delta_mm=800, kdf_log2_n=1, kdf_r=1)

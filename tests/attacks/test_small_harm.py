@@ -6,8 +6,8 @@ import numpy as np
 from trials import AT_S, Trial, run, scenario
 
 from phalanx.robot.attacks.hijack import Dawdle
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec
 
 LONG_S = 90.0
 

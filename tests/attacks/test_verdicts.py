@@ -9,12 +9,12 @@ import pytest
 from trials import AT_S, F_MAX, MOST_TAKEN, attacked, check, honest, run, scenario
 
 from phalanx.bti.refusal import Refusal
-from phalanx.experiments.attack_trial import stop_bound_s
+from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Plan
-from phalanx.sim.loop import clock_ms
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import DEFENCES, AttackSpec
-from phalanx.sim.world import PYTHON
+from phalanx.sim.audited.loop import clock_ms
+from phalanx.sim.audited.world import PYTHON
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import DEFENCES, AttackSpec
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.

@@ -8,11 +8,11 @@ from functools import cache
 
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
-from phalanx.experiments.attack_trial import Airtime, airtime_since, sent, stop_bound_s
+from phalanx.experiments.bti.attack_trial import Airtime, airtime_since, sent, stop_bound_s
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.robot.attacks.harm import STARVED
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 AT_S, END_S = 12.0, 36.0
 F_MAX = 3

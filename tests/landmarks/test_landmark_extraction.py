@@ -16,7 +16,7 @@ from landmark_world import ROOM, away, look, seen
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import LaserScan, extract
-from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import load_floorplan
 
 AHEAD = (2.5, 1.9, 0.0)
 

@@ -13,7 +13,7 @@ from landmark_world import away
 
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import floorplan_of_yaml, landmarks_of
-from phalanx.sim.floorplan import MAPS, builtin_maps, load_floorplan
+from phalanx.sim.building.floorplan import MAPS, builtin_maps, load_floorplan
 
 OFFICE = yaml.safe_load((MAPS / "office_40x40.yaml").read_text())
 

@@ -16,9 +16,9 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import extract, floorplan_of_map, landmarks_of
 from phalanx.mission.landmarks.gridmap import read_pgm
-from phalanx.sim.floorplan import MAPS, load_floorplan
-from phalanx.sim.lidar import Lidar
-from phalanx.sim.walkers import free_place
+from phalanx.sim.building.floorplan import MAPS, load_floorplan
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.walkers import free_place
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 ROS_MAPS = [MAPS / "aws_small_house.yaml", MAPS / "nav2_depot.yaml", *sorted(OTHERS.glob("*.yaml"))]

@@ -13,14 +13,14 @@ import pytest
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
+from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import LaserScan, extract, landmarks_of
 from phalanx.mission.landmarks.scan import beam_table
-from phalanx.mission.survey import survey
-from phalanx.sim.diffdrive import DiffDrive
-from phalanx.sim.floorplan import MAPS, load_floorplan
-from phalanx.sim.lidar import Lidar
-from phalanx.sim.odometry import Odometry, OdometryNoise
-from phalanx.sim.walkers import free_place
+from phalanx.sim.building.diffdrive import DiffDrive
+from phalanx.sim.building.floorplan import MAPS, load_floorplan
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.odometry import Odometry, OdometryNoise
+from phalanx.sim.building.walkers import free_place
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 # The format's, at a cost of scrypt that a test can pay.

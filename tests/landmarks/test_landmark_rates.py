@@ -13,9 +13,9 @@ import pytest
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import extract
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.lidar import Lidar
-from phalanx.sim.walkers import Walkers, free_place
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.walkers import Walkers, free_place
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"
 
@@ -72,6 +72,6 @@ def test_people_hide_doorways_and_make_no_false_ones():
 def _jambs():
     import yaml
 
-    from phalanx.sim.floorplan import MAPS
+    from phalanx.sim.building.floorplan import MAPS
 
     return [door["jambs"] for door in yaml.safe_load((MAPS / "office_40x40.yaml").read_text())["doors"]]

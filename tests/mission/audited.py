@@ -10,15 +10,15 @@ import numpy as np
 from worlds import CHEAP, built, draws
 
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, build
-from phalanx.mission.keyring import Keyring
-from phalanx.robot.attacks.mission_cheat import CheatPlan, DriveDark, MissionCheat
-from phalanx.robot.controllers.mission import Assignment, Missions
-from phalanx.robot.controllers.mission_input import Sensors
-from phalanx.sim.floorplan import load_floorplan
-from phalanx.sim.lidar import Lidar
-from phalanx.sim.mission_protected import MissionSwarm, ProtectedMission
-from phalanx.sim.mission_protected_body import MissionBody
-from phalanx.sim.odometry import OdometryNoise
+from phalanx.mission.walk.keyring import Keyring
+from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
+from phalanx.robot.controllers.mission.controller import Assignment, Missions
+from phalanx.robot.controllers.mission.readings import Sensors
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.missions.protected import MissionSwarm, ProtectedMission
+from phalanx.sim.missions.protected_body import MissionBody
 
 PLAN = load_floorplan("office_40x40")
 LOBBY = Landmark("doorway", 9.0, 12.0, math.pi / 2)

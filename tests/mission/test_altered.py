@@ -29,7 +29,7 @@ from phalanx.mission import (
     public_key,
     sign,
 )
-from phalanx.mission.records import FILE_LIMIT
+from phalanx.mission.file.records import FILE_LIMIT
 from phalanx.mission.refused import AlreadyStarted, MalformedMission, NotForUs, OutsideWindow, Unsigned
 
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))

@@ -36,8 +36,8 @@ from phalanx.mission import (
     public_key,
     sign,
 )
-from phalanx.mission.making import Built, direction_of, place_of
-from phalanx.mission.records import FINAL, JOIN, START, NodeRecord
+from phalanx.mission.authoring.making import Built, direction_of, place_of
+from phalanx.mission.file.records import FINAL, JOIN, START, NodeRecord
 
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 SIDE = 3  # nodes stand 8 m apart in a square of so many

@@ -13,9 +13,9 @@ from worlds import BOTH
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.mission import Experience, Phase, Profile
-from phalanx.robot.attacks.mission_cheat import MISSION_CHEATS
-from phalanx.robot.controllers.mission import Assignment, Missions
-from phalanx.sim.mission_protected import MissionSwarm, ProtectedMission
+from phalanx.robot.attacks.missions.cheat import MISSION_CHEATS
+from phalanx.robot.controllers.mission.controller import Assignment, Missions
+from phalanx.sim.missions.protected import MissionSwarm, ProtectedMission
 
 both = pytest.mark.parametrize("profile", BOTH)
 AFTER_S = 13.0  # the lobby's door is decoded by then, and the store's is not

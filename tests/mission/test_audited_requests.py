@@ -13,9 +13,9 @@ from phalanx.bti import log, request
 from phalanx.bti.refusal import Refusal
 from phalanx.mission import Profile
 from phalanx.robot import node
-from phalanx.robot.controllers.mission_evidence import pack_evidence, unpack_evidence
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import Scenario
+from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
 
 INPUT = 1
 MARKS = (log.FLUSH_S, log.FLUSH_A, log.CHECKPOINT)

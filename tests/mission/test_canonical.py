@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.mission import LANDMARK_TYPES, Action, Direction, Landmark, Position
-from phalanx.mission.canonical import (
+from phalanx.mission.file.canonical import (
     Shape,
     action_bytes,
     canonical,

@@ -11,9 +11,10 @@ from worlds import built, corridor
 
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import find_patched
-from phalanx.mission import Experience, Landmark, Profile, cells
-from phalanx.mission.cells import CELL_LIMIT, Searched, numbers_of
-from phalanx.mission.search import Budget, PaperSearch
+from phalanx.mission import Experience, Landmark, Profile
+from phalanx.mission.walk import cells
+from phalanx.mission.walk.cells import CELL_LIMIT, Searched, numbers_of
+from phalanx.mission.walk.search import Budget, PaperSearch
 
 metres = st.floats(-1e6, 1e6)
 STEPS = (0.1, 0.1, math.pi / 12, 2.0)
@@ -68,7 +69,7 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
         hashed.append(arguments)
         return find_patched(*arguments)
 
-    monkeypatch.setattr("phalanx.mission.search.find_patched", counted)
+    monkeypatch.setattr("phalanx.mission.walk.search.find_patched", counted)
     seen = Experience(0.0, 3.0, 0.2, 0.0, landmarks=(Landmark("doorway", 9.3, 1.1, 0.4),))
     first, before = _tried(search, seen, 100_000), len(hashed)
     assert before > 0

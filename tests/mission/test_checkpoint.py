@@ -16,11 +16,11 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import LANDMARK_TYPES, Action, Landmark, OpenWay, Phase, Profile, State
 from phalanx.mission.angles import TWO_PI, wrap_rad
-from phalanx.mission.checkpoint import encode_state, parse_state, state_capacity
-from phalanx.mission.keyring import Keyring
-from phalanx.mission.opening import Known
-from phalanx.mission.reader import Reader
+from phalanx.mission.file.reader import Reader
 from phalanx.mission.refused import MalformedMission
+from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
+from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.opening import Known
 
 both = pytest.mark.parametrize("profile", BOTH)
 MISSION = built(fork().mission(), Profile.PAPER).mission

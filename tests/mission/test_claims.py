@@ -13,10 +13,10 @@ from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, walk, walker_for,
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
-from phalanx.mission.canonical import Shape
-from phalanx.mission.claims import Claim, Unshown, opens, parse_claim, shows
+from phalanx.mission.file.canonical import Shape
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.search import turns_of
+from phalanx.mission.walk.claims import Claim, Unshown, opens, parse_claim, shows
+from phalanx.mission.walk.search import turns_of
 
 both = pytest.mark.parametrize("profile", BOTH)
 

@@ -9,8 +9,8 @@ import subprocess
 import pytest
 from click.testing import CliRunner
 
-from phalanx.cli.mission import mission as group
-from phalanx.cli.mission_files import (
+from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.mission.files import (
     built_in_missions,
     parse_box,
     parse_robots,
@@ -19,10 +19,11 @@ from phalanx.cli.mission_files import (
     read_trusted,
 )
 from phalanx.errors import PeerError, Unavailable, UsageError
-from phalanx.mission import Landmark, Profile, audit, parse_mission
+from phalanx.mission import Landmark, Profile, parse_mission
+from phalanx.mission.file.records import FOREVER_S
 from phalanx.mission.landmarks.sites import landmarks_of
-from phalanx.mission.records import FOREVER_S
-from phalanx.sim.floorplan import load_floorplan
+from phalanx.mission.worth import audit
+from phalanx.sim.building.floorplan import load_floorplan
 
 SMALL = """
 mission: small
@@ -166,7 +167,7 @@ def test_a_mission_is_drawn(folder, form):
 
 
 def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
-    monkeypatch.setattr("phalanx.cli.mission_draw.importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("phalanx.cli.mission.draw.importlib.util.find_spec", lambda _: None)
     with pytest.raises(Unavailable, match="matplotlib"):
         run("draw", "office", "--out", "office.svg")
 

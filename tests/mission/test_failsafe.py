@@ -38,10 +38,10 @@ from phalanx.mission import (
     State,
     Walker,
 )
-from phalanx.mission.records import JOIN, parse_mission
+from phalanx.mission.file.records import JOIN, parse_mission
 from phalanx.mission.refused import Altered
-from phalanx.mission.walk import TABLE, Event
-from phalanx.mission.walk import step as next_phase
+from phalanx.mission.walk.table import TABLE, Event
+from phalanx.mission.walk.table import step as next_phase
 
 both = pytest.mark.parametrize("profile", BOTH)
 

@@ -15,10 +15,10 @@ from audited import PLAN, SENSORS, Recording
 from worlds import BOTH
 
 from phalanx.mission import Kind, Order
-from phalanx.robot.controllers.mission_input import CLEAR
-from phalanx.robot.controllers.mission_pilot import Drive, Leg, Sectors, course, drive, free_way, hits
-from phalanx.sim.mission_protected_body import MissionBody
-from phalanx.sim.odometry import OdometryNoise
+from phalanx.robot.controllers.mission.pilot import Drive, Leg, Sectors, course, drive, free_way, hits
+from phalanx.robot.controllers.mission.readings import CLEAR
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.missions.protected_body import MissionBody
 
 HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar

@@ -15,10 +15,10 @@ from worlds import BOTH, built, cheap, corridor, walk, walker_of
 
 from phalanx.errors import PeerError
 from phalanx.mission import Profile
-from phalanx.mission.claims import Unshown
-from phalanx.mission.gate import Hint
-from phalanx.mission.sealed import open_payload, open_secret, try_observation
-from phalanx.robot.controllers.mission_evidence import BadEvidence, pack_evidence, unpack_evidence
+from phalanx.mission.file.sealed import open_payload, open_secret, try_observation
+from phalanx.mission.walk.claims import Unshown
+from phalanx.mission.walk.gate import Hint
+from phalanx.robot.controllers.mission.evidence import BadEvidence, pack_evidence, unpack_evidence
 
 both = pytest.mark.parametrize("profile", BOTH)
 BEAMS = SENSORS.lidar.beams

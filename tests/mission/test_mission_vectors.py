@@ -18,17 +18,19 @@ from phalanx.mission import (
     Profile,
     State,
     Walker,
-    canonical,
     check_signature,
     parse_mission,
     parse_start_key,
+)
+from phalanx.mission.file import (
+    canonical,
     sealed,
 )
-from phalanx.mission.canonical import AT_POSITION, Shape, place_bytes
-from phalanx.mission.gate import Hint
+from phalanx.mission.file.canonical import AT_POSITION, Shape, place_bytes
+from phalanx.mission.file.paper import node_hash
+from phalanx.mission.file.records import Header
 from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset
-from phalanx.mission.paper import node_hash
-from phalanx.mission.records import Header
+from phalanx.mission.walk.gate import Hint
 
 VECTORS = Path(__file__).parents[2] / "vectors"
 ROWS = json.loads((VECTORS / "mission.json").read_text())

@@ -9,10 +9,10 @@ from dataclasses import replace
 import pytest
 from worlds import BOTH, built, cheap
 
-from phalanx.cli.mission_files import read_plain
+from phalanx.cli.mission.files import read_plain
 from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
-from phalanx.sim.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import load_floorplan
 
 RANGE_M = 12.0
 STEP_M, TURN_RAD = 0.05, 0.15

@@ -21,13 +21,17 @@ from phalanx.mission import (
     State,
     Time,
     build,
+)
+from phalanx.mission.authoring import (
     making_sealed,
+)
+from phalanx.mission.file import (
     sealed,
 )
-from phalanx.mission.gate import Gate, Hint, StartKey, join_shares, parse_start_key
-from phalanx.mission.keyring import Keyring
-from phalanx.mission.records import Header, NodeRecord
+from phalanx.mission.file.records import Header, NodeRecord
 from phalanx.mission.refused import MalformedMission
+from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares, parse_start_key
+from phalanx.mission.walk.keyring import Keyring
 
 # What each stored field of a sealed file may depend on. A new field has to be put here, and thought about.
 HEADER_FIELDS = {

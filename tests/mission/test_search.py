@@ -11,7 +11,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import (
     Profile,
 )
-from phalanx.mission.search import rings_of, spiral
+from phalanx.mission.walk.search import rings_of, spiral
 
 
 def test_the_compiled_and_the_plain_search_walk_alike(monkeypatch):
@@ -27,7 +27,7 @@ def test_the_compiled_and_the_plain_search_walk_alike(monkeypatch):
     mission = corridor(4)
     config = MissionConfig(tolerance_m=0.3)
     compiled = list(walk(mission, walker_of(built(mission, Profile.PAPER), config), steps_each=3))
-    monkeypatch.setattr("phalanx.mission.search.find_patched", plain)
+    monkeypatch.setattr("phalanx.mission.walk.search.find_patched", plain)
     assert list(walk(mission, walker_of(built(mission, Profile.PAPER), config), steps_each=3)) == compiled
 
 

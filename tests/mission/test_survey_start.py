@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from phalanx.cli.mission import mission as group
-from phalanx.cli.mission_draw import draw_mission, lived
-from phalanx.cli.mission_files import read_encoded, read_plain, read_start_key
+from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.mission.draw import draw_mission, lived
+from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.mission import Profile
-from phalanx.mission.audit import audit
+from phalanx.mission.authoring.survey import STAND_M, begun_at, roomiest, survey
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
-from phalanx.mission.survey import STAND_M, begun_at, roomiest, survey
-from phalanx.sim.floorplan import MAPS, load_floorplan
-from phalanx.sim.mission_robot import Report
-from phalanx.sim.mission_run import MissionRun, Part, summary
+from phalanx.mission.worth.audit import audit
+from phalanx.sim.building.floorplan import MAPS, load_floorplan
+from phalanx.sim.missions.robot import Report
+from phalanx.sim.missions.run import MissionRun, Part, summary
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 ROS = [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.glob("*.yaml"))]

@@ -11,8 +11,8 @@ from worlds import CHEAP, built, corridor
 
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Draft, Landmark, Position, Profile, Sensor
-from phalanx.mission.audit import OUT_OF_REACH, Rates, audit
-from phalanx.mission.cracking import crack_paper, crack_sealed
+from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
+from phalanx.mission.worth.cracking import crack_paper, crack_sealed
 
 BOX = (0.0, 0.0, 12.0, 10.0)
 

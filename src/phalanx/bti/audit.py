@@ -107,7 +107,7 @@ def _refer(work: Work) -> Any:
 
 
 def make_work(config: BtiConfig) -> Work:
-    """Scratch memory for fleets of this configuration. Source: none."""
+    """Scratch memory for fleets of this configuration."""
     entry = ENTRY_HEAD_BYTES + config.frame_max_bytes
     work = Work(
         case=records(1, CASE),

@@ -139,7 +139,7 @@ def _refer(fleet: Fleet) -> Any:
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Zeroed records whose fields are attributes, compiled and not. Source: none."""
+    """Zeroed records whose fields are attributes, compiled and not."""
     made: NDArray[Any] = np.zeros(shape, dtype).view(np.recarray)
     return made
 

@@ -35,7 +35,7 @@ def phase_of(mission_seed: int, rob_id: int, t_control: int) -> int:
 
 @kernel
 def mixed(one: int, other: int) -> int:
-    """A number below 2^31 that looks random in both. Source: none (xorshift and multiply in 32 bits)."""
+    """A number below 2^31 that looks random in both."""
     # Uncompiled, an id out of an array is a uint16 that would overflow.
     x = (int(one) * 0x9E3779B1 + int(other) * 0x85EBCA77 + 0x165667B1) & 0xFFFFFFFF
     x = ((x ^ (x >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF

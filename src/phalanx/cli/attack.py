@@ -9,13 +9,13 @@ from typing import Any
 import click
 
 from phalanx.errors import UsageError
-from phalanx.experiments.attack_trial import Airtime, Stop, Trial, try_attack
-from phalanx.experiments.mission_trial import try_mission_attack
+from phalanx.experiments.bti.attack_trial import Airtime, Stop, Trial, try_attack
+from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.robot.attacks.harm import UNEARNED
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import DEFENCES, Scenario, parse_attack
 
 from .attack_mission import options_of, show_trial
 from .sim import changed, progress, swarm_options, told

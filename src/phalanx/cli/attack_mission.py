@@ -7,11 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 from phalanx.errors import UsageError
-from phalanx.experiments.mission_trial import MissionTrial
+from phalanx.experiments.missions.trial import MissionTrial
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guessed, Walked
-from phalanx.sim.scenario import parse_attack
+from phalanx.sim.scenarios.scenario import parse_attack
 
-from .mission_crack import span
+from .mission.crack import span
 from .terminal import print_json, print_rows
 
 

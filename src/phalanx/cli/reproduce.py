@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from phalanx.experiments.link_fig4 import CSV_NAME, PAPER, Config, measure
-from phalanx.experiments.link_fig4_plot import draw
-from phalanx.experiments.link_fig4_table import KINDS, read_table, summarize
+from phalanx.experiments.link.fig4 import CSV_NAME, PAPER, Config, measure
+from phalanx.experiments.link.fig4_plot import draw
+from phalanx.experiments.link.fig4_table import KINDS, read_table, summarize
 
 from .options import login_option, read_login
 from .reproduce_bti import bti_fig8_command, bti_fig9_command

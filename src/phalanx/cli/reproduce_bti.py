@@ -8,10 +8,11 @@ from pathlib import Path
 
 import click
 
-from phalanx.experiments import bti_fig8, bti_fig9
-from phalanx.experiments.bti_flock import FlockConfig, Statement, last_line, measure
-from phalanx.experiments.bti_flock_plot import draw_flock
-from phalanx.experiments.bti_flock_table import FlockTable, read_flock_table
+from phalanx.experiments.bti import fig8 as bti_fig8
+from phalanx.experiments.bti import fig9 as bti_fig9
+from phalanx.experiments.bti.flock import FlockConfig, Statement, last_line, measure
+from phalanx.experiments.bti.flock_plot import draw_flock
+from phalanx.experiments.bti.flock_table import FlockTable, read_flock_table
 
 from .terminal import Progress, end_status_line, print_json, stopped, warn_if_nothing_is_drawn
 

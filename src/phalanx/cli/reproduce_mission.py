@@ -8,16 +8,26 @@ from pathlib import Path
 
 import click
 
-from phalanx.experiments import (
-    mission_fig8a,
-    mission_fig8b,
-    mission_fig8c,
-    mission_fig9,
-    mission_fig10,
-    mission_table1,
+from phalanx.experiments.missions import (
+    fig8a as mission_fig8a,
 )
-from phalanx.experiments.mission_figure import MissionFigure, draw, measure
-from phalanx.experiments.mission_table import read_case_table
+from phalanx.experiments.missions import (
+    fig8b as mission_fig8b,
+)
+from phalanx.experiments.missions import (
+    fig8c as mission_fig8c,
+)
+from phalanx.experiments.missions import (
+    fig9 as mission_fig9,
+)
+from phalanx.experiments.missions import (
+    fig10 as mission_fig10,
+)
+from phalanx.experiments.missions import (
+    table1 as mission_table1,
+)
+from phalanx.experiments.missions.figure import MissionFigure, draw, measure
+from phalanx.experiments.missions.table import read_case_table
 
 from .reproduce_bti import NOTES
 from .reproduce_bti import _show as show

@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 import click
 
 from phalanx.errors import UsageError
-from phalanx.sim.play import play
-from phalanx.sim.run import Run
-from phalanx.sim.scenario import DEFENCES, Scenario, parse_attack
-from phalanx.sim.scenario_file import built_in_names, find_scenario, scenario_schema
-from phalanx.sim.setup import audits_share
+from phalanx.sim.audited.setup import audits_share
+from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.play import play
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import DEFENCES, Scenario, parse_attack
 
 from .terminal import Progress, beside, counted, end_status_line, print_json, print_rows
 

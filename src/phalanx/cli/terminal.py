@@ -33,8 +33,6 @@ def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
 
     With colour it is black on white whatever the terminal's theme. Without, light modules are drawn: right on a dark
     background, and read by most phones on a light one too.
-
-    Source: none.
     """
     # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
     parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part
@@ -71,10 +69,7 @@ def end_status_line() -> None:
 
 
 class Progress:
-    """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then, and the last.
-
-    Source: none.
-    """
+    """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then."""
 
     def __init__(self) -> None:
         self._due_s = time.monotonic() + EVERY_S
@@ -91,7 +86,7 @@ class Progress:
 
 
 def beside(head: str, text: str) -> str:
-    """`text` to the right of `head`, in lines as wide as the terminal; one line where stdout is none. Source: none."""
+    """`text` to the right of `head`, in lines as wide as the terminal; one line where stdout is none."""
     if not sys.stdout.isatty():
         return head + text
     width = shutil.get_terminal_size().columns
@@ -99,33 +94,30 @@ def beside(head: str, text: str) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """`1 robot`, `2 robots`. Source: none."""
+    """`1 robot`, `2 robots`."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def print_rows(rows: Mapping[str, str]) -> None:
-    """What is told under each label, on stdout. Source: none."""
+    """What is told under each label, on stdout."""
     for label, words in rows.items():
         click.echo(f"{label:22} {words}")
 
 
 def talk(words: str) -> None:
-    """One line on stderr, in the place of the status line if there is one. Source: none."""
+    """One line on stderr, in the place of the status line if there is one."""
     status_line("")
     click.echo(f"phalanx: {words}", err=True)
 
 
 def warn_if_nothing_is_drawn() -> None:
-    """One line on stderr before minutes are spent on a figure that cannot be drawn. Source: none."""
+    """One line on stderr before minutes are spent on a figure that cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         click.echo(f"phalanx: warning: matplotlib is not installed, nothing will be drawn; {MATPLOTLIB_HINT}", err=True)
 
 
 def stopped(what: str, path: Path) -> None:
-    """Tell on stderr that a measurement was stopped, and where what is measured so far is, if anything is.
-
-    Source: none.
-    """
+    """Tell on stderr that a measurement was stopped, and where what is measured so far is, if anything is."""
     end_status_line()
     kept = f"; {what} in {path}, the same command goes on from there" if path.exists() else ""
     click.echo(f"stopped{kept}", err=True)

@@ -21,11 +21,11 @@ from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build, check_signature
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
-from phalanx.sim.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.mission_orders import Orders, orders_of, orders_of_files
-from phalanx.sim.mission_swarm import DEFAULT_ROBOTS
+from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
+from phalanx.sim.swarms.mission import DEFAULT_ROBOTS
 
-from .mission_files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
+from .mission.files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
 from .options import broker_options, link_options, read_login
 from .run import run
 from .terminal import EventLines, end_status_line, plain, qr_text, status_line

@@ -119,10 +119,7 @@ class ExtractionConfig:
         _check(self, limits)
 
     def for_noise(self, noise_m: float) -> ExtractionConfig:
-        """These settings, wide enough for a sensor whose ranges have such a standard deviation; as they are up to 1 cm.
-
-        Source: none (measured, docs/adr/0019).
-        """
+        """These settings, wide enough for a sensor whose ranges deviate by so much; as they are up to 1 cm."""
         return replace(
             self,
             split_m=max(self.split_m, 4.5 * noise_m),

@@ -21,7 +21,6 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure.
 
     Raises: Unavailable: matplotlib is missing.
-    Source: none.
     """
     try:
         # Made without pyplot, and so without a display or any state that others could share.
@@ -35,18 +34,18 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def dress_axes(axes: Axes) -> None:
-    """A faint grid, and no frame where no scale is. Source: none."""
+    """A faint grid, and no frame where no scale is."""
     axes.grid(alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def legend_above(axes: Axes, columns: int = 1) -> None:
-    """A legend above the axes, where it covers nothing that was measured. Source: none."""
+    """A legend above the axes, where it covers nothing that was measured."""
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, frameon=False, borderaxespad=0.2)
 
 
 def write_margins(figure: Figure, title: str, footer: str) -> None:
-    """What it shows, above; where that comes from, below. Source: none."""
+    """What it shows, above; where that comes from, below."""
     figure.suptitle(title, x=0.01, ha="left")
     figure.text(0.01, 0.01, footer, fontsize=7.5, color="0.35")
 
@@ -55,7 +54,6 @@ def save_figure(figure: Figure, csv: Path) -> tuple[Path, Path]:
     """The PNG and the SVG beside `csv`.
 
     Raises: Unavailable: the disk is full.
-    Source: none.
     """
     png, svg = csv.with_suffix(".png"), csv.with_suffix(".svg")
     for path in (png, svg):

@@ -26,7 +26,6 @@ class GrowingTable(ABC):
         head: its first two lines.
     Raises: on entering, UsageError: the file is another measurement's, or another run writes to it; nothing was
         altered. Unavailable: it cannot be written, on entering or later.
-    Source: none.
     """
 
     def __init__(self, path: Path, head: str) -> None:
@@ -94,7 +93,6 @@ def read_growing_table(path: Path) -> bytes:
     """A CSV's bytes, what was cut short included.
 
     Raises: UsageError: no such file. Unavailable: it cannot be read.
-    Source: none.
     """
     try:
         return path.read_bytes()

@@ -11,7 +11,7 @@ from phalanx import __version__
 
 
 def version() -> str:
-    """Of this program; with the commit, if it runs from a checkout. Source: none."""
+    """Of this program; with the commit, if it runs from a checkout."""
     root = Path(__file__).parents[3]
     git = shutil.which("git")
     if git is None or not ((root / ".git").exists() and (root / "pyproject.toml").exists()):

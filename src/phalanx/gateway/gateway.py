@@ -14,12 +14,12 @@ from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.shield import Shielded
 from phalanx.sim import Dotbots
-from phalanx.sim.mission_swarm import MissionSwarm
+from phalanx.sim.swarms.mission import MissionSwarm
 
 from . import vocabulary
 from .frames import Frames, Tick
 from .joystick import EXPIRES_S, Joysticks
-from .mission_watch import MissionWatch
+from .missions.watch import MissionWatch
 from .shields import ShieldWatch
 from .visitors import Visitors
 from .vocabulary import Notice

@@ -19,7 +19,7 @@ from aiohttp import web
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
 from phalanx.io.ports import LOOPBACK
 
-from .mission_desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
+from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
 
 PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.

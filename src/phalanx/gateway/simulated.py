@@ -13,9 +13,9 @@ from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
-from phalanx.sim.mission_swarm import MissionSwarm
-from phalanx.sim.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 from phalanx.sim.signals import handled_by
+from phalanx.sim.swarms.mission import MissionSwarm
+from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
 DEFENCES = ("none", "paper", "bound")
 DEFAULT_F_MAX = 3

@@ -28,13 +28,13 @@ from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.sim import Dotbots
-from phalanx.sim.mission_swarm import MissionSwarm
-from phalanx.sim.protected import ProtectedSwarm
+from phalanx.sim.swarms.mission import MissionSwarm
+from phalanx.sim.swarms.protected import ProtectedSwarm
 
 from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
-from .mission_desk import MissionDesk
+from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
 from .simulated import simulated_swarm
 

@@ -78,7 +78,6 @@ async def amqtt(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None
     """A running amqtt, for as long as the context lasts.
 
     Raises: Unavailable: it does not start (a port taken, say).
-    Source: none.
     """
     # It reports every packet as information, and every client that leaves as a warning with a trace.
     for name in ("amqtt", "transitions", "websockets"):

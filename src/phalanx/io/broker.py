@@ -31,7 +31,6 @@ class RunningBroker:
         websocket: for browsers, as seen from this machine.
         mqtt: protocol version to begin with.
         guessed: whether `websocket` is only where such brokers usually have theirs.
-    Source: none.
     """
 
     name: str
@@ -61,7 +60,6 @@ async def open_broker(
         tcp_port: 0 for 1883 or any free one.
         ws_port: 0 for 9001 or any free one.
     Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails.
-    Source: none.
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
@@ -86,10 +84,7 @@ async def open_broker(
 
 
 async def warn_if_guessed_wrong(broker: RunningBroker) -> None:
-    """Whoever reads the log knows if nothing listens where browsers are sent on a guess. Asks once.
-
-    Source: none.
-    """
+    """Whoever reads the log knows if nothing listens where browsers are sent on a guess. Asks once."""
     if not broker.guessed:
         return
     at = parse_broker_url(broker.websocket)

@@ -13,7 +13,7 @@ PORTS = {"mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
 
 @dataclass(frozen=True, slots=True)
 class Login:
-    """A broker's user name and password. Source: none."""
+    """A broker's user name and password."""
 
     username: str
     password: str = field(repr=False)
@@ -29,7 +29,6 @@ class BrokerUrl:
         port: TCP port.
         path: of the websocket; "" for TCP.
         login: or None for an anonymous broker.
-    Source: none.
     """
 
     scheme: str
@@ -57,7 +56,6 @@ def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
     """The broker at `url`: mqtt://, mqtts://, ws:// or wss://.
 
     Raises: UsageError: not such a URL, or one with a login in it (command lines are readable by every user).
-    Source: none.
     """
     try:
         parts = urlsplit(url if "://" in url else f"mqtt://{url}")
@@ -95,7 +93,7 @@ def websocket_of(broker: BrokerUrl) -> str:
 
 
 def on_host(websocket: str, host: str) -> str:
-    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`. Source: none."""
+    """`websocket` as it is reached from other machines: a loopback address in it becomes `host`."""
     parts = urlsplit(websocket)
     if parts.hostname not in ("127.0.0.1", "localhost", "::1"):
         return websocket

@@ -154,10 +154,7 @@ class Client:
         raise Unavailable(f"no answer from the swarm within {timeout_s:g} s", "the code may have changed: scan again")
 
     async def notifications(self) -> AsyncIterator[Any]:
-        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads.
-
-        Source: none.
-        """
+        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads."""
         while True:
             yield await self._heard.get()
 

@@ -57,7 +57,6 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         on_read: called for every message that is read, with the seconds it has waited here.
         maxsize: most messages.
         max_bytes: most bytes.
-    Source: none.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         self._room_bytes = max_bytes
 
     def put_nowait(self, message: aiomqtt.Message) -> None:
-        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message. Source: none."""
+        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message."""
         # The user properties of MQTT 5 are the sender's too, as long as a packet may be, and read by nobody.
         message.properties = None
         if self.full() or _size_bytes(message) > self._room_bytes:
@@ -109,7 +108,6 @@ class Connection:
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
         on_overrun: called for every message that came faster than they were read, and was dropped.
-    Source: none.
     """
 
     def __init__(
@@ -143,8 +141,6 @@ class Connection:
         """Stay connected until the task that this returns is cancelled.
 
         It ends with `Unavailable` if before the first connect the broker refuses the login, or cannot be trusted.
-
-        Source: none.
         """
         self._running = asyncio.create_task(self._run())
         return self._running
@@ -154,7 +150,6 @@ class Connection:
 
         Raises: TimeoutError: says which broker, and what is wrong. Unavailable: it refused the login, or cannot be
             trusted.
-        Source: none.
         """
         assert self._running is not None, "start() comes first"
         connected = asyncio.create_task(self.connected.wait())
@@ -189,8 +184,6 @@ class Connection:
 
         Nothing is queued for a broker that is away: a joystick's command must not come true a minute late. Only what
         should be subscribed to is made good: by connecting anew, if a subscription fails.
-
-        Source: none.
         """
         before = _cancellations()
         sent = await self._send(asks)

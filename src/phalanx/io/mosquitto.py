@@ -31,12 +31,12 @@ PR_SET_PDEATHSIG = 1
 
 
 def find_mosquitto() -> str | None:
-    """Path of the mosquitto program; Debian puts it where only root's PATH looks. Source: none."""
+    """Path of the mosquitto program; Debian puts it where only root's PATH looks."""
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 
 
 def configuration(tcp_port: int, ws_host: str, ws_port: int) -> str:
-    """mosquitto.conf: TCP for the gateway on loopback, websockets for browsers where asked. Source: none."""
+    """mosquitto.conf: TCP for the gateway on loopback, websockets for browsers where asked."""
     return "\n".join(
         (
             "# written by phalanx",
@@ -86,7 +86,6 @@ async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[
     """A running mosquitto, for as long as the context lasts.
 
     Raises: Unavailable: not installed, or it does not start (a port taken, say).
-    Source: none.
     """
     program = find_mosquitto()
     if program is None:

@@ -16,7 +16,6 @@ def is_free(port: int, host: str = LOOPBACK) -> bool:
     """Whether `port` can be listened on at `host` just now.
 
     Raises: Unavailable: this machine has no such address.
-    Source: none.
     """
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -36,7 +35,6 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     """`preferred` if it is free, else any free port.
 
     Raises: Unavailable: this machine has no such address.
-    Source: none.
     """
     if is_free(preferred, host) and preferred:
         return preferred
@@ -51,7 +49,7 @@ def _family(host: str) -> socket.AddressFamily:
 
 
 def lan_address() -> str:
-    """This machine's address on its network, or loopback if it has none. No packet is sent. Source: none."""
+    """This machine's address on its network, or loopback if it has none. No packet is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
         probe.connect(("192.0.2.1", 9))  # TEST-NET-1: only asks which interface would be used
         address: str = probe.getsockname()[0]

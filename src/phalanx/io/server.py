@@ -80,10 +80,7 @@ class Server:
         self._reached = asyncio.Event()
 
     def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
-        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`.
-
-        Source: none.
-        """
+        """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
         if not isinstance(name, str):
             raise UsageError("on_command takes the command's name", '@server.on_command("move_raw")')
 
@@ -97,8 +94,6 @@ class Server:
         """Decorate the handler of request `number`, or of every other one with `ANY`.
 
         It takes a `Request` and returns the answer's data.
-
-        Source: none.
         """
         if not (isinstance(number, int) or number == ANY):
             raise UsageError("on_request takes the request's number", "@server.on_request(0)")
@@ -176,7 +171,6 @@ class Server:
         """Wait for the broker, for ever unless told otherwise.
 
         Raises: UsageError: not entered. TimeoutError. Unavailable: the broker refused the login, or cannot be trusted.
-        Source: none.
         """
         await self._entered().wait_connected(timeout_s)
 
@@ -184,7 +178,6 @@ class Server:
         """Serve until cancelled.
 
         Raises: UsageError: not entered. Unavailable: the broker refused the login, or cannot be trusted.
-        Source: none.
         """
         self._entered()
         await asyncio.gather(*self._tasks)

@@ -66,10 +66,7 @@ class ClientSide:
             return self.reject(error)
 
     def reject(self, error: PeerError) -> Rejected:
-        """Count a message that was refused, here or before it was read.
-
-        Source: none.
-        """
+        """Count a message that was refused, here or before it was read."""
         self.rejected[error.reason] += 1
         return Rejected(error)
 

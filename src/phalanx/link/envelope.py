@@ -29,7 +29,6 @@ def encode_json(value: Any) -> bytes:
     """`value` as compact JSON.
 
     Raises: ValueError, TypeError: it is not JSON (NaN included).
-    Source: none.
     """
     return _ENCODER.encode(value).encode()
 

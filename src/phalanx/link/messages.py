@@ -13,7 +13,7 @@ from .topics import CommandTopic
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Ask: publish these bytes. Source: none."""
+    """Ask: publish these bytes."""
 
     topic: str
     payload: bytes = field(repr=False)
@@ -21,14 +21,14 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Subscribe:
-    """Ask: subscribe to this filter. Source: none."""
+    """Ask: subscribe to this filter."""
 
     topic: str
 
 
 @dataclass(frozen=True, slots=True)
 class Unsubscribe:
-    """Ask: unsubscribe from this filter. Source: none."""
+    """Ask: unsubscribe from this filter."""
 
     topic: str
 
@@ -110,7 +110,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Bytes that were refused, and counted under `reason`. Source: none."""
+    """Bytes that were refused, and counted under `reason`."""
 
     error: PeerError
 

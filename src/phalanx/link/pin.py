@@ -12,10 +12,7 @@ _DIGITS = re.compile(r"[0-9]{4,64}", re.ASCII)
 
 
 class BadPin(UsageError):
-    """Not 4 to 64 decimal digits. The message never repeats what was given: it may be a mistyped secret.
-
-    Source: none.
-    """
+    """Not 4 to 64 decimal digits. The message never repeats what was given: it may be a mistyped secret."""
 
     def __init__(self) -> None:
         super().__init__("the pin is not 4 to 64 digits", "copy it from the operator's page, leading zeros included")

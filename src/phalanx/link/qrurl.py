@@ -21,7 +21,7 @@ _BROKER = re.compile(
 
 
 class BadQrUrl(UsageError):
-    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin. Source: none."""
+    """Not a link that a swarm's QR code would hold. Never repeats the link: it holds the pin."""
 
     def __init__(self, what: str) -> None:
         super().__init__(f"not a swarm's link: {what}", "copy the whole link, in quotes, from under the QR code")

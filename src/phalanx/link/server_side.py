@@ -81,7 +81,7 @@ class ServerSide:
             return self.reject(error)
 
     def reject(self, error: PeerError) -> Rejected:
-        """Count a message that was refused, here or by the handler that understood it. Source: none."""
+        """Count a message that was refused, here or by the handler that understood it."""
         self.rejected[error.reason] += 1
         return Rejected(error)
 
@@ -133,11 +133,11 @@ class ServerSide:
         return asks
 
     def restart_clock(self, uptime_s: float) -> None:
-        """The current epoch begins now; for a server that was not reachable before. Source: none."""
+        """The current epoch begins now; for a server that was not reachable before."""
         self._rotated_at_s = uptime_s
 
     def next_due_s(self) -> float:
-        """Uptime at which `advance` has something to do. Source: none."""
+        """Uptime at which `advance` has something to do."""
         wait = self.config.overlap_s if self.state is State.OVERLAP else self.config.rotate_s
         return self._rotated_at_s + wait
 

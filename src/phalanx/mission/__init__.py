@@ -4,14 +4,13 @@ Write one as a `Draft` or in YAML (`plain_mission`), `build` it, check it with `
 it: `Walker.step(state, experience)` gives the next state and an `Outcome`.
 """
 
-from .authoring import plain_mission
-from .canonical import canonical
-from .claims import Claim, opens, parse_claim, shows
-from .compiling import build
-from .fix import Fix
-from .gate import StartKey, parse_start_key
+from .authoring.compiling import build
+from .authoring.document import plain_mission
+from .authoring.making import BuildOptions, Built
+from .file.canonical import canonical
+from .file.records import EncodedMission, Header, Profile, parse_mission
+from .file.signing import admit, check_signature, public_key, sign
 from .graph import Draft, Mission, Node, PlainWay
-from .making import BuildOptions, Built
 from .observable import (
     LANDMARK_TYPES,
     Action,
@@ -25,12 +24,13 @@ from .observable import (
     Sensor,
     Time,
 )
-from .opening import Opened, OpenWay
-from .outcome import Kind, Order, Outcome, Reason
-from .records import EncodedMission, Header, Profile, parse_mission
-from .signing import admit, check_signature, public_key, sign
-from .walk import Phase
-from .walker import State, Walker
+from .walk.claims import Claim, opens, parse_claim, shows
+from .walk.fix import Fix
+from .walk.gate import StartKey, parse_start_key
+from .walk.opening import Opened, OpenWay
+from .walk.outcome import Kind, Order, Outcome, Reason
+from .walk.table import Phase
+from .walk.walker import State, Walker
 
 __all__ = [
     "LANDMARK_TYPES",

@@ -17,10 +17,7 @@ def wrap_rad(angle_rad: float) -> float:
 
 @kernel
 def sin_cos_small(angle_rad: float) -> tuple[float, float]:
-    """(sine, cosine) of an angle of at most SMALL_RAD.
-
-    Source: none (Taylor, in Horner's order).
-    """
+    """(sine, cosine) of an angle of at most SMALL_RAD."""
     assert abs(angle_rad) <= SMALL_RAD, "only corrections of a heading are turned by this"
     q = angle_rad * angle_rad
     sine = angle_rad * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))

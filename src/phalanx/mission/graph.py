@@ -13,7 +13,7 @@ from graphlib import CycleError, TopologicalSorter
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
-from .canonical import action_bytes, shape_of
+from .file.canonical import action_bytes, shape_of
 from .observable import Action, Landmark, Observable, Position
 
 NODE_LIMIT = 1 << 20

@@ -15,7 +15,7 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
 from .angles import TWO_PI, wrap_rad
-from .cells import numbers_of
+from .walk.cells import numbers_of
 
 LANDMARK_TYPES = ("doorway", "corner_convex", "corner_concave", "room", "qr")
 # A doorway looks the same from both sides.

@@ -18,7 +18,7 @@ from .controllers import dispatch
 
 @kernel
 def open_request(w: Work, q: Row, length: int, src: int) -> int:
-    """The request has a form, and names its sender as the auditee. Returns: 0 or a `Refusal`. Source: none."""
+    """The request has a form, and names its sender as the auditee. Returns: 0 or a `Refusal`."""
     refused = audit.open_request(w, q, length)
     if refused == 0 and w.case[0].tee != src:
         refused = Refusal.NOT_THE_SENDER

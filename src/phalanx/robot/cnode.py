@@ -21,7 +21,7 @@ from phalanx.errors import PeerError, UsageError
 from phalanx.wire.fields import Row
 
 from . import auditor, node
-from .controllers.mission_evidence import EvidenceController
+from .controllers.mission.evidence import EvidenceController
 from .controllers.python_controller import (
     Act,
     Controller,
@@ -279,5 +279,5 @@ class CNode:
 
 
 def row(data: bytes) -> Row:
-    """The bytes as kernels take them. Source: none."""
+    """The bytes as kernels take them."""
     return np.frombuffer(bytearray(data), np.uint8)

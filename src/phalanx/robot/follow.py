@@ -22,7 +22,7 @@ SLOWEST = 0.25
 
 @kernel
 def percent(value: int) -> int:
-    """`value`, or the end of -100..100 that it is beyond. Source: none."""
+    """`value`, or the end of -100..100 that it is beyond."""
     return min(max(value, whole(-FULL_PCT)), whole(FULL_PCT))
 
 
@@ -35,7 +35,6 @@ def steer(ahead_mm: float, right_mm: float, distance_mm: float) -> tuple[int, in
         right_mm: how far it lies to its right.
         distance_mm: how far it lies away.
     Returns: left and right, -100..100 percent; zero within 1e-6 mm of the goal.
-    Source: none.
     """
     if distance_mm < 1e-6:
         return whole(0), whole(0)
@@ -63,7 +62,6 @@ def wheels_towards(
         ahead_mm: (N,).
         right_mm: (N,).
     Returns: left and right, (N,) each.
-    Source: none.
     """
     left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)
     for i in range(len(ahead_mm)):

@@ -65,7 +65,7 @@ def sense(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> int
 
 @kernel
 def think(f: Fleet, i: int, w: Work, length: int) -> int:
-    """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned. Source: none."""
+    """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned."""
     r, s = f.robot[i], f.settings[0]
     reading = w.entry[ENTRY_HEAD_BYTES:length]
     t = get_u32(w.entry, 1)
@@ -217,7 +217,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 @kernel
 def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int:
-    """The verdict is counted and, if it is good, the token frame is in `w.frame`. See `judge`. Source: none."""
+    """The verdict is counted and, if it is good, the token frame is in `w.frame`. See `judge`."""
     r = f.robot[i]
     w.told[TOLD_REFUSAL] = refused
     w.told[TOLD_TEE] = src

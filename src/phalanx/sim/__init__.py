@@ -1,5 +1,5 @@
 """A world of arrays and ticks."""
 
-from .dotbots import Dotbots
+from .swarms.dotbots import Dotbots
 
 __all__ = ["Dotbots"]

@@ -42,8 +42,6 @@ def telling_of_compiling(talk: Callable[[str], None]) -> Iterator[None]:
     """While the body runs, `talk` hears in a line now and then of kernels that this process compiles.
 
     Nothing is said of kernels that are found on disk, however slow the machine is.
-
-    Source: none (numba's events).
     """
     watch = _Watch(talk)
     _EVENT.register("numba:compile", watch)

@@ -16,7 +16,6 @@ def handled_by(handler: Handler, *numbers: signal.Signals) -> Iterator[bool]:
     """While the body runs, these signals go to `handler`; afterwards to whom they went before.
 
     False, and nothing changes, outside the main thread, which alone is sent signals.
-    Source: none.
     """
     if threading.current_thread() is not threading.main_thread():
         yield False

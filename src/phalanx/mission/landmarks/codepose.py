@@ -101,7 +101,6 @@ def code_pose(corners_px: NDArray[np.float64], size_m: float, camera: Intrinsics
         corners_px: (4, 2) pixels: top left, top right, bottom right, bottom left, as the code is read.
         size_m: edge of the square.
         camera: that took the picture.
-    Source: none (closed homography after Heckbert; Gauss-Newton).
     """
     corners = np.ascontiguousarray(corners_px, np.float64).reshape(4, 2)
     if not np.all(np.abs(corners) < 1e6):

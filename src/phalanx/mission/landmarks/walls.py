@@ -49,8 +49,6 @@ def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_
 
     `graze_slope` is the cotangent of the smallest angle at which a wall counts as one surface: its range then grows by
     so many times the distance between two beams.
-
-    Source: none (adaptive break points after Borges and Aldon).
     """
     count = len(beam)
     new_run = np.empty(count, np.bool_)
@@ -87,7 +85,7 @@ def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[i
 def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, starts: Ints) -> int:
     """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
 
-    A piece ends where the next one starts. Source: none (iterative end-point fit).
+    A piece ends where the next one starts.
     """
     stack = np.empty((last - first + 2, 2), np.int64)
     stack[0, 0], stack[0, 1] = first, last

@@ -137,10 +137,7 @@ class CovertTalk(Flood):
 
 
 class LogFlood(Attack):
-    """Says at length what means nothing: who hears it has to log it, and to show it to auditors.
-
-    Source: none.
-    """
+    """Says at length what means nothing: who hears it has to log it, and to show it to auditors."""
 
     name = "log-flood"
     does = "broadcasts long frames of no meaning, which all others must log and show until their logs are full"
@@ -160,7 +157,7 @@ class LogFlood(Attack):
 class LongFrames(RefuseToAudit):
     """Says what means nothing in the frames that fill others' logs most: as long as four states' airtime allows.
 
-    Source: none; a hole of ours, closed in config/bti.py.
+    A hole of ours, closed in config/bti.py.
     """
 
     name = "long-frames"
@@ -179,7 +176,7 @@ class LongFrames(RefuseToAudit):
 class SlotSquat(Attack):
     """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
 
-    Source: none; a hole of ours, closed in bti/request.py.
+    A hole of ours, closed in bti/request.py.
     """
 
     name = "slot-squat"

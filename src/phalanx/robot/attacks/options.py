@@ -30,7 +30,6 @@ def check_options(kind: type[Attack], options: Mapping[str, float | str]) -> Non
     """All that is asked of the attack is something that it does.
 
     Raises: UsageError: it has no such option, or not with that value.
-    Source: none.
     """
     for name, value in options.items():
         if name not in kind.options:
@@ -45,5 +44,5 @@ def check_options(kind: type[Attack], options: Mapping[str, float | str]) -> Non
 
 
 def idle_options(kind: type[Attack], options: Mapping[str, float | str], defence: Defence) -> list[str]:
-    """Those that make no difference under the defence, by name. Source: none."""
+    """Those that make no difference under the defence, by name."""
     return [name for name in options if defence not in kind.options[name].defences]

@@ -91,7 +91,7 @@ class StarveSensors(Attack):
 class KeyOfTomorrow(StarveSensors):
     """Polls its sensors no more, and says that its log begins at boot and its mission key comes in 49 days.
 
-    Source: none; a hole of ours, closed in bti/audit.py.
+    A hole of ours, closed in bti/audit.py.
     """
 
     name = "t-key"

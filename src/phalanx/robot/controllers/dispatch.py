@@ -25,7 +25,7 @@ FLOCK, WHEELS = int(Kind.FLOCK), int(Kind.WHEELS)
 
 @kernel
 def capacity(kind: int, params: Params) -> int:
-    """The longest that a state gets, bytes: what its row must hold. Source: none."""
+    """The longest that a state gets, bytes: what its row must hold."""
     if kind == FLOCK:
         return whole(flock.capacity(params))
     if kind == WHEELS:
@@ -35,7 +35,7 @@ def capacity(kind: int, params: Params) -> int:
 
 @kernel
 def size(kind: int, state: Row) -> int:
-    """The length of the encoding that `state` holds now. Source: none."""
+    """The length of the encoding that `state` holds now."""
     if kind == FLOCK:
         return flock.size(state)
     if kind == WHEELS:
@@ -45,7 +45,7 @@ def size(kind: int, state: Row) -> int:
 
 @kernel
 def begin(kind: int, params: Params, rob_id: int, state: Row) -> int:
-    """The boot state is in `state`; its length. Source: none."""
+    """The boot state is in `state`; its length."""
     if kind == FLOCK:
         return flock.begin(params, whole(rob_id), state)
     if kind == WHEELS:
@@ -55,7 +55,7 @@ def begin(kind: int, params: Params, rob_id: int, state: Row) -> int:
 
 @kernel
 def is_encoding(kind: int, params: Params, rob_id: int, state: Row, length: int) -> bool:
-    """Whether the first `length` bytes are a state of this robot; ask it of every foreign checkpoint. Source: none."""
+    """Whether the first `length` bytes are a state of this robot; ask it of every foreign checkpoint."""
     if kind == FLOCK:
         return flock.is_encoding(params, whole(rob_id), state, whole(length))
     if kind == WHEELS:
@@ -65,7 +65,7 @@ def is_encoding(kind: int, params: Params, rob_id: int, state: Row, length: int)
 
 @kernel
 def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """A frame was heard; the new length of the encoding. Source: none."""
+    """A frame was heard; the new length of the encoding."""
     if kind == FLOCK:
         return flock.on_recv(params, whole(rob_id), whole(t_ms), frame, whole(length), state)
     if kind == WHEELS:
@@ -77,7 +77,7 @@ def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, frame: Row, lengt
 def on_input(
     kind: int, params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row
 ) -> int:
-    """The sensors said something; the length of what is in `out` (outputs.py). Source: none."""
+    """The sensors said something; the length of what is in `out` (outputs.py)."""
     if kind == FLOCK:
         return flock.on_input(params, whole(rob_id), whole(step), whole(t_ms), reading, whole(length), state, out)
     if kind == WHEELS:

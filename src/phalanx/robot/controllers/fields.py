@@ -23,33 +23,33 @@ _INT64: Any = np.int64
 
 @kernel
 def whole(value: SupportsInt) -> int:
-    """`value`, cut to a whole number. Source: none."""
+    """`value`, cut to a whole number."""
     made: int = _INT64(value)
     return made
 
 
 @kernel
 def get_i8(row: Row, at: int) -> int:
-    """The signed byte at `at`. Source: none."""
+    """The signed byte at `at`."""
     value = whole(row[at])
     return value - 256 if value >= 128 else value
 
 
 @kernel
 def get_u64(row: Row, at: int) -> int:
-    """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches. Source: none."""
+    """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
     return get_u32(row, at) | get_u32(row, at + 4) << 32
 
 
 @kernel
 def get_f32(row: Row, at: int) -> float:
-    """The f32 at `at`, exactly, as float64. Source: none."""
+    """The f32 at `at`, exactly, as float64."""
     return np.float64(np.uint32(get_u32(row, at)).view(np.float32))
 
 
 @kernel
 def put_f32(row: Row, at: int, value: float) -> None:
-    """`value`, rounded once to f32, is written; the caller keeps it finite. Source: none."""
+    """`value`, rounded once to f32, is written; the caller keeps it finite."""
     put_u32(row, at, whole(np.float32(value).view(np.uint32)))
 
 
@@ -57,7 +57,7 @@ def put_f32(row: Row, at: int, value: float) -> None:
 def are_fine(row: Row, at: int, count: int) -> bool:
     """Whether `count` f32 from `at` on are finite and no larger than 10^6.
 
-    One NaN in a broadcast would spread to every neighbour's command, and differs between compilers. Source: none.
+    One NaN in a broadcast would spread to every neighbour's command, and differs between compilers.
     """
     for k in range(count):
         value = get_f32(row, at + 4 * k)

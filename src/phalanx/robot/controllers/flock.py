@@ -62,7 +62,7 @@ def size(state: Row) -> int:
 
 @kernel
 def begin(_params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`, at the origin and alone; its length. Source: none."""
+    """The boot state is in `state`, at the origin and alone; its length."""
     state[:HEAD_BYTES] = 0
     return size(state)
 
@@ -71,7 +71,7 @@ def begin(_params: Params, _rob_id: int, state: Row) -> int:
 def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
     """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
 
-    The other kernels believe their state: a count too high would have them read and write past its row. Source: none.
+    The other kernels believe their state: a count too high would have them read and write past its row.
     """
     if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, 0, 4):
         return False

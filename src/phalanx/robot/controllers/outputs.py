@@ -13,7 +13,7 @@ OUT_BYTES = 64  # more than any bundled controller puts out at once
 
 @kernel
 def put_head(out: Row, at: int, kind: int, length: int) -> int:
-    """The head of an output is at `at`; where its payload begins. Source: none."""
+    """The head of an output is at `at`; where its payload begins."""
     out[at] = kind
     put_u16(out, at + 1, length)
     return at + HEAD_BYTES

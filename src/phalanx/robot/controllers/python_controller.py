@@ -91,7 +91,6 @@ def compiled(kind: dispatch.Kind, params: Params) -> Callable[[int], Controller]
     Args:
         kind: which.
         params: `flock_params(...)` or `wheels_params(...)`.
-    Source: none.
     """
     return partial(_Compiled, kind=kind, params=params)
 
@@ -176,7 +175,7 @@ def _kind(told: object) -> str:
 
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
-    """Outputs as kernels put them out (outputs.py). Source: none."""
+    """Outputs as kernels put them out (outputs.py)."""
     packed = bytearray()
     for output in outputs:
         packed.append(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD)
@@ -185,7 +184,7 @@ def pack_outputs(outputs: Iterable[Output]) -> bytes:
 
 
 def unpack_outputs(packed: bytes) -> list[Output]:
-    """The outputs of a kernel of ours, which are well formed. Source: none."""
+    """The outputs of a kernel of ours, which are well formed."""
     outputs: list[Output] = []
     at = 0
     while at < len(packed):

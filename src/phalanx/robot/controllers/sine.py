@@ -10,10 +10,7 @@ RAD_PER_DEG = 0.017453292519943295
 
 @kernel
 def sine(angle_rad: float) -> float:
-    """The sine of an angle within +-pi/2, to 1e-15; beyond, wrong.
-
-    Source: none (Taylor's series to the 21st power, from the smallest term up).
-    """
+    """The sine of an angle within +-pi/2, to 1e-15; beyond, wrong."""
     z = angle_rad * angle_rad
     rest = 1.0 - z / 420.0
     rest = 1.0 - z / 342.0 * rest
@@ -33,7 +30,6 @@ def sine_cosine(angle_deg: float) -> tuple[float, float]:
     """Sine and cosine of any angle within +-10^6 degrees, to 1e-14.
 
     Degrees, because whole turns can be taken off them exactly.
-    Source: none (geometry).
     """
     quarters = int(angle_deg / 90.0 + (0.5 if angle_deg >= 0.0 else -0.5))
     angle_rad = (angle_deg - 90.0 * quarters) * RAD_PER_DEG

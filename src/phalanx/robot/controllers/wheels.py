@@ -58,19 +58,19 @@ GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
 
 
 def wheels_params(config: WheelsConfig) -> Params:
-    """The mission's parameters as kernels read them. Source: none."""
+    """The mission's parameters as kernels read them."""
     return np.array([config.good_ms, config.state_every], dtype=np.float64)
 
 
 @kernel
 def size(state: Row) -> int:
-    """The length of the encoding that `state` holds now. Source: none."""
+    """The length of the encoding that `state` holds now."""
     return ROUTE + orders.POINT_BYTES * whole(state[COUNT])
 
 
 @kernel
 def begin(_params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`: nothing heard, the LED dark; its length. Source: none."""
+    """The boot state is in `state`: nothing heard, the LED dark; its length."""
     state[:ROUTE] = 0
     return size(state)
 
@@ -79,7 +79,7 @@ def begin(_params: Params, _rob_id: int, state: Row) -> int:
 def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
     """Whether the first `length` bytes are a state that a robot can be in; to be asked of every foreign checkpoint.
 
-    The other kernels believe their state: a count too high would have them read and write past its row. Source: none.
+    The other kernels believe their state: a count too high would have them read and write past its row.
     """
     if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, 3):
         return False

@@ -9,12 +9,12 @@ from typing import ClassVar
 
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission import Landmark, Mission, Profile, parse_mission, parse_start_key
-from phalanx.mission.audit import OUT_OF_REACH, audit
-from phalanx.mission.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
-from phalanx.mission.gate import StartKey
-from phalanx.mission.making import alias_offset, observed_bytes
-from phalanx.mission.records import SECRET_BYTES
-from phalanx.mission.sealed import node_salt, try_observation
+from phalanx.mission.authoring.making import alias_offset, observed_bytes
+from phalanx.mission.file.records import SECRET_BYTES
+from phalanx.mission.file.sealed import node_salt, try_observation
+from phalanx.mission.walk.gate import StartKey
+from phalanx.mission.worth.audit import OUT_OF_REACH, audit
+from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
 from phalanx.robot.attacks.attack import Defence, Verdict
 
 from .attack import MissionAttack, Sent

@@ -27,10 +27,10 @@ from phalanx.mission import (
     Walker,
     build,
 )
-from phalanx.mission.canonical import Shape
+from phalanx.mission.file.canonical import Shape
 from phalanx.mission.graph import Node
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk import Event
+from phalanx.mission.walk.table import Event
 
 ARRIVE_M = 0.5
 ANY_REACH_M = 1e3

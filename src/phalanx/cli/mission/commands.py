@@ -1,0 +1,351 @@
+"""`phalanx mission`: encode missions, look at them, and find out what they are worth."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.cli.terminal import Progress, end_status_line, print_json, status_line, talk
+from phalanx.errors import PeerError, UsageError
+from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
+from phalanx.mission.authoring.survey import begun_at, roomiest, survey
+from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
+from phalanx.mission.landmarks.sites import landmarks_of
+from phalanx.mission.observable import Landmark
+from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
+from phalanx.sim.building.floorplan import load_floorplan
+
+from .crack import crack, span
+from .draw import check_drawable, draw_mission, lived
+from .files import (
+    built_in_missions,
+    parse_robots,
+    parse_window,
+    read_encoded,
+    read_plain,
+    read_signing_key,
+    read_trusted,
+    write_file,
+)
+from .run import parse_start, run_command
+
+SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
+WARNINGS = 10  # told by build
+TELL_LOCKS = 16  # from one word of progress to the next
+# What a header that is silent about these says.
+UNLIMITED = {"robots": "anybody", "valid_to_s": "for ever", "signer": "nobody", "flags": "none"}
+PROFILES = click.Choice([profile.name.lower() for profile in Profile])
+profile_option = click.option(
+    "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
+)
+START_HELP = "Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place."
+start_option = click.option("--start", metavar="X,Y[,DEGREES]", help=START_HELP)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+FLAGS = ((REPEATABLE, "repeatable"), (ROAM, "roam"), (OPEN_START, "open start"))
+NODE_FLAGS = ((START, "start"), (FINAL, "final"), (JOIN, "join"))
+
+
+@click.group(epilog="Example: phalanx mission build office --out office.phxm")
+def mission() -> None:
+    """What may be done: missions that a robot can only read by living them."""
+
+
+@mission.command("build", epilog="Example: phalanx mission build office --out office.phxm --sign-key operator.pem")
+@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
+@profile_option
+@click.option("--map", "plan", metavar="MAP", help="Floor plan: explore it, or check the mission against it.")
+@start_option
+@click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
+@click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
+@click.option("--valid", metavar="FROM/TO", default="/", help="When: seconds or dates; either may be empty.")
+@click.option("--open-start", is_flag=True, help="Put the start key into the file: anybody may begin.")
+@click.option("--seed", type=int, help="Same bytes again; the secrets can be guessed, so never in earnest.")
+@json_option
+def build_command(
+    source: str | None,
+    out: Path,
+    profile: str,
+    plan: str | None,
+    start: str | None,
+    sign_key: Path | None,
+    robots: str,
+    valid: str,
+    open_start: bool,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Encode a mission; its start key goes into OUT.key.
+
+    Without a mission, --map MAP makes one: to find every landmark of the map. A mission in parts gives a file for each.
+    """
+    begin, end = parse_window(valid)
+    options = BuildOptions(
+        profile=Profile[profile.upper()],
+        robots=parse_robots(robots) if robots else (),
+        valid_from_s=begin,
+        valid_to_s=end,
+        open_start=open_start,
+    )
+    key = read_signing_key(sign_key) if sign_key else None
+    told = _explored(plan, start, "build") if source is None else _mission(source, plan, start)
+    _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
+    if seed is not None:
+        click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
+    rows = []
+    for one in _build(told, options, os.urandom if seed is None else _seeded(seed)):
+        path = out.with_stem(f"{out.stem}-{one.part}") if one.part else out
+        signed = one.mission if key is None else sign(one.mission, key)
+        data = signed.encode()
+        write_file(path, data)
+        row: dict[str, Any] = {"file": str(path), "bytes": len(data), **_summary(signed)}
+        if (one.key.gates and not open_start) or one.key.messages:
+            secret = path.with_name(path.name + ".key")
+            write_file(secret, one.key.encode(), secret=True)
+            row["key"] = str(secret)
+        rows.append(row)
+    if as_json:
+        print_json({"mission": told.name, "files": rows})
+        return
+    for row in rows:
+        signer = f"signed by {row['signer'][:16]}…" if row["signer"] else "not signed"
+        click.echo(f"{row['file']}   {row['nodes']} nodes   {row['bytes']} bytes   {row['profile']}   {signer}")
+        if "key" in row:
+            click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
+
+
+def _explored(name: str | None, start: str | None, what: str) -> Mission:
+    """The mission to find every landmark of a map."""
+    if name is None:
+        raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in_missions())}, or --map MAP")
+    plan = load_floorplan(name)
+    if start is not None:
+        plan = begun_at(plan, parse_start(start))
+    elif plan.start is None:
+        x, y, heading = roomiest(plan)
+        plan = begun_at(plan, (x, y, heading))
+        talk(f"{plan.name} does not say where robots begin: in its roomiest place, for run: --start {x},{y}")
+    status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")
+    try:
+        return survey(plan)
+    finally:
+        end_status_line()
+
+
+def _mission(source: str, plan: str | None, start: str | None) -> Mission:
+    if start is not None:
+        raise UsageError("--start is for missions made from a map", "the mission's start node says where it begins")
+    floor = load_floorplan(plan) if plan else None
+    told = read_plain(source)
+    if floor is not None:
+        shown = [landmark for site in landmarks_of(floor) for landmark in site.aliases]
+        for node in told.nodes:
+            for alias in node.see:
+                for thing in alias:
+                    if isinstance(thing, Landmark) and not any(_same(thing, other) for other in shown):
+                        click.echo(f"phalanx: warning: {node.name}: the map shows no such {thing.type}", err=True)
+    return told
+
+
+def _warn(told: Mission, profile: Profile, of: str) -> None:
+    looks = [f"{row.name}: {problem}" for row in audit(told, profile).nodes for problem in row.problems]
+    for line in looks[:WARNINGS]:
+        click.echo(f"phalanx: warning: {line}", err=True)
+    if len(looks) > WARNINGS:
+        more = f"{len(looks) - WARNINGS} more; phalanx mission audit {of}--profile {profile.name.lower()} tells them"
+        click.echo(f"phalanx: warning: {more}", err=True)
+
+
+def _same(a: Landmark, b: Landmark) -> bool:
+    return a.type == b.type and abs(a.x_m - b.x_m) <= SAME_M and abs(a.y_m - b.y_m) <= SAME_M
+
+
+def _seeded(seed: int) -> Callable[[int], bytes]:
+    count = 0
+
+    def random(size: int) -> bytes:
+        nonlocal count
+        count += 1
+        return hashlib.shake_256(f"phalanx mission {seed} {count}".encode()).digest(size)
+
+    return random
+
+
+def _build(told: Mission, options: BuildOptions, random: Callable[[int], bytes]) -> list[Built]:
+    locks = sum(len(node.see) for node in told.nodes)
+    done = 0
+    progress = Progress()
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+
+        def spread(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[Any]:
+            nonlocal done
+            for answer in pool.map(work, jobs):
+                done += 1
+                if not done % TELL_LOCKS:
+                    progress.tell(f"{done} of {locks} locks", done / locks)
+                yield answer
+
+        try:
+            return build(told, options, random, spread)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        finally:
+            if done >= TELL_LOCKS:
+                end_status_line()
+
+
+def _summary(encoded: EncodedMission) -> dict[str, Any]:
+    header = encoded.header
+    return {
+        "id": header.mission_id.hex(),
+        "profile": header.profile.name.lower(),
+        "nodes": header.nodes,
+        "ways": sum(len(node.ways) for node in encoded.nodes),
+        "robots": list(header.robots),
+        "valid_from_s": header.valid_from_s,
+        "valid_to_s": None if header.valid_to_s == FOREVER_S else header.valid_to_s,
+        "flags": [word for bit, word in FLAGS if header.flags & bit],
+        "signer": encoded.signer.hex(),
+    }
+
+
+@mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
+@click.argument("file", type=click.Path(path_type=Path))
+@json_option
+def inspect(file: Path, as_json: bool) -> None:
+    """Show what anybody can read in an encoded mission: header, nodes, and which way leads where."""
+    encoded = read_encoded(file)
+    nodes: list[dict[str, Any]] = [
+        {
+            "node": i,
+            "flags": [word for bit, word in NODE_FLAGS if record.flags & bit],
+            "aliases": len(record.aliases),
+            "hash": record.aliases[0].mark.hex(),
+            "to": [way.target for way in record.ways],
+        }
+        for i, record in enumerate(encoded.nodes)
+    ]
+    if as_json:
+        coding = asdict(encoded.header.coding)
+        print_json({**_summary(encoded), "coding": coding, "nodes": nodes})
+        return
+    for name, value in _summary(encoded).items():
+        words = ", ".join(map(str, value)) if isinstance(value, list) else value
+        click.echo(f"{name:14}{words or UNLIMITED.get(name, value)}")
+    for node in nodes:
+        ways = " ".join(map(str, node["to"]))
+        click.echo(f"{node['node']:6}  {node['hash'][:16]}…  {' '.join(node['flags']):12}  -> {ways}")
+
+
+@mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--trust", multiple=True, metavar="KEY", help="Public key: 64 hex digits or a PEM file; repeatable.")
+@click.option("--robot", type=click.IntRange(0, 65_535), help="Whether this robot may run it.")
+@click.option("--at", "now_s", type=float, help="When, in seconds on the mission's clock; now without.")
+@json_option
+def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float | None, as_json: bool) -> int:
+    """Check that a mission is whole and signed; exit 1 and the reason if not.
+
+    Without --trust any signature will do: it proves that nothing was altered since, not who wrote it.
+    """
+    trusted = [read_trusted(key) for key in trust] or None
+    try:
+        encoded = read_encoded(file)
+        check_signature(encoded, trusted)
+        if robot is not None or now_s is not None:
+            now = time.time() if now_s is None else now_s
+            admit(encoded if robot is not None else _for_anybody(encoded), robot or 0, now, ())
+    except PeerError as error:
+        if as_json:
+            print_json({"ok": False, "reason": error.reason, "message": str(error)})
+        raise
+    if as_json:
+        print_json({"ok": True, "trusted": trusted is not None, **_summary(encoded)})
+    else:
+        whom = "trusted" if trusted else "whole; signed by"
+        click.echo(f"{file}   {whom} {encoded.signer.hex()}")
+    return 0
+
+
+def _for_anybody(encoded: EncodedMission) -> EncodedMission:
+    return replace(encoded, header=replace(encoded.header, robots=()))
+
+
+@mission.command("audit", epilog="Example: phalanx mission audit office --profile paper")
+@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
+@profile_option
+@click.option(
+    "--map", "plan", metavar="MAP", help="The mission that build makes of this map, or what to check against."
+)
+@start_option
+@click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
+@json_option
+def audit_command(
+    source: str | None, profile: str, plan: str | None, start: str | None, open_start: bool, as_json: bool
+) -> None:
+    """Tell what a captured file is worth: what an attacker must try, what the robot must, and what looks wrong."""
+    rates = Rates()
+    told = _explored(plan, start, "audit") if source is None else _mission(source, plan, start)
+    report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates)
+    if as_json:
+        print_json({**report.told(), "rates": asdict(rates)})
+        return
+    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'robot':>10}")
+    for row in report.nodes:
+        far = row.candidates >= OUT_OF_REACH
+        cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
+        problems = f"   {'; '.join(row.problems)}" if row.problems else ""
+        click.echo(f"{row.name:16}{cells[0]:>12}{cells[1]:>12}{cells[2]:>12}{row.robot_ms:>7.1f} ms{problems}")
+    whole = [span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in (report.core_s, report.gpu_s)]
+    click.echo(f"{'all that can be guessed':28}{whole[0]:>12}{whole[1]:>12}")
+    for problem in report.problems:
+        click.echo(f"note: {problem}")
+    click.echo(
+        f"assumed: {rates.hash_core:.2g} hashes/s on a core, {rates.hash_gpu:.2g} on a GPU; "
+        f"{rates.kdf_core:.3g} KDFs/s (N = 2^12, r = 8) on a core, {rates.kdf_gpu:.3g} on a GPU"
+    )
+
+
+@mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
+@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="A .png or .svg file.")
+@click.option(
+    "--map",
+    "plan",
+    metavar="MAP",
+    help="Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.",
+)
+@start_option
+@click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
+def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
+    """Draw a mission's landmarks and ways on its map.
+
+    With --run also where a robot went, where it believed to be, and where odometry alone would have put it.
+    """
+    check_drawable(out)
+    told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
+    name = plan or told.floor_plan
+    floor = load_floorplan(name) if name else None
+    if simulate and floor is None:
+        raise UsageError("no map to simulate a robot on", "--map MAP, or map: NAME in the mission")
+    reports = lived(told, floor, seed) if simulate and floor is not None else []
+    draw_mission(told, floor, out, reports)
+    for report in reports:
+        end = "completed it" if report.done else f"stopped: {report.not_validated[-1][1]}"
+        click.echo(f"robot {report.robot + 1}: {len(report.decoded)} nodes, {report.t_s:.0f} s, {end}", err=True)
+    click.echo(f"drawn: {out}", err=True)
+
+
+mission.add_command(crack)
+mission.add_command(run_command)

@@ -1,0 +1,121 @@
+"""`phalanx mission crack`: the brute force of a captured mission, really run."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from phalanx.cli.terminal import end_status_line, print_json, status_line
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import UsageError
+from phalanx.mission import EncodedMission, Profile, parse_start_key
+from phalanx.mission.file.records import OPEN_START
+from phalanx.mission.worth.cracking import Cracked, Tried, can_guess, crack_paper, crack_sealed
+
+from .files import parse_box, read_encoded, read_start_key
+
+
+def span(seconds: float) -> str:
+    """A time in the unit that people would use."""
+    for size, unit in ((31_557_600, "years"), (86_400, "days"), (3600, "h"), (60, "min"), (1, "s"), (1e-3, "ms")):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e6:.3g} µs"
+
+
+@click.command(epilog="Example: phalanx mission crack office.phxm --box 0,0,40,40 --budget 60")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--key", type=click.Path(path_type=Path), help="The start key, captured too (sealed profile).")
+@click.option("--box", metavar="X0,Y0,X1,Y1", default="0,0,40,40", show_default=True, help="Where to look, metres.")
+@click.option("--budget", type=click.FloatRange(min=0.1), default=30.0, show_default=True, help="Seconds to go on.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def crack(file: Path, key: Path | None, box: str, budget: float, as_json: bool) -> int:
+    """Try to read a captured mission by brute force: for real, as long as the budget lasts. Exit 1 if nothing gave."""
+    encoded, area = read_encoded(file), parse_box(box)
+    started = time.perf_counter()
+    tries, of = 0, 0
+    found: list[tuple[Cracked, float]] = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for batch in _attack(encoded, key, area, pool):
+            tries, of = tries + batch.tries, batch.of
+            spent = time.perf_counter() - started
+            found += [(node, spent) for node in batch.found]
+            status_line(
+                f"{tries:.3g} of {of:.3g} tries   {_read(found)} of {encoded.header.nodes} nodes   Ctrl-C stops"
+            )
+            if spent >= budget or _read(found) >= encoded.header.nodes:
+                break
+    end_status_line()
+    spent = time.perf_counter() - started
+    _show_cracked(encoded, found, tries, of, spent, as_json)
+    return 0 if found else 1
+
+
+def _attack(
+    encoded: EncodedMission, key: Path | None, area: tuple[float, float, float, float], pool: ThreadPoolExecutor
+) -> Iterator[Tried]:
+    if encoded.header.profile is Profile.PAPER:
+        return crack_paper(encoded, area)
+    if key is not None:
+        start = read_start_key(key)
+        if start.mission_id != encoded.header.mission_id:
+            raise UsageError("the start key belongs to another mission", "build wrote both together")
+    elif encoded.header.flags & OPEN_START:
+        start = parse_start_key(encoded.start)
+    else:
+        raise UsageError(
+            "a sealed mission without its start key: 2^256 gates stand before the first try",
+            "--key FILE, if that was captured too",
+        )
+    return crack_sealed(encoded, start, area, pool.map)
+
+
+def _show_cracked(
+    encoded: EncodedMission, found: list[tuple[Cracked, float]], tries: int, of: int, spent_s: float, as_json: bool
+) -> None:
+    rate = tries / spent_s if spent_s else 0.0
+    paper = encoded.header.profile is Profile.PAPER
+    beyond = sum(not can_guess(shape) for shape in encoded.header.shapes)
+    # A sealed node that was not opened hides how many more gates come after it: what is known so far is extrapolated.
+    whole_s = of / rate if rate else 0.0
+    if as_json:
+        print_json(
+            {
+                "profile": encoded.header.profile.name.lower(),
+                "nodes": encoded.header.nodes,
+                "found": [{**asdict(node), "at_s": at_s} for node, at_s in found],
+                "tries": tries,
+                "candidates": of,
+                "seconds": spent_s,
+                "tries_per_s": rate,
+                "extrapolated_s": whole_s,
+                "kdf": None if paper else _kdf(encoded.header.coding),
+                "shapes_not_tried": beyond,
+            }
+        )
+        return
+    for node, at_s in found:
+        turn = "" if node.orientation_rad is None else f"   {node.orientation_rad:+.2f} rad"
+        click.echo(f"node {node.node:<6}{node.kind:16}{node.x_m:8.2f}{node.y_m:8.2f} m   after {span(at_s)}{turn}")
+    click.echo(
+        f"{_read(found)} of {encoded.header.nodes} nodes read, {tries:.3g} tries in {span(spent_s)}, {rate:.3g}/s"
+    )
+    what = "everything in this area" if paper else "everything behind the gates held now"
+    click.echo(f"{what}: {of:.3g} tries, {span(whole_s)} at this rate")
+    if beyond:
+        click.echo(f"{beyond} kinds of conjunctions need more than a place, and were not tried")
+
+
+def _read(found: list[tuple[Cracked, float]]) -> int:
+    """Nodes, some of which were found by several aliases."""
+    return len({node.node for node, _ in found})
+
+
+def _kdf(coding: CodingConfig) -> dict[str, int]:
+    return {"log2_n": coding.kdf_log2_n, "r": coding.kdf_r}

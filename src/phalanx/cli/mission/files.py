@@ -1,0 +1,258 @@
+"""The files of missions: plain ones, encoded ones, start keys, signing keys; and what options say in words."""
+
+from __future__ import annotations
+
+import importlib.resources
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
+
+from phalanx.errors import Unavailable, UsageError
+from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
+from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
+from phalanx.mission.refused import MalformedMission
+
+Parsed = TypeVar("Parsed")
+TEXT_LIMIT = 32 << 20
+MAGIC = b"PHXM"
+ENDING = ".phxm"
+FURNISH_METAVAR = "MISSION.yaml|BUILTIN"
+FURNISH_HELP = (
+    "What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
+    " its actions, and puts them where its parts begin."
+)
+SEVERAL = ("several missions", "one that is not encoded, or the encoded files of all its parts")
+KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
+
+
+class _UniqueKeys(_Loader):  # type: ignore[misc]
+    """YAML, in which a name given twice is an error: the second would silently replace the first."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            name = self.construct_object(key, deep=True)
+            if isinstance(name, str | int | float) and name in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"{name!r} is there twice", key.start_mark)
+            seen.add(name if isinstance(name, str | int | float) else id(key))
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+_UniqueKeys.add_constructor(
+    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, lambda loader, node: loader.construct_mapping(node, deep=True)
+)
+
+
+def read_bytes(path: Path | Traversable, limit: int, what: str) -> bytes:
+    """A file's bytes.
+
+    Raises: UsageError: it cannot be read, or is longer than any of its kind.
+    """
+    try:
+        with path.open("rb") as file:
+            data: bytes = file.read(limit + 1)
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}", what) from error
+    if len(data) > limit:
+        raise UsageError(f"{path} is longer than {limit} bytes", what)
+    return data
+
+
+def _missions() -> Traversable:
+    return importlib.resources.files("phalanx") / "data" / "missions"
+
+
+def built_in_missions() -> list[str]:
+    """Missions that come with Phalanx."""
+    return sorted(entry.name.removesuffix(".yaml") for entry in _missions().iterdir())
+
+
+def read_plain(source: str) -> Mission:
+    """A plain mission: a file's, or one that comes with Phalanx.
+
+    Raises: UsageError.
+    """
+    known = built_in_missions()
+    path: Path | Traversable = _missions() / f"{source}.yaml" if source in known else Path(source)
+    data = read_bytes(path, TEXT_LIMIT, f"a mission's YAML file, or one of {', '.join(known)}")
+    if data.startswith(MAGIC):
+        raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
+    try:
+        words = yaml.load(data, Loader=_UniqueKeys)  # noqa: S506  # a safe loader, with one more check
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise UsageError(f"{source} is not YAML: {' '.join(str(error).split())[:200]}") from error
+    if words is None:
+        raise UsageError(f"{source} is empty", f"a mission's YAML file, or one of {', '.join(known)}")
+    return plain_mission(words)
+
+
+def read_encoded(path: Path) -> EncodedMission:
+    """An encoded mission.
+
+    Raises: UsageError: it cannot be read. PeerError: it is none.
+    """
+    return _built(path, "a file that phalanx mission build wrote", "an encoded mission", parse_mission)
+
+
+def read_start_key(path: Path) -> StartKey:
+    """A start key.
+
+    Raises: UsageError: it cannot be read. PeerError: it is none.
+    """
+    return _built(path, "the .key file that phalanx mission build wrote", "a start key", parse_start_key)
+
+
+def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -> Parsed:
+    data = read_bytes(path, FILE_LIMIT, hint)
+    if not data:
+        raise MalformedMission(f"{path} is empty")
+    try:
+        return parse(data)
+    except MalformedMission as error:
+        raise MalformedMission(f"{path} is not {what}: {error}") from error
+
+
+def read_signing_key(path: Path) -> Ed25519PrivateKey:
+    """An operator's key.
+
+    Raises: UsageError.
+    """
+    try:
+        key = load_pem_private_key(read_bytes(path, 1 << 16, KEY_HINT), None)
+    except (ValueError, TypeError, UnsupportedAlgorithm) as error:
+        raise UsageError(f"{path} holds no private key without a password", KEY_HINT) from error
+    if not isinstance(key, Ed25519PrivateKey):
+        raise UsageError(f"{path} is not an Ed25519 key", KEY_HINT)
+    return key
+
+
+def read_trusted(said: str) -> bytes:
+    """A public key: 64 hex digits, or the PEM file of it.
+
+    Raises: UsageError.
+    """
+    if re.fullmatch(r"[0-9a-fA-F]{64}", said):
+        return bytes.fromhex(said)
+    hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
+    try:
+        key = load_pem_public_key(read_bytes(Path(said), 1 << 16, hint))
+    except (ValueError, UnsupportedAlgorithm) as error:
+        raise UsageError(f"{said} holds no public key", hint) from error
+    if not isinstance(key, Ed25519PublicKey):
+        raise UsageError(f"{said} is not an Ed25519 key", hint)
+    return key.public_bytes_raw()
+
+
+def parse_window(said: str) -> tuple[int, int]:
+    """FROM/TO in seconds on the mission's clock; either may be a date, or nothing.
+
+    Raises: UsageError.
+    """
+    begin, slash, end = said.partition("/")
+    if not slash:
+        raise UsageError(f"{said!r} is no window", "FROM/TO, like 2026-12-01T08:00/2026-12-01T18:00")
+    return _second(begin, 0), _second(end, FOREVER_S)
+
+
+def _second(said: str, otherwise: int) -> int:
+    if not said:
+        return otherwise
+    if said.isdecimal():
+        return int(said)
+    try:
+        moment = datetime.fromisoformat(said)
+    except ValueError as error:
+        raise UsageError(f"{said!r} is no time", "seconds, or a date like 2026-12-01T08:00 (UTC)") from error
+    return int((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp())
+
+
+def parse_robots(said: str) -> tuple[int, ...]:
+    """Robot ids: 1,2,7 or 1-5.
+
+    Raises: UsageError.
+    """
+    out: list[int] = []
+    for part in said.split(","):
+        if not (match := re.fullmatch(r"\s*(\d{1,5})(?:-(\d{1,5}))?\s*", part)):
+            raise UsageError(f"{part!r} is no robot", "--robots 1,2,7 or --robots 1-5")
+        first, last = int(match[1]), int(match[2] or match[1])
+        # An empty list would mean that anybody may run it.
+        if not 1 <= first <= last <= 65_535:
+            raise UsageError(f"robots {part.strip()}", "ids from 1 to 65535, the lower first")
+        out += range(first, last + 1)
+    return tuple(out)
+
+
+def parse_box(said: str) -> tuple[float, float, float, float]:
+    """X0,Y0,X1,Y1 in metres.
+
+    Raises: UsageError.
+    """
+    try:
+        x0, y0, x1, y1 = (float(part) for part in said.split(","))
+    except ValueError as error:
+        raise UsageError(f"{said!r} is no area", "X0,Y0,X1,Y1 in metres, like 0,0,40,40") from error
+    if not (-1e5 < x0 < x1 < 1e5 and -1e5 < y0 < y1 < 1e5):
+        raise UsageError(f"{said!r} is no area", "X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1")
+    return x0, y0, x1, y1
+
+
+def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
+    """Put a file there; a secret one so that others cannot read it.
+
+    Raises: Unavailable: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if secret:
+            path.unlink(missing_ok=True)
+            path.touch(mode=0o600)
+        path.write_bytes(data)
+    except OSError as error:
+        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
+
+
+def is_encoded(source: str) -> bool:
+    """Whether a command's FILE|BUILTIN is an encoded mission's file, or was meant to be one.
+
+    Raises: UsageError: there is neither.
+    """
+    if source in built_in_missions():
+        return False
+    what = f"a mission's file, or one of {', '.join(built_in_missions())}"
+    data = read_bytes(Path(source), FILE_LIMIT, what)
+    return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
+
+
+def read_files(paths: Sequence[str], key: Path | None, option: str) -> list[tuple[EncodedMission, StartKey | None]]:
+    """Encoded missions, each with its start key: the one given, or those that lie beside them.
+
+    Raises: UsageError: one cannot be read, or has no start key; `option` is where to say it. PeerError: one is none.
+    """
+    if key is not None and len(paths) > 1:
+        raise UsageError(f"{option} for {len(paths)} files", f"each with its start key beside it, FILE{ENDING}.key")
+    files = [(Path(path), read_encoded(Path(path))) for path in paths]
+    return [(encoded, start_key_of(path, key, encoded, option)) for path, encoded in files]
+
+
+def start_key_of(path: Path, given: Path | None, encoded: EncodedMission, option: str) -> StartKey | None:
+    """The start key of an encoded mission: the one given, or the one that lies beside its file.
+
+    Raises: UsageError: a sealed mission without one; `option` is where to say it.
+    """
+    beside = path.with_name(path.name + ".key")
+    if given is not None or beside.exists():
+        return read_start_key(given or beside)
+    if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
+        raise UsageError(f"{path} needs its start key", f"{option} FILE, or {beside.name} beside it")
+    return None

@@ -1,0 +1,245 @@
+"""`phalanx mission run`: robots that know only the encoded graph live a mission in a simulated building."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
+from phalanx.errors import UsageError
+from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature
+from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.walk.walker import LONGEST_S
+from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.building.odometry import OdometryNoise, Pose
+from phalanx.sim.missions.orders import File, orders_of_files
+from phalanx.sim.missions.recording import write_recording
+from phalanx.sim.missions.robot import Report
+from phalanx.sim.missions.run import MissionRun, run_mission, summary
+
+from .files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
+
+
+@click.command(
+    "run",
+    epilog="Examples: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage; "
+    "phalanx mission run two-a.phxm two-b.phxm --furnish inspection",
+)
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...|BUILTIN")
+@click.option("--world", "world", metavar="NAME|FILE", help="The building; without, the one the mission names.")
+@click.option("--furnish", metavar=FURNISH_METAVAR, help=FURNISH_HELP)
+@click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
+@click.option(
+    "--noise",
+    default="0.03,0.05",
+    show_default=True,
+    metavar="SIGMA_T,SIGMA_R[,stage|fixed|step]",
+    help="Of the odometry: for way and turns, and where the factor comes from.",
+)
+@click.option(
+    "--profile",
+    type=click.Choice([profile.name.lower() for profile in Profile]),
+    default="sealed",
+    show_default=True,
+    help="In which a plain mission is encoded first.",
+)
+@click.option("--key", type=click.Path(path_type=Path), help="Start key of one sealed FILE; without, FILE.key.")
+@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
+@click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
+@click.option(
+    "--start",
+    "said_start",
+    metavar="X,Y[,DEGREES]",
+    help="Where robots are put; without, where the mission or the map says.",
+)
+@click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
+@click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
+@click.option(
+    "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything that is drawn.")
+@click.option(
+    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def run_command(
+    sources: tuple[str, ...],
+    world: str | None,
+    furnish: str | None,
+    robots: int | None,
+    noise: str,
+    profile: str,
+    key: Path | None,
+    trust: tuple[str, ...],
+    at_s: float | None,
+    said_start: str | None,
+    people: int,
+    duration: float,
+    meet_m: float,
+    seed: int,
+    record: Path | None,
+    as_json: bool,
+) -> int:
+    """Run a mission; exit 1 if a robot did not complete it.
+
+    A plain mission is encoded first, from the seed. The same mission, options and seed give the same digest. Of encoded
+    files each robot gets one, in turn. A file says neither which codes hang on the walls nor what robots can do nor
+    where they begin: --furnish does.
+    """
+    trusted = [read_trusted(word) for word in trust] or None
+    files, plain = _missions(sources, key, furnish, trusted, profile, seed)
+    start = parse_start(said_start) if said_start else None
+    plan = _building(world or (plain.floor_plan if plain else "") or DEFAULT, told=start is not None)
+    orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
+    count = robots if robots is not None else len(files)
+    begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
+    if not 0 <= begin_s < LONGEST_S:
+        raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
+    for i, (encoded, _) in enumerate(files):
+        _admit(encoded, trusted, len(range(i, count, len(files))), begin_s)
+    run = MissionRun(
+        plan=orders.plan,
+        parts=orders.parts,
+        robots=count,
+        noise=OdometryNoise.parse(noise),
+        seed=seed,
+        begin_s=begin_s,
+        duration_s=duration,
+        pool=orders.pool,
+        controller=orders.controller,
+        meet_m=meet_m,
+        keep_trace=record is not None,
+        people=people,
+    )
+    progress = Progress()
+    try:
+        reports = run_mission(
+            run, os.cpu_count() or 1, lambda share: progress.tell(_so_far(share, run.duration_s), share)
+        )
+    except KeyboardInterrupt:
+        end_status_line()
+        click.echo("stopped", err=True)
+        return 1
+    end_status_line()
+    if record is not None:
+        write_recording(record, orders.plan, reports)
+        click.echo(f"recorded: {record}", err=True)
+    for line in _lacking(reports):
+        talk(line)
+    told = summary(run, reports)
+    if as_json:
+        print_json(told)
+    else:
+        _show(told)
+    return 0 if told["completed"] == told["robots"] else 1
+
+
+def _missions(
+    sources: tuple[str, ...],
+    key: Path | None,
+    furnish: str | None,
+    trusted: list[bytes] | None,
+    profile: str,
+    seed: int,
+) -> tuple[list[File], Mission | None]:
+    """What robots get, and what their mission's author says, if somebody asks him."""
+    if is_encoded(sources[0]):
+        return read_files(sources, key, "--key"), read_plain(furnish) if furnish else None
+    if len(sources) > 1:
+        raise UsageError(*SEVERAL)
+    if trusted or key or furnish:
+        raise UsageError("--trust, --key and --furnish are for encoded missions", "phalanx mission build makes one")
+    plain = read_plain(sources[0])
+    return [(each.mission, each.key) for each in _built(plain, profile, seed)], plain
+
+
+def _building(name: str, *, told: bool) -> FloorPlan:
+    """A floor plan; with a place where robots begin, if nobody has told it."""
+    plan = load_floorplan(name)
+    if told or plan.start is not None:
+        return plan
+    start = roomiest(plan)
+    talk(f"{plan.name} does not say where robots begin: where there is most room, --start {_words(start)}")
+    return replace(plan, start=start)
+
+
+def _words(pose: Pose) -> str:
+    return f"{pose[0]:g},{pose[1]:g},{math.degrees(pose[2]):g}"
+
+
+def _so_far(share: float, duration_s: float) -> str:
+    return "simulated to the end" if share >= 1 else f"{share * duration_s:.0f} of at most {duration_s:g} s simulated"
+
+
+def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
+    """Refuse what a robot would: a mission that nobody trusted signed, for others, or for another time."""
+    if trusted or encoded.signer:
+        check_signature(encoded, trusted)
+    if encoded.header.robots and robots > len(encoded.header.robots):
+        raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
+    admit(encoded, (encoded.header.robots or (1,))[0], now_s, ())
+
+
+def _built(plain: Mission, profile: str, seed: int) -> list[Built]:
+    # From the seed: a simulation's secrets keep nobody out, and the same seed shall give the same digest.
+    return build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(seed).randbytes)  # noqa: S311
+
+
+def parse_start(said: str) -> Pose:
+    """X,Y[,DEGREES] as a pose.
+
+    Raises: UsageError: it is not written so.
+    """
+    try:
+        x, y, degrees = (float(word) for word in (*said.split(","), "90")[:3])
+    except ValueError as error:
+        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES") from error
+    if said.count(",") > 2 or not all(abs(value) < 1e5 for value in (x, y, degrees)):
+        raise UsageError(f"{said!r} is no start", "X,Y in metres, or X,Y,DEGREES")
+    return x, y, math.radians(degrees)
+
+
+def _lacking(reports: list[Report]) -> list[str]:
+    """What a mission's author would have told the world, as far as robots can tell by what stopped them."""
+    lines = [
+        f"robot {report.robot + 1} does not stand where its mission begins: --start X,Y, or --furnish MISSION.yaml"
+        " and files in the order of its parts"
+        for report in reports
+        if not report.decoded
+    ]
+    if lacks := sorted({what for report in reports for what in report.lacks}):
+        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml brings codes and actions")
+    return lines
+
+
+def _show(told: dict[str, Any]) -> None:
+    click.echo(
+        f"{told['completed']} of {counted(told['robots'], 'robot')} completed   "
+        f"{told['decoded']} of {told['nodes']} nodes decoded   "
+        f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
+    )
+    click.echo(f"hashes tried          {told['hashes_tried']}")
+    for name, words, unit in (
+        ("search_ms", "search", "ms"),
+        ("extraction_ms", "extraction", "ms"),
+        ("pose_error_m", "pose error", "m"),
+        ("odometry_error_m", "odometry alone", "m"),
+    ):
+        cells = [
+            f"{which} {value:.3f} {unit}"
+            for which in ("p50", "max")
+            if (value := told.get(f"{name}_{which}")) is not None  # nothing was searched, or seen
+        ]
+        click.echo(f"{words:22}{'   '.join(cells) or '-'}")
+    for row in told["actions"]:
+        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
+    for row in told["not_validated"]:
+        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   not validated: {row['reason']}")
+    click.echo(f"digest {told['digest']}")

@@ -1,0 +1,227 @@
+"""One attack against one defence, beside the same run without it: what it did, when it was stopped, and the bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from phalanx.errors import UsageError
+from phalanx.robot.attacks import ATTACKS, Attack, idle_options
+from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
+from phalanx.sim.scenarios.play import play
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
+
+MS = 1000.0
+US = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """What became of one compromised robot.
+
+    Args:
+        robot: its id.
+        first_deviation_s: when it first did what an honest robot would not; None if it never did.
+        safe_mode_s: when it was put in Safe Mode; None if it never was.
+        output_missing: whether that deviation was an output that was missing or late.
+    """
+
+    robot: int
+    first_deviation_s: float | None
+    safe_mode_s: float | None
+    output_missing: bool = False
+
+    @property
+    def after_s(self) -> float | None:
+        """From deviation to Safe Mode; None if one of them is missing."""
+        if self.first_deviation_s is None or self.safe_mode_s is None:
+            return None
+        return self.safe_mode_s - self.first_deviation_s
+
+
+class Sent(NamedTuple):
+    """What a robot has sent until `at_s`: airtime of its AUDIT frames, each counted once; and of all tries of all."""
+
+    at_s: float
+    audit_s: float
+    on_air_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Airtime:
+    """What a liar's a-node let out of AUDIT frames while it lied, and what it may have.
+
+    Args:
+        robot: its id.
+        seconds: from the last quarter of a second before it lied to the end, or to Safe Mode.
+        used_s: airtime, as a-nodes count it: each frame once.
+        bucket_s: a full bucket, and what has flowed in since.
+        on_air_s: all tries of all its frames.
+    """
+
+    robot: int
+    seconds: float
+    used_s: float
+    bucket_s: float
+    on_air_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What an attack came to.
+
+    Args:
+        attack, defence: as named.
+        declared: what the attack says that this defence makes of it.
+        bound_s: deviation to Safe Mode, at most, of a robot that did something wrong; None where nothing is promised.
+        stops: of each compromised robot.
+        harm: what the attack measures of its damage, in `harm_unit`; of several liars, the worst one's; None if no
+            robot is correct.
+        harm_words: what is measured.
+        harm_bites_from: from so much on, the attack calls it a bite.
+        attacked, honest: summaries of both runs; `honest` has the same robots and the same seed, and nobody lies.
+        honest_distance_m: mean distance to the goal, without the attack, of the robots that are correct with it.
+        missing_s: so much longer than `bound_s` for a robot that first deviated by what it did not do.
+        airtime: of each liar, where the attack is declared limited.
+        idle: options that were given and make no difference under this defence.
+    """
+
+    attack: str
+    defence: str
+    declared: str
+    bound_s: float | None
+    stops: tuple[Stop, ...]
+    harm: float | None
+    harm_unit: str
+    harm_words: str
+    harm_bites_from: float
+    attacked: dict[str, Any]
+    honest: dict[str, Any]
+    honest_distance_m: float | None
+    missing_s: float = 0.0
+    airtime: tuple[Airtime, ...] = ()
+    idle: tuple[str, ...] = ()
+
+    def bound_of(self, stop: Stop) -> float | None:
+        """This robot's own bound, s, to the millisecond; None where nothing is promised."""
+        return None if self.bound_s is None else round(self.bound_s + self.missing_s * stop.output_missing, 3)
+
+    @property
+    def stopped_in_time(self) -> bool | None:
+        """Whether each robot that deviated was stopped within its bound; None where nothing is promised."""
+        if self.bound_s is None:
+            return None
+        return all(self._in_time(stop) for stop in self.stops)
+
+    def _in_time(self, stop: Stop) -> bool:
+        bound_s = self.bound_of(stop)
+        if stop.first_deviation_s is None or bound_s is None:
+            return True
+        if stop.after_s is not None:
+            return stop.after_s <= bound_s
+        # Not stopped yet, and not late yet: the run ended first.
+        return float(self.attacked["duration_s"]) < stop.first_deviation_s + bound_s
+
+    @property
+    def within_buckets(self) -> bool | None:
+        """Whether no liar's a-node let out more than its bucket has; None where no bucket is declared to limit them."""
+        return all(each.used_s <= each.bucket_s for each in self.airtime) if self.airtime else None
+
+    @property
+    def broken(self) -> bool:
+        """Whether something that is promised was not kept."""
+        return self.stopped_in_time is False or self.within_buckets is False
+
+
+def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
+    """At most from deviation to Safe Mode: T_val + P_check + 1 ms, and δ + skew if an output is missing or late.
+
+    None without a defence, and with more than f_max liars: then nothing is promised.
+
+    Source: docs/spec/rebound.md (P1).
+    """
+    bti = scenario.bti
+    if scenario.defence == "none" or len(scenario.attacks) > bti.f_max:
+        return None
+    return (bti.t_val_ms + bti.p_check_ms + 1 + (bti.delta_ms + bti.skew_ms) * output_missing) / MS
+
+
+def sent(run: Run, i: int) -> Sent:
+    """What robot `i` has sent so far. Source: docs/spec/rebound-nodes.md (limits)."""
+    limits, counts = limits_of(run.scenario.bti, run.scenario.radio), run.world.air.counts[i]
+    ns_per_byte = {
+        AUDIT_BROADCAST: limits.airtime_ns_per_byte_broadcast,
+        AUDIT_UNICAST: limits.airtime_ns_per_byte_unicast,
+    }
+    frames_us = sum(int(counts[row, SENT]) for row in ns_per_byte) * limits.airtime_fixed_us
+    bytes_us = sum(int(counts[row, BYTES]) * ns / MS for row, ns in ns_per_byte.items())
+    return Sent(run.now_s, (frames_us + bytes_us) / US, float(run.airtime_s[i]))
+
+
+def airtime_since(run: Run, i: int, before: Sent) -> Airtime:
+    """What robot `i` has sent since then, and what its a-node may let out. Source: docs/spec/rebound-nodes.md."""
+    limits, now, safe_us = limits_of(run.scenario.bti, run.scenario.radio), sent(run, i), int(run.world.safe_us[i])
+    seconds = (now.at_s if safe_us < 0 else safe_us / US) - before.at_s
+    return Airtime(
+        robot=i + 1,
+        seconds=seconds,
+        used_s=now.audit_s - before.audit_s,
+        bucket_s=(limits.audit_capacity_us + limits.audit_us_per_s * seconds) / US,
+        on_air_s=now.on_air_s - before.on_air_s,
+    )
+
+
+def try_attack(scenario: Scenario, on_step: Callable[[str, Run], None] = lambda _which, _run: None) -> Trial:
+    """Both runs of a scenario: as it is, and without its attacks.
+
+    Args:
+        scenario: with one kind of attack, in one robot or several, from the same moment on.
+        on_step: called at each step with which of the runs it is: attacked or honest.
+    Raises: UsageError: nobody attacks, or in different ways.
+    """
+    names = {attack.name for attack in scenario.attacks}
+    if len(names) != 1:
+        raise UsageError(f"{len(names)} kinds of attack in a trial", "one: its damage is compared with none")
+    (name,) = names
+    kind = ATTACKS[name]
+    declared = kind.verdicts[scenario.defence]
+    at_s = min(attack.at_s for attack in scenario.attacks)
+    before: dict[int, Sent] = {}
+
+    def on_attacked(run: Run) -> None:
+        if run.now_s <= at_s:
+            before.update((i, sent(run, i)) for i in run.robots)
+        on_step("attacked", run)
+
+    attacked = play(scenario, on_step=on_attacked)
+    honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run))
+    liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Attack)]
+    correct = ~np.isin(attacked.ids, list(attacked.compromised))
+    to_goal_m = np.sqrt(((honest.positions_m - np.array(scenario.goal_m)) ** 2).sum(axis=1))[correct]
+    summary = attacked.summary()
+    promised_s = stop_bound_s(scenario, output_missing=False) if declared == "stopped" else None
+    return Trial(
+        attack=name,
+        defence=scenario.defence,
+        declared=declared,
+        bound_s=promised_s,
+        stops=tuple(
+            Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)
+            for told, liar in zip(summary["compromised"], liars, strict=True)
+        ),
+        harm=max(kind.harm.of(liar, attacked, honest) for liar in liars) if correct.any() else None,
+        harm_unit=kind.harm.unit,
+        harm_words=kind.harm.words,
+        harm_bites_from=kind.bites_from,
+        attacked=summary,
+        honest=honest.summary(),
+        honest_distance_m=float(to_goal_m.mean()) if correct.any() else None,
+        missing_s=(scenario.bti.delta_ms + scenario.bti.skew_ms) / MS,
+        airtime=tuple(airtime_since(attacked, liar.i, before[liar.i]) for liar in liars if declared == "limited"),
+        idle=tuple(idle_options(kind, scenario.attacks[0].options, scenario.defence)),
+    )

@@ -1,0 +1,107 @@
+"""Figures 8 and 9 drawn from their CSV alone: distance to the goal over time, and where everybody ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from phalanx.experiments.figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILION,
+    dress_axes,
+    legend_above,
+    new_figure,
+    save_figure,
+    write_margins,
+)
+
+from .flock import CASES, FlockConfig, band, mean_distances_m, read_reference
+from .flock_table import HONEST, LIAR, STOPPED, FlockRun, FlockTable, read_flock_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOUR = {HONEST: BLUE, LIAR: VERMILION, STOPPED: GREY}
+WORDS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
+# How far from the goal the paper's attacker wants everybody, RoboRebound §5.3.
+PAPER_Z_M = 150.0
+MARGIN_M = 40.0
+
+
+def draw_flock(csv: Path, config: FlockConfig) -> tuple[Path, Path]:
+    """The PNG and the SVG beside `csv`.
+
+    Raises: UsageError: no such CSV, or not one of ours. Unavailable: matplotlib is missing, or the disk is full.
+    Source: RoboRebound Fig. 8, Fig. 9.
+    """
+    table = read_flock_table(csv)
+    seeds = table.seeds()
+    figure = new_figure(11, 8.4)
+    rows = figure.subplots(len(CASES), 2, width_ratios=(7, 5))
+    for case, (over_time, ground) in zip(CASES, rows, strict=True):
+        run = table.runs[case, seeds[0]]
+        _draw_over_time(over_time, table, config, run)
+        _draw_ground(ground, config, run)
+        for axes in (over_time, ground):
+            dress_axes(axes)
+            legend_above(axes, columns=2)
+    write_margins(
+        figure,
+        config.title,
+        f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}; "
+        f"hollow: an independent script\nphalanx {table.origin.version}",
+    )
+    figure.tight_layout(rect=(0, 0.04, 1, 1))
+    return save_figure(figure, csv)
+
+
+def _draw_over_time(axes: Axes, table: FlockTable, config: FlockConfig, run: FlockRun) -> None:
+    goal_m = config.scenario(run.case, run.seed).goal_m
+    distances_m = run.distances_m(goal_m)
+    axes.plot(run.times_s, distances_m[:, ~run.liars], color=BLUE, alpha=0.25, linewidth=0.7)
+    axes.plot(run.times_s, distances_m[:, run.liars], color=VERMILION, linewidth=1.2)
+    if run.liars.any():
+        axes.plot([], [], color=VERMILION, linewidth=1.2, label="the compromised robot")
+        _shade(axes, run)
+    middle, low, high = band(mean_distances_m(table, run.case, goal_m))
+    axes.fill_between(run.times_s, low, high, color=BLUE, alpha=0.3, linewidth=0, label="5 to 95 % of seeds")
+    axes.plot(run.times_s, middle, color=BLUE, linewidth=2, label="mean of correct robots, median of seeds")
+    reference = read_reference()[config.reference[run.case]]
+    axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
+    axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")
+    axes.text(0, PAPER_Z_M, " paper's z = 150 m", fontsize=7.5, color="0.35", va="bottom")
+    axes.set(xlabel="time (s)", ylabel=f"distance to the goal (m), {_case_words(run)}")
+    axes.set_xlim(0, run.times_s[-1])
+    axes.set_ylim(0, None)
+
+
+def _shade(axes: Axes, run: FlockRun) -> None:
+    """The time in which the compromised robot acts, as in the paper."""
+    for told in run.summary["compromised"]:
+        if told["first_deviation_s"] is not None:
+            end_s = run.times_s[-1] if told["safe_mode_s"] is None else told["safe_mode_s"]
+            axes.axvspan(told["first_deviation_s"], end_s, color=VERMILION, alpha=0.15, linewidth=0, label="it lies")
+
+
+def _draw_ground(axes: Axes, config: FlockConfig, run: FlockRun) -> None:
+    goal_m = config.scenario(run.case, run.seed).goal_m
+    start_m = run.positions_m[0]
+    axes.plot(start_m[:, 0], start_m[:, 1], "o", mfc="none", mec=BLUE, ms=3.5, label="at the start")
+    for state in (HONEST, LIAR, STOPPED):
+        there_m = run.positions_m[-1, run.states[-1] == state]
+        if len(there_m):
+            label = f"at {run.times_s[-1]:g} s, {WORDS[state]}"
+            axes.plot(there_m[:, 0], there_m[:, 1], "o", color=COLOUR[state], ms=3.5, label=label)
+    axes.plot(*goal_m, "x", color=GREEN, ms=9, mew=2.5, label="goal")
+    axes.set_aspect("equal")
+    shown_m = np.vstack((run.positions_m.reshape(-1, 2), goal_m))
+    (left_m, bottom_m), (right_m, top_m) = shown_m.min(axis=0) - MARGIN_M, shown_m.max(axis=0) + MARGIN_M
+    axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(left_m, right_m), ylim=(bottom_m, top_m))
+
+
+def _case_words(run: FlockRun) -> str:
+    return "with a liar" if run.liars.any() else "all honest"

@@ -1,0 +1,1 @@
+"""Figures of the first paper: the link."""

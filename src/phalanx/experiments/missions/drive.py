@@ -1,0 +1,186 @@
+"""What Figures 8a, 8b and 8c have in common: one drive through the office, and its localisation by what is encoded.
+
+The drive is recorded once (true poses, turns of the wheels, ranges); then every noise of the odometry, every kind of
+landmark and every grid is replayed on the same scans, as the paper does with its recording of 150 s.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import islice
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
+from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
+from phalanx.mission.walk.walker import State, Walker
+from phalanx.sim.building.diffdrive import DiffDrive
+from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+
+Motion = tuple[float, float]
+
+TICK_S = 0.1
+DURATION_S = 150.0
+SPEED_MPS = 0.65
+TURN_GAIN, TURN_RADPS = 2.5, 1.5
+NEAR_M = 0.4
+# From the main door through the west corridor, the hall, the north and east corridors into the room R2.
+PATH_M = (
+    (3.0, 6.0), (7.5, 11.9), (9.0, 12.0), (10.2, 12.2), (10.6, 13.5), (10.6, 16.0), (12.5, 17.0), (15.0, 17.2),
+    (17.0, 21.5), (22.0, 24.5), (22.0, 26.0), (22.3, 27.7), (30.0, 27.7), (30.5, 26.0), (30.4, 23.5), (28.0, 23.2),
+    (25.0, 21.0), (24.0, 16.0), (20.2, 14.8), (20.0, 13.5), (20.4, 12.0), (25.3, 11.7), (25.5, 10.0), (24.5, 5.0),
+    (22.0, 3.5), (25.0, 7.5), (25.5, 10.0), (25.7, 11.7), (29.8, 12.0), (30.2, 13.5), (30.3, 16.0),
+)  # fmt: skip
+
+# A replay only localises: nothing is to be done by when.
+PATIENT = MissionConfig(timeout_s=1e6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """A recording.
+
+    Args:
+        poses: (T, 3) true ones, map frame.
+        motions: (T, 2) way and turn by the wheels since the sample before.
+        scans: of each sample.
+    """
+
+    poses: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    scans: tuple[LaserScan, ...]
+
+    @property
+    def start(self) -> Pose:
+        """Where it begins: known to the robot."""
+        x, y, heading = self.poses[0].tolist()
+        return x, y, heading
+
+
+def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
+    """Where a robot is that drives along a path and knows where it is, and how its wheels turned since the tick before.
+
+    Args:
+        plan: says where it begins.
+        path_m: places to pass, in straight lines.
+        speed_mps: between them.
+    Returns: for ever; at the end of the path it stands still.
+    """
+    assert plan.start is not None, "our floor plans say where robots begin"
+    body, leg, motion = DiffDrive(plan, plan.start), 0, (0.0, 0.0)
+    while True:
+        yield body.pose, motion
+        x, y, heading = body.pose
+        near = math.dist((x, y), path_m[leg]) < NEAR_M
+        if near and leg + 1 < len(path_m):
+            leg, near = leg + 1, False
+        bearing = math.remainder(math.atan2(path_m[leg][1] - y, path_m[leg][0] - x) - heading, math.tau)
+        turn = max(-TURN_RADPS, min(TURN_RADPS, TURN_GAIN * bearing))
+        speed = speed_mps * max(0.0, math.cos(bearing)) ** 2
+        motion = (0.0, 0.0) if near else body.step(*body.wheels(speed, turn), TICK_S)
+
+
+@lru_cache(maxsize=2)
+def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
+    """The drive along PATH_M; the seed decides the noise of the lidar.
+
+    Source: Encoded graphs §VI-B (150 s, lidar at 10 Hz).
+    """
+    plan = load_floorplan(DEFAULT)
+    lidar, chance = Lidar(plan.walls), np.random.default_rng([seed, 8])
+    ticks = list(islice(driven(plan, PATH_M, SPEED_MPS), round(duration_s / TICK_S)))
+    poses, motions = zip(*ticks, strict=True)
+    return Drive(np.array(poses), np.array(motions), tuple(lidar.sweep(pose, chance) for pose in poses))
+
+
+def office() -> Mission:
+    """The built-in mission of our floor plan's 32 landmarks."""
+    text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
+    return plain_mission(yaml.safe_load(text))
+
+
+@lru_cache(maxsize=16)
+def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
+    """The office in the paper profile, any node at any time, with these kinds of landmarks or with all.
+
+    Source: Encoded graphs §VI-B (0.1 m).
+    """
+    plain = office()
+    kept = {
+        node.name
+        for node in plain.nodes
+        if node.start
+        or not kinds
+        or all(thing.type in kinds for alias in node.see for thing in alias if isinstance(thing, Landmark))
+    }
+    chosen = replace(
+        plain,
+        nodes=tuple(node for node in plain.nodes if node.name in kept),
+        ways=tuple(way for way in plain.ways if way.source in kept and way.target in kept),
+        coding=CodingConfig(delta_mm=delta_mm),
+        roam=True,
+    )
+    return build(chosen, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0].mission  # noqa: S311
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """A localised drive.
+
+    Args:
+        odometry: (T, 3) poses by odometry alone.
+        estimates: (T, 3) poses with fixes.
+        trials: (T,) hashes.
+    """
+
+    odometry: NDArray[np.float64]
+    estimates: NDArray[np.float64]
+    trials: NDArray[np.int64]
+
+
+def replay(
+    drive: Drive, mission: EncodedMission, noise: OdometryNoise, seed: int, feature_range_m: float = 10.0
+) -> Replay:
+    """The drive as a robot believes it to be, that knows its start, its wheels and the encoded mission.
+
+    Args:
+        drive: recorded.
+        mission: that any node of can be decoded at any time.
+        noise: of its odometry.
+        seed: of the noise.
+        feature_range_m: landmarks farther off are not used.
+    """
+    walker, state = Walker(mission, config=PATIENT), State()
+    alone, fixed = (Odometry(drive.start, noise, np.random.default_rng([seed, 1])) for _ in range(2))
+    extraction = ExtractionConfig(feature_range_m=feature_range_m)
+    odometry, estimates, trials = [], [], []
+    for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
+        alone.step(way, turn)
+        x, y, heading = fixed.step(way, turn)
+        seen = Experience(
+            i * TICK_S, x, y, heading, fixed.travelled_m, extract(scan, extraction).landmarks(x, y, heading)
+        )
+        state, outcome = walker.step(state, seen)
+        if outcome.fix is not None:
+            fixed.correct((outcome.fix.x_m, outcome.fix.y_m, outcome.fix.heading_rad))
+        odometry.append(alone.pose)
+        estimates.append(fixed.pose)
+        trials.append(outcome.trials)
+    return Replay(np.array(odometry), np.array(estimates), np.array(trials))
+
+
+def errors_m(drive: Drive, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T,): from the true places to those believed."""
+    errors: NDArray[np.float64] = np.hypot(*(poses[:, :2] - drive.poses[:, :2]).T)
+    return errors

@@ -1,0 +1,164 @@
+"""What Figure 9 and Table I have in common: four robots that explore the office together and share only hashes.
+
+All begin at the main door. Planning needs no secret: the public graph is divided into four shares, each robot goes for
+its own first, and robots that meet prove to each other which nodes they decoded. What a robot saw of the floor itself
+stays with it. It ends when the team has found everything.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import replace
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.mission import BuildOptions, Profile, Walker, build
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
+from phalanx.sim.missions.robot import TICK_S, MissionRobot, World
+
+from .drive import office
+from .table import Rows
+
+ROBOTS = 4
+MEET_M = 6.0
+LIMIT_S = 900.0
+NOISE = OdometryNoise(0.03, 0.05, NoiseModel.STAGE)
+SAMPLE_TICKS = 10
+CELL_M = 0.5
+# Floor that the lidar sweeps so near is raw data that a robot has; the paper does not say how it counts.
+KNOWS_M = 5.0
+COLUMNS = ("t_s", "robot", "x_m", "y_m", "found", "told", "area", "error_m", "team")
+LANDMARKS = 32
+
+
+def cases(seeds: int) -> list[str]:
+    """One a seed."""
+    return [f"seed {seed}" for seed in range(seeds)]
+
+
+def measure_case(case: str) -> Rows:
+    """Of one seed, a row for each robot and sample.
+
+    Columns: found: landmarks that it decoded itself; told: more that others proved to it; area: the share of the free
+    floor whose raw data it has; error_m: of its pose; team: landmarks that somebody decoded.
+    """
+    seed = int(case.removeprefix("seed "))
+    plan = load_floorplan(DEFAULT)
+    assert plan.start is not None, "our floor plan says where robots begin"
+    world, walker = World(plan), _walker()
+    robots = [MissionRobot(number, world, walker, plan.start, NOISE, seed) for number in range(ROBOTS)]
+    shares = shares_of(walker)
+    everybody = frozenset().union(*shares)
+    for robot, share in zip(robots, shares, strict=True):
+        robot.state = replace(robot.state, others=everybody - share)
+    told: list[set[int]] = [set() for _ in robots]
+    floor = _floor(plan)
+    known = np.zeros((ROBOTS, len(floor)), bool)
+    rows = []
+    for tick in range(round(LIMIT_S / TICK_S)):
+        for k, robot in enumerate(robots):
+            if shares[k] != everybody and _has_done(robot, shares[k]):
+                # On to whatever nobody has told it of.
+                shares[k], robot.state = everybody, replace(robot.state, others=frozenset(told[k]))
+        found_by_all = frozenset().union(*(robot.state.opened for robot in robots))
+        busy = [
+            robot
+            for robot, share in zip(robots, shares, strict=True)
+            if found_by_all != everybody and not _has_done(robot, share)
+        ]
+        for robot in busy:
+            robot.step()
+        _meet(robots, plan, told)
+        if busy and tick % SAMPLE_TICKS:
+            continue
+        team = frozenset().union(*(robot.state.opened for robot in robots)) - _starts(walker)
+        for robot, others in zip(robots, told, strict=True):
+            number = robot.report.robot
+            known[number] |= _seen(robot, world, floor)
+            x, y, _ = robot.body.pose
+            found = robot.state.opened.keys() - _starts(walker)
+            more = others - robot.state.opened.keys() - _starts(walker)
+            error = robot.report.pose_error_m[-1]
+            rows.append((tick * TICK_S, number, x, y, len(found), len(more), known[number].mean(), error, len(team)))
+        if not busy:
+            break
+    return np.array(rows)
+
+
+@lru_cache(maxsize=1)
+def _walker() -> Walker:
+    built = build(office(), BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)[0]  # noqa: S311
+    return Walker(built.mission, built.key)
+
+
+def shares_of(walker: Walker) -> list[frozenset[int]]:
+    """The nodes divided evenly among the robots: around ROBOTS nodes that are far from each other, counted in hops.
+
+    Source: Encoded graphs §VI-E (robots share plans, based on the navigation graph only).
+    """
+    count = len(walker.mission.nodes)
+    hops = [walker.map.distances(node, range(count), {}, ())[0] for node in range(count)]
+    centres: list[int] = []
+    for _ in range(ROBOTS):
+        # The first is far from the start, the others from those that were chosen.
+        chosen = centres or [0]
+        centres.append(max(range(count), key=lambda node: (min(hops[c][node] for c in chosen), -node)))
+    owner: dict[int, int] = {}
+    for _, node, k in sorted(
+        (hops[centre][node], node, k) for k, centre in enumerate(centres) for node in range(count)
+    ):
+        if node not in owner and list(owner.values()).count(k) < math.ceil(count / ROBOTS):
+            owner[node] = k
+    return [frozenset(node for node in owner if owner[node] == k) for k in range(ROBOTS)]
+
+
+def _starts(walker: Walker) -> frozenset[int]:
+    """Nodes that are no landmarks."""
+    return frozenset(range(len(walker.mission.nodes) - LANDMARKS))
+
+
+def _has_done(robot: MissionRobot, share: frozenset[int]) -> bool:
+    return robot.over or share <= robot.state.opened.keys() | robot.state.others
+
+
+def _meet(robots: list[MissionRobot], plan: FloorPlan, told: list[set[int]]) -> None:
+    """Robots near each other exchange proofs; a busy one need not go where another has been."""
+    for one, other in combinations(robots, 2):
+        a, b = one.body.pose[:2], other.body.pose[:2]
+        if math.dist(a, b) > MEET_M or not plan.sees(a, b):
+            continue
+        for from_, to in ((one, other), (other, one)):
+            report = from_.walker.report(from_.state)
+            to.state = to.walker.hear_report(to.state, report)
+            told[to.report.robot] |= {node for node, _ in report}
+
+
+def _floor(plan: FloorPlan) -> NDArray[np.float64]:
+    """(k, 2) middles of the cells of free floor."""
+    x0, y0, x1, y1 = plan.bounds
+    xs, ys = (np.arange(low + CELL_M / 2, high, CELL_M).tolist() for low, high in ((x0, x1), (y0, y1)))
+    return np.array([(x, y) for x in xs for y in ys if plan.inside(x, y)])
+
+
+def _seen(robot: MissionRobot, world: World, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(k,) the floor that the robot's lidar sweeps, up to KNOWS_M."""
+    config = world.lidar.config
+    x, y, heading = robot.body.pose
+    ranges = world.lidar.true_ranges(robot.body.pose)
+    away = np.hypot(floor[:, 0] - x, floor[:, 1] - y)
+    bearing = np.arctan2(floor[:, 1] - y, floor[:, 0] - x) - heading
+    beam = ((bearing - config.angle_min_rad) % math.tau / config.angle_increment_rad).astype(int)
+    swept = beam < config.beams
+    seen: NDArray[np.bool_] = (away <= KNOWS_M) & swept & (away < ranges[np.where(swept, beam, 0)])
+    return seen
+
+
+def ends(table_case: Rows) -> Rows:
+    """(ROBOTS, columns) the last row of each robot."""
+    return np.array([table_case[table_case[:, 1] == number][-1] for number in range(ROBOTS)])

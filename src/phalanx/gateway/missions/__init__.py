@@ -1,0 +1,1 @@
+"""Missions in the gateway: the operator's desk, and what visitors are told."""

@@ -1,0 +1,269 @@
+"""The operator's desk for missions: what the building shows, a mission read, compiled and audited, and sent to robots.
+
+Compiling takes its time (a slow hash for each way to see a node): threads do it, and whoever asks meanwhile is told how
+far they are. One mission at a time: a new one takes the place of that being compiled.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
+from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build, plain_mission
+from phalanx.mission.landmarks import Site, landmarks_of
+from phalanx.mission.landmarks.floorplan import read_yaml
+from phalanx.mission.worth.audit import Rates, audit
+from phalanx.sim.missions.orders import Orders, orders_of
+from phalanx.sim.swarms.mission import MissionSwarm
+
+log = logging.getLogger(__name__)
+
+TEXT_MAX_BYTES = 256 * 1024
+# Each is a slow hash of about 10 ms: half a minute of two cores.
+LOCKS_MAX = 5000
+# Of YAML: with them a few lines stand for a list without an end.
+ALIASES_MAX = 100
+SITES_MAX = 5000
+DIGITS = 3  # millimetres
+SAME_M = 0.05  # a landmark of the mission is one of the building, if it is so near
+
+
+class _Replaced(Exception):
+    """Another mission is wanted."""
+
+
+@dataclass(slots=True)
+class _Job:
+    """A mission that is being compiled, or was."""
+
+    locks: int = 0
+    done: int = 0
+    told: dict[str, Any] | None = None
+    orders: Orders | None = None
+    id: str = ""
+    replaced: bool = False
+
+
+class MissionDesk:
+    """One desk for one fleet.
+
+    Args:
+        swarm: the robots, and their building.
+    """
+
+    def __init__(self, swarm: MissionSwarm) -> None:
+        self._swarm = swarm
+        self._job: _Job | None = None
+        self._world: dict[str, Any] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def world(self) -> dict[str, Any]:
+        """The building, metres in the map's frame: its walls, where robots begin, and all the landmarks it shows."""
+        if self._world is None:
+            self._world = await asyncio.to_thread(self._look)
+        return self._world
+
+    @cached_property
+    def _sites(self) -> Sequence[Site]:
+        """All the landmarks of the building: seconds of work, if it is a large one."""
+        return landmarks_of(self._swarm.plan)
+
+    def _look(self) -> dict[str, Any]:
+        plan = self._swarm.plan
+        return {
+            "name": plan.name,
+            "bounds": _rounded(plan.bounds),
+            "start": None if plan.start is None else _rounded(plan.start[:2]),
+            "walls": [_rounded(wall) for wall in plan.walls.tolist()],
+            # Rooms tell apart more than each of their corners, and there are four of those in every one.
+            "sites": [_site(site) for site in self._sites if site.type != "corner_convex"][:SITES_MAX],
+        }
+
+    async def read(self, text: str) -> dict[str, Any]:
+        """A mission's YAML, as an editor needs it: its words, and where its nodes are.
+
+        Raises: UsageError: it describes no mission; the message says where.
+        """
+        return await asyncio.to_thread(_read, text)
+
+    def compile(self, text: str, profile: Profile) -> None:
+        """Begin to compile a mission's YAML; `job` tells what comes of it."""
+        self.stop()
+        self._job = _Job()
+        task = asyncio.ensure_future(self._run(self._job, text, profile))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def stop(self) -> None:
+        """Give up what is being compiled: whoever ends the program must not wait for it."""
+        if self._job is not None:
+            self._job.replaced = True
+
+    async def _run(self, job: _Job, text: str, profile: Profile) -> None:
+        try:
+            job.told = await asyncio.to_thread(self._work, job, text, profile)
+        except _Replaced:
+            pass
+        except (UsageError, Unavailable) as error:
+            job.told = {"state": "failed", "error": str(error), "hint": error.hint}
+        except PhalanxError as error:
+            job.told = {"state": "failed", "error": str(error), "hint": ""}
+        except Exception as error:
+            log.exception("a mission cannot be compiled (%s)", type(error).__name__)
+            job.told = {"state": "failed", "error": f"the compiler broke ({type(error).__name__})", "hint": ""}
+
+    def _work(self, job: _Job, text: str, profile: Profile) -> dict[str, Any]:
+        plain = plain_mission(_words(text))
+        job.locks = sum(len(node.see) for node in plain.nodes)
+        if job.locks > LOCKS_MAX:
+            raise UsageError(f"a mission with {job.locks} ways to see its nodes", f"at most {LOCKS_MAX} from this page")
+        worth = audit(plain, profile)
+        # One core less than there are: the gateway needs some of the last.
+        with ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1)) as pool:
+
+            def spread(work: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[Any]:
+                for answer in pool.map(work, jobs):
+                    job.done += 1
+                    if job.replaced:
+                        pool.shutdown(wait=False, cancel_futures=True)
+                        raise _Replaced
+                    yield answer
+
+            built = build(plain, BuildOptions(profile=profile), os.urandom, spread)
+        job.orders = orders_of(plain, built, self._swarm.plan)
+        job.id = built[0].mission.header.mission_id.hex()
+        return {
+            "state": "compiled",
+            "id": job.id,
+            "name": plain.name,
+            "nodes": len(plain.nodes),
+            "bytes": sum(len(each.mission.encode()) for each in built),
+            "profile": profile.name.lower(),
+            "audit": worth.told(),
+            "rates": asdict(Rates()),
+            "unseen": _unseen(plain, self._sites),
+        }
+
+    def job(self) -> dict[str, Any]:
+        """What became of the mission that was to be compiled last."""
+        if self._job is None:
+            return {"state": "none"}
+        return self._job.told or {"state": "compiling", "done": self._job.done, "of": self._job.locks}
+
+    def send(self, mission_id: str) -> None:
+        """The robots begin the compiled mission of this id.
+
+        Raises: Unknown: another was compiled meanwhile, or none. PeerError: robots refuse it.
+        """
+        if self._job is None or self._job.orders is None or self._job.id != mission_id:
+            raise Unknown("no such mission is compiled")
+        self._swarm.begin(self._job.orders)
+
+
+def parse_profile(word: object) -> Profile:
+    """The profile of this name.
+
+    Raises: UsageError.
+    """
+    if isinstance(word, str) and word.upper() in Profile.__members__:
+        return Profile[word.upper()]
+    raise UsageError("no such profile", "sealed or paper")
+
+
+def _words(text: str) -> dict[Any, Any]:
+    data = text.encode(errors="replace")
+    if len(data) > TEXT_MAX_BYTES:
+        raise UsageError(f"a mission of {len(data)} bytes", f"at most {TEXT_MAX_BYTES} from this page")
+    if text.count("*") > ALIASES_MAX:
+        raise UsageError("a mission that repeats itself too often", f"at most {ALIASES_MAX} aliases (*) from this page")
+    return read_yaml(data, "the mission")
+
+
+def _read(text: str) -> dict[str, Any]:
+    told = _words(text)
+    plain = plain_mission(told)
+    words = _named(told)
+    places = {node.name: _place(node) for node in plain.nodes}
+    return {
+        "name": plain.name,
+        "nodes": [{"name": name, "words": value, **places[name]} for name, value in words["nodes"].items()],
+        "ways": [way for told in words.get("ways", ()) for way in _ways(told)],
+        # What the editor has no words of its own for, as it stands in the file.
+        "rest": {key: value for key, value in words.items() if key not in ("mission", "nodes", "ways")},
+    }
+
+
+def _named(words: Any) -> Any:
+    """The words with texts for keys, as the compiler reads them: YAML takes `on` for yes, and JSON has it otherwise."""
+    if isinstance(words, dict):
+        return {str(key): _named(value) for key, value in words.items()}
+    return [_named(value) for value in words] if isinstance(words, list) else words
+
+
+def _place(node: Node) -> dict[str, Any]:
+    kinds = [thing.type for alias in node.see for thing in alias if isinstance(thing, Landmark)]
+    return {"at": None if node.place is None else _rounded(node.place), "type": kinds[0] if kinds else ""}
+
+
+def _ways(words: Any) -> Iterator[dict[str, Any]]:
+    """A way as the file has it, one entry for each pair of nodes."""
+    if isinstance(words, list):
+        yield from ({"from": str(a), "to": str(b), "both": True, "rest": {}} for a, b in pairwise(words))
+        return
+    rest = {key: value for key, value in words.items() if key not in ("from", "to", "both")}
+    for end in words["to"] if isinstance(words["to"], list) else [words["to"]]:
+        yield {"from": str(words["from"]), "to": str(end), "both": words.get("both", False), "rest": rest}
+
+
+def _site(site: Site) -> dict[str, Any]:
+    see = [_alias(alias) for alias in site.aliases]
+    return {
+        "type": site.type,
+        "at": _rounded(
+            (
+                sum(alias.x_m for alias in site.aliases) / len(site.aliases),
+                sum(alias.y_m for alias in site.aliases) / len(site.aliases),
+            )
+        ),
+        "see": see[0] if len(see) == 1 else see,
+        "width": round(site.width_m, DIGITS) or None,
+    }
+
+
+def _alias(landmark: Landmark) -> dict[str, Any]:
+    words: dict[str, Any] = {landmark.type: _rounded((landmark.x_m, landmark.y_m))}
+    if landmark.orientation_rad is not None:
+        words["facing"] = round(math.degrees(landmark.orientation_rad), DIGITS)
+    if landmark.area_m2 is not None:
+        words["area"] = round(landmark.area_m2, DIGITS)
+    if landmark.text is not None:
+        words["text"] = landmark.text
+    return words
+
+
+def _unseen(plain: Mission, sites: Iterable[Site]) -> list[str]:
+    """Nodes of which the building shows no such landmark: no robot will find them. Codes can be hung up."""
+    shown = [landmark for site in sites for landmark in site.aliases]
+
+    def is_shown(thing: Landmark) -> bool:
+        near = (other for other in shown if other.type == thing.type and abs(other.x_m - thing.x_m) <= SAME_M)
+        return thing.text is not None or any(abs(other.y_m - thing.y_m) <= SAME_M for other in near)
+
+    return [
+        node.name
+        for node in plain.nodes
+        if not all(is_shown(thing) for alias in node.see for thing in alias if isinstance(thing, Landmark))
+    ]
+
+
+def _rounded(numbers: Iterable[float]) -> list[float]:
+    return [round(float(number), DIGITS) for number in numbers]

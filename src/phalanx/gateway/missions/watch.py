@@ -1,0 +1,128 @@
+"""What is told of a mission: what robots have decoded, how far each is, and how much is still dark.
+
+Of what nobody has decoded there is nothing here to tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from phalanx.sim.missions.live import Decoded, News, NotValidated
+from phalanx.sim.swarms.mission import Lit, MissionSwarm, Progress, Walk
+
+TELL_EVERY_S = 1.0
+
+
+class MissionWatch:
+    """Compares the mission with what visitors were told last.
+
+    Args:
+        swarm: the robots.
+        say: told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
+    """
+
+    def __init__(self, swarm: MissionSwarm, say: Callable[[dict[str, Any]], None]) -> None:
+        self._swarm = swarm
+        self._say = say
+        self._walls = swarm.walls_mm()
+        self._told: dict[str, Walk] = {}
+        self._told_lit = 0
+        self._told_progress: Progress | None = None
+        self._tell_at_s = 0.0
+
+    def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
+        """`mission`, `lit` and `walks` of the next frame.
+
+        Args:
+            number: what frames call a robot.
+            uptime_s: monotonic seconds.
+        """
+        progress, lit = self._swarm.progress(), self._swarm.lit()
+        if progress is not None and (self._told_progress is None or progress.id != self._told_progress.id):
+            self._told_lit = 0
+            self._say({"event": "mission", "what": "begun", "name": progress.name, "nodes": progress.nodes})
+        walks = {walk.address: walk for walk in self._swarm.walks()}
+        for address, news in self._swarm.news():
+            self._say({"event": "mission", "robot": address, "who": walks[address].name, **_what(news, walks[address])})
+        changed = [walk for address, walk in walks.items() if walk != self._told.get(address)]
+        self._told = walks
+        new = lit[self._told_lit :]
+        self._told_lit = len(lit)
+        told: list[Any] = []
+        # Once a second in any case: whoever missed the frame with which it began finds out.
+        if progress is not None and (progress != self._told_progress or uptime_s >= self._tell_at_s):
+            self._tell_at_s = uptime_s + TELL_EVERY_S
+            told = [tell_progress(progress)]
+        self._told_progress = progress
+        return {
+            "mission": told,
+            "lit": [tell_lit(each) for each in new],
+            "walks": [[number(walk.address), *tell_walk(walk)] for walk in changed],
+        }
+
+    def in_list(self) -> dict[str, dict[str, Any]]:
+        """What an answer to request 0 says of each robot beside the rest, by address."""
+        return {walk.address: {"walk": tell_walk(walk)} for walk in self._swarm.walks()}
+
+    def in_area(self) -> dict[str, Any]:
+        """What the answer to request 1 says beside the area."""
+        progress = self._swarm.progress()
+        return {"walls": len(self._walls), "mission": None if progress is None else tell_progress(progress)}
+
+    def walls(self) -> list[list[int]]:
+        """The answer to request 2."""
+        return self._walls
+
+    def lit(self) -> list[list[Any]]:
+        """The answer to request 3."""
+        return [tell_lit(each) for each in self._swarm.lit()]
+
+    def state(self) -> dict[str, Any]:
+        """What the operator's page shows."""
+        progress = self._swarm.progress()
+        return {
+            "world": self._swarm.plan.name,
+            "running": None
+            if progress is None
+            else {
+                "id": progress.id,
+                "name": progress.name,
+                "nodes": progress.nodes,
+                "left": progress.left,
+                "completed": progress.completed,
+            },
+            "robots": {
+                walk.address: {"phase": walk.phase, "decoded": walk.decoded, "of": walk.of, "why": walk.why}
+                for walk in self._swarm.walks()
+            },
+        }
+
+
+def _what(news: News, walk: Walk) -> dict[str, Any]:
+    if isinstance(news, Decoded):
+        return {
+            "what": "decoded",
+            "node": news.node,
+            "name": news.name,
+            "decoded": walk.decoded,
+            "of": walk.of,
+        }
+    if isinstance(news, NotValidated):
+        return {"what": "not validated", "reason": news.why}
+    return {"what": "completed"}
+
+
+def tell_progress(progress: Progress) -> list[Any]:
+    """`[id, nodes, left]`."""
+    return [progress.id[:16], progress.nodes, progress.left]
+
+
+def tell_lit(lit: Lit) -> list[Any]:
+    """`[x, y, type]`."""
+    return [round(lit.at.x_mm), round(lit.at.y_mm), lit.type]
+
+
+def tell_walk(walk: Walk) -> list[Any]:
+    """`[phase, decoded, of, why]`."""
+    return [walk.phase, walk.decoded, walk.of, walk.why]

@@ -1,0 +1,206 @@
+"""A mission's YAML file, already read into dicts and lists, becomes a `Mission`; every complaint says where.
+
+The words of the file are tabled in docs/spec/mission.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import reprlib
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import UsageError
+from phalanx.mission.graph import Draft, Mission
+from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
+
+TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}
+NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}
+SEE = {*LANDMARK_TYPES, "position", "sensor", "action", "time", "facing", "area", "text", "token"}
+WAY = {"from", "to", "both", "direction", "do"}
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel = 1  # a YAML file of a few lines can name itself into lists of lists without end
+TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
+
+
+def plain_mission(words: Any) -> Mission:
+    """The mission that a file's words describe.
+
+    Args:
+        words: what a YAML (or JSON) reader made of it.
+    Raises: UsageError: something is missing, unknown or of another kind; the message says where.
+    """
+    top = _mapping(words, "the file", TOP)
+    area = None if "area" not in top else _numbers(top["area"], "area", 4)
+    draft = Draft(
+        _text(top.get("mission"), "mission"),
+        coding=_coding(top["coding"]) if "coding" in top else None,
+        area_m=None if area is None else (area[0], area[1], area[2], area[3]),
+        roam=_flag(top, "roam", "the file"),
+        repeatable=_flag(top, "repeatable", "the file"),
+        floor_plan=_text(top["map"], "map") if "map" in top else "",
+    )
+    for name, node in _mapping(top.get("nodes"), "nodes", None).items():
+        _node(draft, str(name), _mapping(node, f"node {name}", NODE))
+    for i, way in enumerate(_list(top.get("ways", []), "ways")):
+        _way(draft, way, f"way {i + 1}")
+    return draft.mission()
+
+
+def _coding(words: Any) -> CodingConfig:
+    known = set(CodingConfig.__dataclass_fields__)
+    values = _mapping(words, "coding", known)
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise UsageError(f"coding: {key} is {value!r}", "a whole number")
+    return CodingConfig(**values)
+
+
+def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
+    where = f"node {name}"
+    see = words.get("see", [])
+    aliases = [_alias(alias, where) for alias in (see if isinstance(see, list) else [see])]
+    draft.node(
+        name,
+        *aliases,
+        do=_action(words["do"], where) if "do" in words else None,
+        start=_flag(words, "start", where),
+        final=_flag(words, "final", where),
+        join=_flag(words, "join", where),
+        chained=_flag(words, "chained", where),
+        within_m=_number(words.get("within_m", 0), f"{where}: within_m"),
+        timeout_s=math.ceil(_number(words.get("timeout_s", 0), f"{where}: timeout_s")),
+        send=_names(words.get("send", []), f"{where}: send"),
+        wait=_names(words.get("wait", []), f"{where}: wait"),
+        part=_text(words.get("part", ""), f"{where}: part"),
+        width_m=_number(words["width"], f"{where}: width") if "width" in words else None,
+    )
+
+
+def _alias(words: Any, where: str) -> tuple[Observable, ...]:
+    given = _mapping(words, f"{where}: see", SEE)
+    out: list[Observable] = []
+    kinds = [kind for kind in LANDMARK_TYPES if kind in given]
+    if len(kinds) > 1:
+        raise UsageError(f"{where}: see has {' and '.join(kinds)}", "one landmark; several ways to see it are a list")
+    if kinds:
+        x, y = _numbers(given[kinds[0]], f"{where}: {kinds[0]}", 2)
+        out.append(
+            Landmark(
+                kinds[0],
+                x,
+                y,
+                math.radians(_number(given["facing"], f"{where}: facing")) if "facing" in given else None,
+                _number(given["area"], f"{where}: area") if "area" in given else None,
+                _qr_text(given, where),
+            )
+        )
+    elif given.keys() & {"facing", "area", "text", "token"}:
+        raise UsageError(f"{where}: facing, area, text and token belong to a landmark", "see: {doorway: [x, y], ...}")
+    if "position" in given:
+        out.append(Position(*_numbers(given["position"], f"{where}: position", 2)))
+    readings = given.get("sensor", [])
+    values = readings if isinstance(readings, list) else [readings]
+    out += [Sensor(_text(value, f"{where}: sensor").encode()) for value in values]
+    if "action" in given:
+        out.append(_action(given["action"], where))
+    if "time" in given:
+        out.append(Time(_number(given["time"], f"{where}: time")))
+    return tuple(out)
+
+
+def _qr_text(given: dict[str, Any], where: str) -> str | None:
+    if "token" not in given:
+        return _text(given["text"], f"{where}: text") if "text" in given else None
+    token = _text(given["token"], f"{where}: token")
+    if "text" in given or not TOKEN.fullmatch(token):
+        raise UsageError(f"{where}: token is not a random token", "at least 32 hex digits, and no text beside it")
+    return token
+
+
+def _way(draft: Draft, words: Any, where: str) -> None:
+    if isinstance(words, list):
+        names = [_text(name, where) for name in words]
+        if len(names) < 2:
+            raise UsageError(f"{where} has {len(names)} ends", "[a, b], or [a, b, c] for a way on")
+        for source, target in pairwise(names):
+            draft.way(source, target, both=True)
+        return
+    given = _mapping(words, where, WAY)
+    direction = math.radians(_number(given["direction"], f"{where}: direction")) if "direction" in given else None
+    targets = given.get("to")
+    for end in targets if isinstance(targets, list) else [targets]:
+        draft.way(
+            _text(given.get("from"), f"{where}: from"),
+            _text(end, f"{where}: to"),
+            both=_flag(given, "both", where),
+            direction_rad=direction,
+            do=_action(given["do"], where) if "do" in given else None,
+        )
+
+
+def _action(words: Any, where: str) -> Action:
+    if isinstance(words, str):
+        return Action(words)
+    given = _mapping(words, f"{where}: action", None)
+    if len(given) != 1:
+        raise UsageError(f"{where}: an action is a name, or a name with its arguments", "do: {pick: {shelf: 3}}")
+    name, args = next(iter(given.items()))
+    values = _mapping(args or {}, f"{where}: {name}", None)
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise UsageError(f"{where}: {name}: {key} is {value!r}", "a number or a text")
+    return Action(str(name), tuple(sorted((str(key), value) for key, value in values.items())))
+
+
+def _mapping(words: Any, where: str, known: set[str] | None) -> dict[str, Any]:
+    if not isinstance(words, dict):
+        raise UsageError(f"{where} is {_shown(words)}", "a mapping: names with a colon")
+    for key in words:
+        if known is not None and key not in known:
+            raise UsageError(f"{where} has {key!r}, which means nothing here", f"one of {', '.join(sorted(known))}")
+    return words
+
+
+def _list(words: Any, where: str) -> list[Any]:
+    if not isinstance(words, list):
+        raise UsageError(f"{where} is {_shown(words)}", "a list")
+    return words
+
+
+def _text(words: Any, where: str) -> str:
+    if isinstance(words, bool) or not isinstance(words, str | int):
+        raise UsageError(f"{where} is {_shown(words)}", "a text")
+    return str(words)
+
+
+def _number(words: Any, where: str) -> float:
+    if isinstance(words, bool) or not isinstance(words, int | float) or not abs(words) < 1e12:
+        raise UsageError(f"{where} is {_shown(words)}", "a number")
+    return float(words)
+
+
+def _numbers(words: Any, where: str, count: int) -> list[float]:
+    numbers = [_number(value, where) for value in _list(words, where)]
+    if len(numbers) != count:
+        raise UsageError(f"{where} has {len(numbers)} numbers", f"{count}, in metres")
+    return numbers
+
+
+def _flag(words: dict[str, Any], key: str, where: str) -> bool:
+    value = words.get(key, False)
+    if not isinstance(value, bool):
+        raise UsageError(f"{where}: {key} is {_shown(value)}", "true or false")
+    return value
+
+
+def _names(words: Any, where: str) -> tuple[str, ...]:
+    one: Callable[[Any], str] = lambda value: _text(value, where)
+    return tuple(map(one, words if isinstance(words, list) else [words]))
+
+
+def _shown(words: Any) -> str:
+    return "missing" if words is None else _BRIEF.repr(words)

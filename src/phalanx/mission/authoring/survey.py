@@ -1,0 +1,191 @@
+"""A floor plan becomes a mission: explore every landmark that a robot can find there."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+from phalanx.config.mission import CodingConfig
+from phalanx.errors import UsageError
+from phalanx.mission.graph import Draft, Mission
+from phalanx.mission.landmarks.floorplan import FloorPlan
+from phalanx.mission.landmarks.sites import Site, landmarks_of
+from phalanx.mission.observable import Position
+
+# Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
+WAY_LIMIT_M = 16.0
+NEIGHBOURS = 6
+# A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
+CLEARANCE_M = 0.3
+END_M = 1.0
+# A robot's radius, 0.175 m, and a little.
+STAND_M = 0.2
+# Where robots begin is looked for on a grid of so many places along the map's longer side, but no denser than this.
+GRID_PLACES = 200
+GRID_M = 0.05
+NORTH_RAD = math.pi / 2
+START = "start"
+SHORT = {"doorway": "door", "corner_concave": "corner", "room": "room", "qr": "code"}
+
+log = logging.getLogger(__name__)
+
+
+def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
+    """The mission to visit all doorways, rooms, concave corners and codes of a floor plan.
+
+    Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
+    warning, what no way leads to from where robots begin: a mission with such nodes is never done.
+
+    Args:
+        plan: with the pose where robots begin, see `begun_at` and `roomiest`.
+        coding: None is the profile's default.
+    Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
+    Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
+    """
+    if plan.start is None:
+        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+    begun_at(plan, plan.start)
+    sites = [site for site in landmarks_of(plan) if site.type in SHORT]
+    if not sites:
+        raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
+    x0, y0, x1, y1 = plan.bounds
+    draft = Draft(f"explore {plan.name}", coding=coding, area_m=(x0, y0, x1, y1), floor_plan=plan.name)
+    start = (plan.start[0], plan.start[1])
+    draft.node(START, Position(*start), start=True)
+    named: dict[str, Site] = {}
+    counts: Counter[str] = Counter()
+    for site in sites:
+        counts[site.type] += 1
+        named[f"{SHORT[site.type]}{counts[site.type]}"] = site
+    pairs = _pairs(plan, {START: start, **{name: _place(site) for name, site in named.items()}})
+    reached = _joined(START, pairs)
+    if len(reached) == 1:
+        raise UsageError(
+            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}", "another start"
+        )
+    if len(reached) <= len(sites):
+        away = len(sites) + 1 - len(reached)
+        log.warning("%s: %d of %d landmarks left out: no way from the start", plan.name, away, len(sites))
+    for name, site in named.items():
+        if name in reached:
+            draft.node(name, *site.aliases, width_m=site.width_m or None)
+    for source, target in sorted(pairs):
+        if source in reached:
+            draft.way(source, target, both=True)
+    return draft.mission()
+
+
+def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
+    """The floor plan with robots that begin at x, y, heading.
+
+    Raises: UsageError: no robot can stand there: it is in a wall, outside, or in a space that the plan leaves out.
+    """
+    x, y, _ = start
+    # A map_server map whose start is in no free space has walls, but no outline at all.
+    nowhere = len(plan.walls) > 0 and not plan.outlines
+    if nowhere or not plan.inside(x, y) or plan.clearance_m(x, y) < STAND_M:
+        raise UsageError(
+            f"no robot can stand at ({x:g}, {y:g}) in {plan.name}",
+            f"a free place, {STAND_M} m from walls; beyond the map's largest space only as start_pose in the map",
+        )
+    return replace(plan, start=start)
+
+
+def roomiest(plan: FloorPlan) -> tuple[float, float, float]:
+    """Where robots begin in a map that does not say it: the free place farthest from all walls, facing north.
+
+    Of a map_server map, in its largest space. Whole centimetres, so that it can be told and typed again.
+
+    Raises: UsageError: there is no such place, or the walls part the map into several spaces.
+    """
+    x0, y0, x1, y1 = _extent(plan)
+    step = max(GRID_M, max(x1 - x0, y1 - y0) / GRID_PLACES)
+    places = [
+        (round(x0 + (i + 0.5) * step, 2), round(y0 + (j + 0.5) * step, 2))
+        for i in range(math.ceil((x1 - x0) / step))
+        for j in range(math.ceil((y1 - y0) / step))
+    ]
+    # Being inside is dear to tell: asked from the roomiest place on, and equal ones in the order of the grid.
+    for clearance_m, place in sorted(((plan.clearance_m(*place), place) for place in places), key=lambda row: -row[0]):
+        if clearance_m < STAND_M:
+            break
+        if plan.inside(*place):
+            return (*place, NORTH_RAD)
+    raise UsageError(
+        f"{plan.name} does not say where robots begin, and has no one space to choose from",
+        "start_pose: [x, y, heading] in the map",
+    )
+
+
+def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
+    """The bounds, without what lies beyond all outlines: pictures of maps have wide margins."""
+    x0, y0, x1, y1 = plan.bounds
+    if not plan.outlines:
+        return plan.bounds
+    points = np.vstack([outline.points for outline in plan.outlines])
+    (left, low), (right, high) = points.min(0).tolist(), points.max(0).tolist()
+    return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
+
+
+def _place(site: Site) -> tuple[float, float]:
+    count = len(site.aliases)
+    return sum(alias.x_m for alias in site.aliases) / count, sum(alias.y_m for alias in site.aliases) / count
+
+
+def _pairs(plan: FloorPlan, places: dict[str, tuple[float, float]]) -> set[tuple[str, str]]:
+    """Each place with its nearest neighbours in sight."""
+    pairs: set[tuple[str, str]] = set()
+    for name, place in places.items():
+        around = _around(plan, place)
+        near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
+        in_sight = (other for away, other in near if away <= WAY_LIMIT_M and _is_way(around, places, name, other, away))
+        for other, _ in zip(in_sight, range(NEIGHBOURS), strict=False):
+            pairs.add((min(name, other), max(name, other)))
+    return pairs
+
+
+def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
+    """Whether a robot gets from one to the other; so near each other there is no way, but for who begins there."""
+    a, b = places[one], places[other]
+    if away_m <= CLEARANCE_M:
+        return START in (one, other) and plan.sees(a, b)
+    return _is_clear(plan, a, b, away_m)
+
+
+def _joined(start: str, pairs: set[tuple[str, str]]) -> set[str]:
+    """The start, and what pairs lead to from it."""
+    beside: dict[str, list[str]] = {}
+    for one, other in pairs:
+        beside.setdefault(one, []).append(other)
+        beside.setdefault(other, []).append(one)
+    reached, waiting = {start}, [start]
+    while waiting:
+        new = [name for name in beside.get(waiting.pop(), []) if name not in reached]
+        reached.update(new)
+        waiting += new
+    return reached
+
+
+def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:
+    """The plan with those walls alone that a way from here could meet: large maps have thousands."""
+    reach_m = WAY_LIMIT_M + CLEARANCE_M
+    ends = plan.walls.reshape(-1, 2, 2)
+    met = np.all((ends.min(1) <= np.add(place, reach_m)) & (ends.max(1) >= np.subtract(place, reach_m)), axis=1)
+    return replace(plan, walls=plan.walls[met])
+
+
+def _is_clear(plan: FloorPlan, a: tuple[float, float], b: tuple[float, float], away_m: float) -> bool:
+    """Whether a robot can drive from near a to near b in a straight line."""
+    along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
+    for side in (-CLEARANCE_M, 0.0, CLEARANCE_M):
+        end = min(END_M, away_m / 4) if side else 0.0
+        x, y = -side * along_y, side * along_x
+        p = (a[0] + x + end * along_x, a[1] + y + end * along_y)
+        q = (b[0] + x - end * along_x, b[1] + y - end * along_y)
+        if not plan.sees(p, q):
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""The file of an encoded mission: canonical bytes, both profiles' cryptography, records, signatures."""

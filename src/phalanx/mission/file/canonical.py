@@ -1,0 +1,230 @@
+"""Canonical bytes: one meaning, one spelling. The table of tags in docs/spec/mission.md is this file's.
+
+A version byte, then for every observable, in the order of the tags: tag u8, length u16, content; all little-endian.
+Texts and readings go in as their SHA3-256, so that the bytes of one shape always have one length.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from phalanx.crypto.sha3 import sha3_256
+from phalanx.errors import UsageError
+from phalanx.mission.observable import (
+    LANDMARK_TYPES,
+    Action,
+    Cell,
+    Direction,
+    Landmark,
+    Message,
+    Observable,
+    Position,
+    Previous,
+    Sensor,
+    Time,
+)
+from phalanx.mission.refused import MalformedMission
+
+from .reader import Reader, text_of
+
+LARGEST_ARGUMENT = 1e12
+VERSION = 1
+LANDMARK, POSITION, SENSOR, ACTION, TIME, MESSAGE, PREVIOUS, DIRECTION = range(1, 9)
+AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
+ARG_LIMIT, NAME_LIMIT = 16, 200
+MILLI = 1000
+_TLV = struct.Struct("<BH")
+_LANDMARK = struct.Struct("<Biihi")
+_CELL = struct.Struct("<ii")
+_I64 = struct.Struct("<q")
+_DIRECTION = struct.Struct("<HH")
+
+
+class Shape(NamedTuple):
+    """Which observables a node is made of, without their values: what a robot needs to know to try.
+
+    place: 0 none, 1 + index in LANDMARK_TYPES, or AT_POSITION. The rest: presence, or how many.
+    """
+
+    place: int = 0
+    oriented: int = 0
+    area: int = 0
+    text: int = 0
+    sensors: int = 0
+    messages: int = 0
+    action: int = 0
+    time: int = 0
+    previous: int = 0
+
+    @property
+    def code(self) -> int:
+        """Sixteen bits, as stored."""
+        code = 0
+        for value, (_, bits) in zip(reversed(self), reversed(_SHAPE_BITS), strict=True):
+            code = code << bits | value
+        return code
+
+
+_SHAPE_BITS = (
+    ("place", 3),
+    ("oriented", 1),
+    ("area", 1),
+    ("text", 1),
+    ("sensors", 2),
+    ("messages", 2),
+    ("action", 1),
+    ("time", 1),
+    ("previous", 1),
+)
+SEVERAL = 3  # sensors or messages in one node, at most
+
+
+def parse_shape(code: int) -> Shape:
+    """The shape with this code.
+
+    Raises: MalformedMission: no shape has it.
+    """
+    values = []
+    for _, bits in _SHAPE_BITS:
+        values.append(code & ((1 << bits) - 1))
+        code >>= bits
+    shape = Shape(*values)
+    landmark = 1 <= shape.place < AT_POSITION
+    if code or shape.place > AT_POSITION or (not landmark and (shape.oriented or shape.area or shape.text)):
+        raise MalformedMission("no such shape of a node")
+    return shape
+
+
+def shape_of(observables: Sequence[Observable]) -> Shape:
+    """The shape of a conjunction.
+
+    Raises: UsageError: more than one place, or more of a kind than the format can say.
+    """
+    places = [thing for thing in observables if isinstance(thing, Landmark | Position)]
+    counts = {kind: sum(isinstance(thing, kind) for thing in observables) for kind in (Sensor, Message, Action, Time)}
+    if len(places) > 1:
+        raise UsageError("two places in one node", "one landmark or one position; make two nodes of them")
+    if max(counts[Sensor], counts[Message]) > SEVERAL or max(counts[Action], counts[Time]) > 1:
+        raise UsageError("too many observables in one node", f"{SEVERAL} readings, {SEVERAL} messages, one of the rest")
+    place, oriented, area, text = 0, 0, 0, 0
+    if places:
+        thing = places[0]
+        if isinstance(thing, Position):
+            place = AT_POSITION
+        else:
+            place = 1 + LANDMARK_TYPES.index(thing.type)
+            oriented, area = int(thing.orientation_rad is not None), int(thing.area_m2 is not None)
+            text = int(thing.text is not None)
+    previous = int(any(isinstance(thing, Previous) for thing in observables))
+    return Shape(place, oriented, area, text, counts[Sensor], counts[Message], counts[Action], counts[Time], previous)
+
+
+def _tlv(tag: int, content: bytes) -> bytes:
+    return _TLV.pack(tag, len(content)) + content
+
+
+def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
+    """The observable that says where: a landmark's cell, or the robot's own."""
+    if not shape.place:
+        return b""
+    if shape.place == AT_POSITION:
+        return _tlv(POSITION, _CELL.pack(cell.x, cell.y))
+    content = _LANDMARK.pack(shape.place - 1, cell.x, cell.y, cell.bin, cell.area)
+    return _tlv(LANDMARK, content + (sha3_256((text or "").encode()) if shape.text else b""))
+
+
+def cell_at(shape: Shape) -> int:
+    """Where in the canonical bytes of a shape the eight bytes of x and y stand."""
+    return 1 + _TLV.size + (0 if shape.place == AT_POSITION else 1)
+
+
+def action_bytes(action: Action) -> bytes:
+    """name, then per argument its name, a type byte, and thousandths or text.
+
+    Raises: UsageError: too long, or an argument that is no number.
+    """
+    if len(action.args) > ARG_LIMIT:
+        raise UsageError(f"action {action.name!r} has {len(action.args)} arguments", f"at most {ARG_LIMIT}")
+    out = [_short(action.name)]
+    for name, value in sorted(action.args):
+        if isinstance(value, str):
+            out += [_short(name), b"\x01", _short(value)]
+        elif abs(value) < LARGEST_ARGUMENT:
+            out += [_short(name), b"\x00", _I64.pack(round(value * MILLI))]
+        else:
+            raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
+    return b"".join(out)
+
+
+def parse_action(raw: bytes) -> Action:
+    """The action with these bytes.
+
+    Raises: MalformedMission.
+    """
+    reader = Reader(raw)
+    name = _name(reader)
+    args: list[tuple[str, float | str]] = []
+    while reader.left:
+        key, kind = _name(reader), reader.number(1)
+        if kind > 1 or len(args) == ARG_LIMIT:
+            raise MalformedMission("not an action's argument")
+        value: float | str = _name(reader) if kind else _I64.unpack(reader.take(8))[0] / MILLI
+        if not kind and not abs(float(value)) < LARGEST_ARGUMENT:
+            raise MalformedMission("a number in an action that cannot be said")
+        args.append((key, value))
+    return Action(name, tuple(args))
+
+
+def _name(reader: Reader) -> str:
+    raw = reader.short()
+    if not 0 < len(raw) <= NAME_LIMIT:
+        raise MalformedMission("a name or text of an action has no possible length")
+    return text_of(raw)
+
+
+def _short(text: str) -> bytes:
+    raw = text.encode("utf-8", "surrogatepass")
+    if not 0 < len(raw) <= NAME_LIMIT or text != text.encode("utf-8", "ignore").decode():
+        raise UsageError(f"{text[:40]!r} as a name or value of an action", f"1 to {NAME_LIMIT} bytes of text")
+    return bytes([len(raw)]) + raw
+
+
+def canonical(
+    place: bytes = b"",
+    *,
+    sensors: Sequence[bytes] = (),
+    action: Action | None = None,
+    window: int | None = None,
+    messages: Sequence[bytes] = (),
+    previous: bytes | None = None,
+    direction: Direction | None = None,
+) -> bytes:
+    """The canonical bytes of a conjunction.
+
+    Args:
+        place: from `place_bytes`.
+        sensors: in any order; they are sorted.
+        action: done, or to be done.
+        window: of time.
+        messages: in any order; they are sorted.
+        previous: released by the node before.
+        direction: of a way.
+    Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
+    """
+    out = [bytes([VERSION]), place]
+    out += [_tlv(SENSOR, digest) for digest in sorted(sha3_256(value) for value in sensors)]
+    if action is not None:
+        out.append(_tlv(ACTION, action_bytes(action)))
+    if window is not None:
+        out.append(_tlv(TIME, _I64.pack(window)))
+    out += [_tlv(MESSAGE, digest) for digest in sorted(sha3_256(value) for value in messages)]
+    if previous is not None:
+        out.append(_tlv(PREVIOUS, previous))
+    return with_direction(b"".join(out), direction) if direction else b"".join(out)
+
+
+def with_direction(node: bytes, direction: Direction) -> bytes:
+    """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
+    return node + _tlv(DIRECTION, _DIRECTION.pack(direction.sector, direction.of))

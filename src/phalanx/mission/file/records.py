@@ -1,0 +1,281 @@
+"""The file of an encoded mission: header, node records, perhaps a start key, and who signed it.
+
+The parser is total: whatever the bytes, it returns a mission or raises a PeerError, and does work in proportion to the
+bytes that are there, not to the numbers they claim. One mission has one spelling: what is parsed encodes to the same
+bytes again. The layout is tabled in docs/spec/mission.md.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+from phalanx.config.mission import CodingConfig
+from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
+from phalanx.errors import TooLarge, UsageError
+from phalanx.mission.observable import Offset
+from phalanx.mission.refused import MalformedMission
+
+from .canonical import Shape, parse_shape
+from .reader import Reader
+
+MAGIC = b"PHXM"
+VERSION = 1
+FILE_LIMIT = 64 << 20
+FOREVER_S = (1 << 64) - 1
+TAG_BYTES = 16
+SECRET_BYTES = 32
+SEALED_SECRET_BYTES = SECRET_BYTES + TAG_BYTES
+PAYLOAD_LIMIT = 60_000
+REPEATABLE, ROAM, OPEN_START = 1, 2, 4  # header flags
+START, FINAL, JOIN = 1, 2, 4  # node flags
+_FLAGS = 7
+_HEADER = struct.Struct("<4sBBB16sQQHHHIIBB")
+_NODE = struct.Struct("<BHBBBH")
+_OFFSET = struct.Struct("<hhhh")
+_WAY = struct.Struct("<IB")
+
+
+class Profile(IntEnum):
+    """How a mission is encoded."""
+
+    PAPER = 0
+    SEALED = 1
+
+
+class WayKind(IntEnum):
+    """What is encoded in a way from one node to the next (paper profile)."""
+
+    EMPTY = 0
+    DIRECTION = 1
+    ACTION = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What holds for the whole mission; its digest is bound to every node.
+
+    Args:
+        mission_id: 16 random bytes.
+        valid_from_s, valid_to_s: seconds on the mission's clock; FOREVER_S is no end.
+        robots: ids that may run it; empty is any.
+        shapes: that occur in it (paper profile; sealed tells them one node at a time).
+        nodes: how many.
+        flags: REPEATABLE, ROAM, OPEN_START.
+    """
+
+    profile: Profile
+    mission_id: bytes
+    coding: CodingConfig
+    nodes: int
+    flags: int = 0
+    valid_from_s: int = 0
+    valid_to_s: int = FOREVER_S
+    robots: tuple[int, ...] = ()
+    shapes: tuple[Shape, ...] = ()
+
+    def encode(self) -> bytes:
+        """As stored."""
+        coding = self.coding
+        fixed = _HEADER.pack(
+            MAGIC,
+            VERSION,
+            self.profile,
+            self.flags,
+            self.mission_id,
+            self.valid_from_s,
+            self.valid_to_s,
+            coding.delta_mm,
+            coding.heading_bins,
+            coding.sectors,
+            coding.window_ms,
+            coding.area_cm2,
+            coding.kdf_log2_n,
+            coding.kdf_r,
+        )
+        robots = struct.pack(f"<B{len(self.robots)}H", len(self.robots), *self.robots)
+        shapes = struct.pack(f"<B{len(self.shapes)}H", len(self.shapes), *(shape.code for shape in self.shapes))
+        return fixed + robots + shapes + struct.pack("<I", self.nodes)
+
+    @property
+    def digest(self) -> bytes:
+        """What binds nodes to this header."""
+        return sha3_256(self.encode())
+
+
+@dataclass(frozen=True, slots=True)
+class Alias:
+    """One way to experience a node.
+
+    Args:
+        mark: the node's hash H (paper), or the half of scrypt's output that commits to the key (sealed).
+        offset: of its cells (paper; in sealed it comes from the node before).
+        secret: the node's secret under the other half (sealed).
+    """
+
+    mark: bytes
+    offset: Offset = Offset()  # noqa: RUF009  # a NamedTuple: nobody can change it
+    secret: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A way from one node to the next.
+
+    Args:
+        target: the next node; public, for planning.
+        kind: paper profile.
+        hashes: one for each alias of the node it leaves (paper), or the one tag of the direction (sealed).
+    """
+
+    target: int
+    hashes: tuple[bytes, ...]
+    kind: WayKind = WayKind.DIRECTION
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRecord:
+    """One node as stored.
+
+    Args:
+        flags: START, FINAL, JOIN.
+        timeout_s: 0 is the robot's own.
+        reach_dm: a landmark further away than so many tenths of a metre does not count; 0 is any distance.
+        sends: encoded messages that the node releases.
+        ways: by target, ascending.
+        visited: hash of what proves a visit (sealed).
+        payload: sealed bytes (sealed).
+        bindings: one for each alias: that this record and the header belong to what was experienced (paper).
+    """
+
+    flags: int
+    timeout_s: int
+    reach_dm: int
+    sends: int
+    aliases: tuple[Alias, ...]
+    ways: tuple[Way, ...]
+    visited: bytes = b""
+    payload: bytes = b""
+    bindings: tuple[bytes, ...] = ()
+
+    def core(self, profile: Profile) -> bytes:
+        """Everything but the payload or the bindings, which cover it."""
+        out = [_NODE.pack(self.flags, self.timeout_s, self.reach_dm, self.sends, len(self.aliases), len(self.ways))]
+        if profile is Profile.PAPER:
+            out += [alias.mark + _OFFSET.pack(*alias.offset) for alias in self.aliases]
+            out += [_WAY.pack(way.target, way.kind) + b"".join(way.hashes) for way in self.ways]
+        else:
+            out += [alias.mark + alias.secret for alias in self.aliases]
+            out += [way.target.to_bytes(4, "little") + way.hashes[0] for way in self.ways]
+            out.append(self.visited)
+        return b"".join(out)
+
+    def encode(self, profile: Profile) -> bytes:
+        """As stored."""
+        if profile is Profile.PAPER:
+            return self.core(profile) + b"".join(self.bindings)
+        return self.core(profile) + struct.pack("<H", len(self.payload)) + self.payload
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedMission:
+    """A parsed file. That it parsed says nothing about who wrote it: see `signing`."""
+
+    header: Header
+    nodes: tuple[NodeRecord, ...]
+    start: bytes = b""
+    signer: bytes = b""
+    signature: bytes = b""
+
+    def signed_part(self) -> bytes:
+        """All that a signature covers."""
+        out = [self.header.encode(), *(node.encode(self.header.profile) for node in self.nodes)]
+        if self.header.flags & OPEN_START:
+            out.append(struct.pack("<I", len(self.start)) + self.start)
+        return b"".join(out)
+
+    def encode(self) -> bytes:
+        """The file."""
+        trailer = b"\x01" + self.signer + self.signature if self.signer else b"\x00"
+        return self.signed_part() + trailer
+
+
+def parse_mission(raw: bytes) -> EncodedMission:
+    """The mission in a file.
+
+    Args:
+        raw: untrusted bytes, any number of them.
+    Raises: TooLarge, MalformedMission.
+    """
+    if len(raw) > FILE_LIMIT:
+        raise TooLarge(f"{len(raw)} bytes of mission, limit {FILE_LIMIT}")
+    reader = Reader(raw)
+    header = _header(reader)
+    nodes = tuple(_node(reader, header) for _ in range(header.nodes))
+    start = reader.take(reader.number(4)) if header.flags & OPEN_START else b""
+    signer = signature = b""
+    signed = reader.number(1)
+    if signed > 1:
+        raise MalformedMission("neither signed nor unsigned")
+    if signed:
+        signer, signature = reader.take(32), reader.take(64)
+    reader.end()
+    return EncodedMission(header, nodes, start, signer, signature)
+
+
+def _header(reader: Reader) -> Header:
+    magic, version, profile, flags, mission_id, begin, end, *coding = _HEADER.unpack(reader.take(_HEADER.size))
+    if magic != MAGIC or version != VERSION:
+        raise MalformedMission("not a mission file of this version")
+    if profile > Profile.SEALED or flags > _FLAGS or begin >= end:
+        raise MalformedMission("no such profile, flags or window")
+    names = ("delta_mm", "heading_bins", "sectors", "window_ms", "area_cm2", "kdf_log2_n", "kdf_r")
+    try:
+        config = CodingConfig(**dict(zip(names, coding, strict=True)))
+    except UsageError as error:
+        raise MalformedMission(str(error)) from error
+    robots = struct.unpack(f"<{(count := reader.number(1))}H", reader.take(2 * count))
+    codes = struct.unpack(f"<{(count := reader.number(1))}H", reader.take(2 * count))
+    if list(robots) != sorted(set(robots)) or list(codes) != sorted(set(codes)):
+        raise MalformedMission("robots or shapes are not in order")
+    if (profile == Profile.PAPER) != bool(codes) or (profile == Profile.PAPER and flags & OPEN_START):
+        raise MalformedMission("shapes belong to the paper profile, a start key to the sealed one")
+    nodes = reader.number(4)
+    # Before anything is made for them: a node takes at least so many bytes, and there is at least one.
+    if not 0 < nodes <= reader.left // (_NODE.size + DIGEST_BYTES):
+        raise MalformedMission(f"{nodes} nodes in {reader.left} bytes")
+    shapes = tuple(parse_shape(code) for code in codes)
+    return Header(Profile(profile), mission_id, config, nodes, flags, begin, end, robots, shapes)
+
+
+def _node(reader: Reader, header: Header) -> NodeRecord:
+    flags, timeout_s, reach_dm, sends, alias_count, way_count = reader.unpack(_NODE)
+    if flags > _FLAGS or not alias_count:
+        raise MalformedMission("a node with unknown flags or without a way to experience it")
+    aliases: list[Alias] = []
+    ways: list[Way] = []
+    paper = header.profile is Profile.PAPER
+    for _ in range(alias_count):
+        mark = reader.take(DIGEST_BYTES)
+        if paper:
+            aliases.append(Alias(mark, Offset(*reader.unpack(_OFFSET))))
+        else:
+            aliases.append(Alias(mark, secret=reader.take(SEALED_SECRET_BYTES)))
+    before = -1
+    for _ in range(way_count):
+        target = reader.number(4)
+        kind = reader.number(1) if paper else WayKind.DIRECTION
+        if not before < target < header.nodes or kind > WayKind.ACTION:
+            raise MalformedMission("a way to nowhere, out of order or of no kind")
+        before = target
+        hashes = tuple(reader.take(DIGEST_BYTES) for _ in aliases) if paper else (reader.take(TAG_BYTES),)
+        ways.append(Way(target, hashes, WayKind(kind)))
+    common = (flags, timeout_s, reach_dm, sends, tuple(aliases), tuple(ways))
+    if paper:
+        return NodeRecord(*common, bindings=tuple(reader.take(DIGEST_BYTES) for _ in aliases))
+    visited = reader.take(DIGEST_BYTES)
+    payload = reader.long()
+    if not TAG_BYTES < len(payload) <= PAYLOAD_LIMIT:
+        raise MalformedMission("a payload of no possible length")
+    return NodeRecord(*common, visited, payload)

@@ -1,0 +1,181 @@
+"""The sealed profile's cryptography: no stored byte depends on an observation except through scrypt.
+
+Node v has a random secret S and a random gate G. Whoever holds G and makes the observation again gets M and W out of
+scrypt: M is stored and commits to the key, W opens S, and S opens the payload. Each W and each payload key seals one
+message, so the nonce is zero. Only this file derives or opens anything of a sealed node.
+"""
+
+from __future__ import annotations
+
+import hmac
+import struct
+from dataclasses import dataclass
+
+from cryptography.exceptions import InvalidTag
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+from phalanx.crypto.hkdf import hkdf_sha256
+from phalanx.crypto.scrypt import scrypt
+from phalanx.crypto.sha3 import sha3_256
+from phalanx.mission.observable import MM_PER_M, Action
+from phalanx.mission.refused import Altered, MalformedMission
+from phalanx.mission.walk.gate import Gate, Hint, parse_gate
+
+from .canonical import action_bytes, parse_action
+from .reader import Reader, text_of
+from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
+
+NONCE = bytes(12)
+PAD = 64  # payloads grow in such steps, so that their length tells little
+_PLACE = struct.Struct("<Bii")
+
+
+@dataclass(frozen=True, slots=True)
+class WayOut:
+    """What a payload says about one way: the gate of the node it leads to (`onward`), and what to do to get there."""
+
+    gate: Gate
+    do: Action | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """What a sealed node tells whoever opened it.
+
+    Args:
+        name: the author's.
+        do: what to do here.
+        place_m: where the node is, map frame, to the mm.
+        sends: messages of 32 bytes to give out.
+        ways: in the order of the record's ways.
+    """
+
+    name: str
+    do: Action | None
+    place_m: tuple[float, float] | None
+    sends: tuple[bytes, ...]
+    ways: tuple[WayOut, ...]
+
+
+def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: int, alias: int) -> bytes:
+    """The salt of one alias: nobody without the gate, and the messages, can begin to try."""
+    info = b"phalanx mission gate" + header.mission_id + struct.pack("<IB", node, alias)
+    return hkdf_sha256(gate + b"".join(sorted(messages)), info, SECRET_BYTES)
+
+
+def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) -> bytes:
+    """The share of a gate as the payload before it has it, or back: only who held that node's own gate can use it.
+
+    An auditor of a decode makes the same scrypt as the robot and opens the payload. It has the salt, which is made of
+    the gate, and not the gate.
+    """
+    info = b"phalanx mission onward" + header.mission_id + struct.pack("<II", node, target)
+    pad = hkdf_sha256(gate, info, SECRET_BYTES)
+    return bytes(a ^ b for a, b in zip(share, pad, strict=True))
+
+
+def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -> tuple[bytes, bytes]:
+    """(mark M, key W) of what was observed; the one slow step.
+
+    The hint is part of it: with another offset the same cell would be elsewhere, for a robot whose start key was
+    altered, and for an auditor who is told the offset by whom it audits.
+    """
+    coding = header.coding
+    out = scrypt(canonical + hint.encode(), salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=64)
+    return out[:32], out[32:]
+
+
+def _bound_to(header: Header, node: int, rest: bytes) -> bytes:
+    return header.digest + struct.pack("<I", node) + rest
+
+
+def seal_secret(header: Header, node: int, alias: int, key: bytes, secret: bytes) -> bytes:
+    """S under W."""
+    return AESGCM(key).encrypt(NONCE, secret, _bound_to(header, node, bytes([alias])))
+
+
+def open_secret(header: Header, node: int, alias: int, key: bytes, sealed: bytes) -> bytes:
+    """S, or Altered: the mark was right, so the record or the header is not."""
+    try:
+        return AESGCM(key).decrypt(NONCE, sealed, _bound_to(header, node, bytes([alias])))
+    except InvalidTag as error:
+        raise Altered("a node's secret does not open under its own mark") from error
+
+
+def seal_payload(header: Header, node: int, record: NodeRecord, secret: bytes, payload: Payload) -> bytes:
+    """The payload under HKDF(S), bound to the header, the node and all of its record."""
+    key = hkdf_sha256(secret, b"payload", 32)
+    return AESGCM(key).encrypt(NONCE, encode_payload(payload), _bound_to(header, node, record.core(Profile.SEALED)))
+
+
+def open_payload(header: Header, node: int, record: NodeRecord, secret: bytes) -> Payload:
+    """The payload, or Altered."""
+    key = hkdf_sha256(secret, b"payload", 32)
+    try:
+        raw = AESGCM(key).decrypt(NONCE, record.payload, _bound_to(header, node, record.core(Profile.SEALED)))
+        payload = parse_payload(raw)
+    except (InvalidTag, MalformedMission) as error:
+        raise Altered("a node's payload does not open under its own secret") from error
+    if len(payload.ways) != len(record.ways) or len(payload.sends) != record.sends:
+        raise Altered("a payload does not fit its record")
+    return payload
+
+
+def direction_tag(secret: bytes, target: int, sector: int) -> bytes:
+    """What is stored for the direction of a way; searched by trying the sectors."""
+    message = b"dir" + struct.pack("<IH", target, sector)
+    return hmac.digest(secret, message, "sha256")[:TAG_BYTES]
+
+
+def visited_proof(secret: bytes) -> bytes:
+    """What a robot shows another to prove that it decoded the node; says nothing about the secret."""
+    return hkdf_sha256(secret, b"visited", SECRET_BYTES)
+
+
+def visited_hash(proof: bytes) -> bytes:
+    """What is stored to check such a proof."""
+    return sha3_256(b"visited" + proof)
+
+
+def _action(action: Action | None) -> bytes:
+    raw = b"" if action is None else action_bytes(action)
+    return struct.pack("<H", len(raw)) + raw
+
+
+def encode_payload(payload: Payload) -> bytes:
+    """Length, content, and zeros up to the next step of PAD bytes."""
+    name = payload.name.encode()
+    place = (0, 0, 0)
+    if payload.place_m is not None:
+        place = (1, round(payload.place_m[0] * MM_PER_M), round(payload.place_m[1] * MM_PER_M))
+    out = [bytes([len(name)]), name, _action(payload.do), _PLACE.pack(*place)]
+    out += [bytes([len(payload.sends)]), *payload.sends, struct.pack("<H", len(payload.ways))]
+    out += [_action(way.do) + way.gate.encode() for way in payload.ways]
+    content = b"".join(out)
+    return (struct.pack("<I", len(content)) + content).ljust(-(-(len(content) + 4) // PAD) * PAD, b"\x00")
+
+
+def parse_payload(raw: bytes) -> Payload:
+    """The payload in these bytes; they were sealed, but by whoever wrote the file.
+
+    Raises: MalformedMission.
+    """
+    outer = Reader(raw)
+    reader = Reader(outer.take(outer.number(4)))
+    if outer.left >= PAD or any(outer.take(outer.left)):
+        raise MalformedMission("a payload is not padded with zeros")
+    name, do = text_of(reader.short()), _parse_action(reader)
+    given, x_mm, y_mm = reader.unpack(_PLACE)
+    place = (x_mm / MM_PER_M, y_mm / MM_PER_M) if given else None
+    sends = tuple(reader.take(SECRET_BYTES) for _ in range(reader.number(1)))
+    ways = []
+    for _ in range(reader.number(2)):
+        way_do = _parse_action(reader)
+        ways.append(WayOut(parse_gate(reader), way_do))
+    reader.end()
+    return Payload(name, do, place, sends, tuple(ways))
+
+
+def _parse_action(reader: Reader) -> Action | None:
+    raw = reader.long()
+    return parse_action(raw) if raw else None

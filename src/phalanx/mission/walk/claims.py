@@ -1,0 +1,163 @@
+"""Claims: how an auditor checks a decode without the search, and without learning what the node opens.
+
+A robot that says it decoded a node shows what it hashed. One hash or one KDF tells whether that opens the node; whether
+the reading that the robot kept shows it is told by making the same canonical bytes from the reading again. A robot can
+pretend not to have seen a landmark; it cannot pretend to have seen one.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.errors import PeerError, TooLarge
+from phalanx.mission.file import paper, sealed
+from phalanx.mission.file.canonical import Shape, canonical, parse_shape, place_bytes
+from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.records import EncodedMission, Profile
+from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Cell, Experience, Offset
+from phalanx.mission.refused import MalformedMission
+
+from .gate import Hint
+from .search import Found, as_seen, cell_seen, distance_m, rings_of, turns_of, variants
+
+CLAIM_LIMIT = 16_384
+_FIXED = struct.Struct("<IBHhhhhiihid")
+
+
+class Unshown(PeerError):
+    """A robot claims what its reading, its way so far, or the mission's file does not bear out."""
+
+    reason = "unshown"
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A decoded node, as an auditor is shown it.
+
+    Args:
+        offset: of the cells; another than the compiler's opens nothing.
+        cell: that matched.
+        observed: the canonical bytes that were hashed.
+        salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
+        turn_rad: by which the heading had to be turned for the match.
+    """
+
+    node: int
+    alias: int
+    shape: Shape
+    offset: Offset
+    cell: Cell
+    observed: bytes
+    salt: bytes = b""
+    turn_rad: float = 0.0
+
+    def encode(self) -> bytes:
+        """As sent to an auditor."""
+        fixed = _FIXED.pack(self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad)
+        return fixed + bytes([len(self.salt)]) + self.salt + self.observed
+
+
+def parse_claim(raw: bytes) -> Claim:
+    """The claim in these bytes, of whatever robot sent them.
+
+    Raises: TooLarge, MalformedMission.
+    """
+    if len(raw) > CLAIM_LIMIT:
+        raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
+    reader = Reader(raw)
+    node, alias, code, *rest, turn_rad = reader.unpack(_FIXED)
+    if not abs(turn_rad) <= math.pi:
+        raise MalformedMission("a claim that turns too far")
+    salt = reader.short()
+    observed = reader.take(reader.left)
+    return Claim(node, alias, parse_shape(code), Offset(*rest[:4]), Cell(*rest[4:]), observed, salt, turn_rad)
+
+
+def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
+    """What the claim opens the node with, by one hash or one KDF: a key (sealed), b"" (paper), or None: nothing."""
+    if not 0 <= claim.node < len(mission.nodes) or not 0 <= claim.alias < len(mission.nodes[claim.node].aliases):
+        return None
+    alias = mission.nodes[claim.node].aliases[claim.alias]
+    if mission.header.profile is Profile.PAPER:
+        return b"" if alias.offset == claim.offset and paper.node_hash(claim.observed) == alias.mark else None
+    hint = Hint(claim.shape, claim.offset)
+    mark, key = sealed.try_observation(mission.header, claim.observed, hint, claim.salt)
+    return key if mark == alias.mark else None
+
+
+def opens(mission: EncodedMission, claim: Claim) -> bool:
+    """Whether what is claimed opens the node: one hash, or one KDF."""
+    return unlock(mission, claim) is not None
+
+
+def shows(
+    mission: EncodedMission,
+    config: MissionConfig,
+    claim: Claim,
+    seen: Experience,
+    heard: tuple[bytes, ...] = (),
+    released: bytes = b"",
+) -> Found | None:
+    """The match, without its key, that a search in this experience would have come upon; None if it would not.
+
+    Args:
+        mission: that is walked.
+        config: of the robot.
+        claim: by the robot.
+        seen: made from the reading that the robot kept.
+        heard: messages that had come (paper profile).
+        released: H of the node before, for chained nodes (paper profile).
+    """
+    coding = mission.header.coding
+    if not _is_offset(coding, claim.offset) or not 0 <= claim.node < len(mission.nodes):
+        return None
+    turn = claim.turn_rad
+    if turn not in (0.0, *turns_of(config)):
+        return None
+    shape, reach_dm = claim.shape, mission.nodes[claim.node].reach_dm
+    is_paper = mission.header.profile is Profile.PAPER
+    rings = rings_of(config, coding, 1 << 40) if shape.place else 0
+    for variant in variants(shape, coding, seen, heard if is_paper else (b"",) * shape.messages):
+        landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
+        if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
+            continue
+        if shape.place:
+            at = cell_seen(shape, coding, claim.offset, seen, landmark)
+            near = max(abs(at.x - claim.cell.x), abs(at.y - claim.cell.y)) <= rings
+            if not near or (at.bin, at.area) != (claim.cell.bin, claim.cell.area):
+                continue
+        again = canonical(
+            place_bytes(shape, claim.cell, landmark.text if landmark else None),
+            sensors=variant.sensors,
+            action=variant.action,
+            window=variant.window,
+            messages=variant.messages if is_paper else (),
+            previous=released if shape.previous else None,
+        )
+        if again == claim.observed:
+            return Found(
+                claim.node,
+                claim.alias,
+                shape,
+                claim.cell,
+                claim.offset,
+                variant.landmark,
+                variant.action,
+                turn,
+                again,
+                claim.salt,
+            )
+    return None
+
+
+def _is_offset(coding: CodingConfig, offset: Offset) -> bool:
+    """Whether no part of it is more than half a cell, bin or step: a compiler's is not, and a liar's would be a lever.
+
+    Without it a robot could say of any orientation that it is in the bin that opens the node.
+    """
+    place = max(abs(offset.x), abs(offset.y)) <= coding.delta_mm // 2 + 1
+    orientation = abs(offset.orientation) * OFFSET_RAD <= coding.bin_rad / 2 + OFFSET_RAD
+    return place and orientation and abs(offset.area) * OFFSET_M2 <= coding.area_m2 / 2 + OFFSET_M2

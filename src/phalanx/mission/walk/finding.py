@@ -1,0 +1,252 @@
+"""Which nodes may be found now, what a search comes upon, and which finds are believed.
+
+The search needs the robot's keyring. Checking what another robot says it found needs none: a hash or one KDF, the
+reading, and the same judgement. Both ask the same methods here, so that what is believed is also provable.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from phalanx.config.mission import MissionConfig
+from phalanx.errors import UsageError
+from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
+from phalanx.mission.observable import Experience
+from phalanx.mission.refused import Altered, MalformedMission
+
+from .claims import Claim, Unshown, shows, unlock
+from .fix import Fix, agreement, allowed_m, explains, fix_from
+from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
+from .keyring import Keyring
+from .opening import Opened, claim_of, open_found
+from .outcome import Reason
+from .route import Map
+from .search import Budget, Found, PaperSearch, turns_of
+from .search_sealed import Candidate, search_sealed
+from .state import State
+
+
+@dataclass(frozen=True, slots=True)
+class Find:
+    """What a search came to.
+
+    Args:
+        keys: with what was tried; a new node's gates are not among them yet.
+        opened: what was found, or None; then `reason` says why not.
+        second: the match that a turned heading needs beside it, if it did.
+        fix: the pose that a landmark found tells.
+        trials: hashes or KDFs.
+    """
+
+    keys: Keyring
+    opened: Opened | None
+    second: Found | None
+    fix: Fix | None
+    reason: Reason
+    trials: int
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """What shows an auditor that it was found: nothing, a claim, or two."""
+        if self.opened is None:
+            return ()
+        return (self.opened.claim,) if self.second is None else (self.opened.claim, claim_of(self.second))
+
+
+class Finder:
+    """The search of one mission.
+
+    Args:
+        mission: parsed.
+        key: the start key, or None: of a sealed mission without an open start nothing is found, only checked.
+        config: how hard to try.
+    Raises: Altered: the key is another mission's. MalformedMission: it makes no sense.
+    """
+
+    def __init__(self, mission: EncodedMission, key: StartKey | None, config: MissionConfig) -> None:
+        self.mission, self.config = mission, config
+        self.map = Map(mission)
+        self._is_paper = mission.header.profile is Profile.PAPER
+        self._roams = bool(mission.header.flags & ROAM) and self._is_paper
+        self._search = PaperSearch(mission, config)
+        self._turns = turns_of(config)
+        self._starts = tuple(i for i, node in enumerate(mission.nodes) if node.flags & START)
+        self._gates: dict[int, Gate] = {}
+        if not self._is_paper and key is None and mission.header.flags & OPEN_START:
+            key = parse_start_key(mission.start)
+        if not self._is_paper and key is not None:
+            if key.mission_id != mission.header.mission_id:
+                raise Altered("the start key belongs to another mission")
+            if any(node >= len(mission.nodes) for node in key.gates):
+                raise MalformedMission("a start key for a node that is not there")
+            self._gates = key.gates
+
+    def must_begin(self) -> None:
+        """Nothing, if there is a way in.
+
+        Raises: UsageError: the mission is sealed, and nobody gave its start key.
+        """
+        if not self._is_paper and not self._gates:
+            raise UsageError("a sealed mission without its start key", "build wrote it beside the file")
+
+    def candidates(self, state: State) -> tuple[int, ...]:
+        """Nodes that the robot may try now: its target, and whatever else is still dark and has become possible.
+
+        Of those decoded before only the target counts, or two doors in view would take turns for ever.
+        """
+        if self._roams:
+            wanted: Iterable[int] = range(len(self.mission.nodes))
+        elif state.at is None:
+            wanted = self._starts
+        elif not self._is_paper:
+            wanted = self.map.after[state.at]
+        else:
+            frontier = {node for before in state.opened for node in self.map.after[before]}
+            wanted = dict.fromkeys((*self.map.after[state.at], *sorted(frontier)))
+        return tuple(
+            node
+            for node in wanted
+            if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
+        )
+
+    def look(self, state: State, seen: Experience, *, turning: bool) -> Find:
+        """What the search comes upon.
+
+        Args:
+            state: so far.
+            seen: now.
+            turning: try turned headings too; they cost nine times as much, and are not tried more often than
+                `heading_retry_s`.
+        """
+        tries = self.config.hash_tries if self._is_paper else self.config.kdf_tries
+        budget, keys = Budget(tries), state.keys
+        turning = turning and seen.t_s - keys.turned_s >= self.config.heading_retry_s
+        opened, fix, reason, second = None, None, Reason.NOTHING_SENSED, None
+        failed: set[bytes] = set()
+        shifted: list[tuple[Found, Fix]] = []
+        turns = (0.0, *self._turns) if turning else (0.0,)
+        for found in self._found(state, self._unexplained(state, seen), turns, failed, budget):
+            opened, fix, reason, second = self._believe(state, seen, found, shifted)
+            if opened is not None:
+                break
+        if opened is not None and opened.node not in state.opened:
+            keys = replace(keys, tried=frozenset())  # other gates, other tries
+        else:
+            keys = keys.remember(failed, self.config.tried_limit)
+        if opened is None and turning and budget.used:
+            keys = replace(keys, turned_s=seen.t_s)
+        if reason is Reason.NOTHING_SENSED and (budget.used or seen.landmarks or seen.sensors):
+            reason = Reason.BUDGET if budget.left <= 0 else Reason.NO_MATCH
+        return Find(keys, opened, second, fix, reason, budget.used)
+
+    def check(self, state: State, seen: Experience, claims: tuple[Claim, ...]) -> tuple[Opened, Fix | None]:
+        """The node that a robot in this state says it found, opened, with its fix: a hash or a KDF for each claim.
+
+        Args:
+            state: of the robot.
+            seen: made from the reading that it kept.
+            claims: one; or two, where the heading was turned and nothing known was in sight.
+        Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.
+        """
+        clear = self._unexplained(state, seen)
+        found, *beside = (self._shown(state, clear, claim) for claim in claims)
+        shifted: list[tuple[Found, Fix]] = []
+        for other in beside:
+            self._believe(state, seen, other, shifted)
+        opened, fix, reason, second = self._believe(state, seen, found, shifted)
+        if opened is None:
+            raise Unshown(f"a claim not to be believed: {reason.value}")
+        if len(beside) != (second is not None):
+            raise Unshown("a claim is there for nothing")
+        return opened, fix
+
+    def _shown(self, state: State, clear: Experience, claim: Claim) -> Found:
+        if claim.node not in self.candidates(state):
+            raise Unshown("no way leads to the node claimed")
+        found = shows(self.mission, self.config, claim, clear, state.heard, self._released(state))
+        key = None if found is None else unlock(self.mission, claim)
+        if found is None or key is None:
+            raise Unshown("the reading does not show what is claimed" if found is None else "the claim opens nothing")
+        return replace(found, key=key)
+
+    def _unexplained(self, state: State, seen: Experience) -> Experience:
+        """What was experienced, without the landmarks that are known to be other nodes' than the target's."""
+        known = tuple(
+            node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
+        )
+        return replace(
+            seen, landmarks=tuple(landmark for landmark in seen.landmarks if not explains(self.config, known, landmark))
+        )
+
+    def _found(
+        self, state: State, seen: Experience, turns: tuple[float, ...], failed: set[bytes], budget: Budget
+    ) -> Iterator[Found]:
+        nodes = self.candidates(state)
+        if self._is_paper:
+            return self._search.run(nodes, seen, state.heard, self._released(state), turns, budget)
+        locks = [lock for node in nodes for lock in self._locks(state, node)]
+        return search_sealed(
+            self.mission, self.config, locks, seen, state.heard, turns, state.keys.tried, failed, budget
+        )
+
+    def _released(self, state: State) -> bytes:
+        """What chained nodes need of the node before them: its hash (paper profile)."""
+        if not self._is_paper or state.at is None:
+            return b""
+        return self.mission.nodes[state.at].aliases[state.opened[state.at].alias].mark
+
+    def _locks(self, state: State, node: int) -> Iterator[Candidate]:
+        gate, hints = self._gate(state, node)
+        record = self.mission.nodes[node]
+        if gate is not None and len(hints) == len(record.aliases):
+            for a, hint in enumerate(hints):
+                yield Candidate(node, a, gate, hint)
+
+    def keys_of(self, state: State, opened: Opened) -> Keyring:
+        """The state's keyring with what a node just opened released."""
+        gate, _ = self._gate(state, opened.node)
+        return state.keys.add(opened, gate, self.mission.header)
+
+    def _gate(self, state: State, node: int) -> tuple[bytes | None, tuple[Hint, ...]]:
+        if node in self._gates and state.at is None:
+            return self._gates[node].share, self._gates[node].hints
+        gates = state.keys.gates
+        shares = [gates[before, node] for before in self.map.before[node] if (before, node) in gates]
+        if not shares:
+            return None, ()
+        joined = join_shares([gate.share for gate in shares]) if node in self.map.joins else shares[0].share
+        return joined, shares[0].hints
+
+    def _believe(
+        self, state: State, seen: Experience, found: Found, shifted: list[tuple[Found, Fix]]
+    ) -> tuple[Opened | None, Fix | None, Reason, Found | None]:
+        """A found node opened, with its fix and the second match it needed; or the reason not to believe it."""
+        try:
+            opened = open_found(self.mission, found, seen)
+        except Altered:
+            return None, None, Reason.ALTERED, None
+        if found.observed is None or opened.landmark is None:
+            return opened, None, Reason.NO_MATCH, None
+        fix = fix_from(seen, found.observed, opened.landmark, found.turn_rad)
+        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+            return None, None, Reason.DRIFT, None
+        agree, broken = agreement(self.config, seen, fix, found.observed, state.known)
+        if broken > agree:
+            return None, None, Reason.CONTRADICTED, None
+        second = None
+        if found.turn_rad and not agree:
+            # Nine turns are nine times as many chances of a false match: a second landmark has to say the same.
+            same = (
+                other
+                for other, was in shifted
+                if other.observed is not found.observed
+                and other.turn_rad == found.turn_rad
+                and math.sqrt((was.x_m - fix.x_m) ** 2 + (was.y_m - fix.y_m) ** 2) <= self.config.agree_m
+            )
+            second = next(same, None)
+            shifted.append((found, fix))
+            if second is None:
+                return None, None, Reason.CONTRADICTED, None
+        return opened, fix, Reason.NO_MATCH, second

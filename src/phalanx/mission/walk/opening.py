@@ -1,0 +1,189 @@
+"""From a match to an opened node: what it tells, and the ways on. Whatever does not fit its file is `Altered`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from phalanx.crypto.sha3 import sha3_256, sha3_256_many
+from phalanx.mission.angles import TWO_PI, wrap_rad
+from phalanx.mission.file import paper, sealed
+from phalanx.mission.file.canonical import AT_POSITION, with_direction
+from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKind
+from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
+from phalanx.mission.refused import Altered
+
+from .claims import Claim
+from .gate import Gate
+from .search import Found
+
+
+@dataclass(frozen=True, slots=True)
+class OpenWay:
+    """A way on from an opened node.
+
+    Args:
+        direction_rad: map frame, from the node's place; None if none is encoded.
+        do: an action that leads there.
+        gate: of the next node, or a share of it; of use only with the gate of this node (sealed profile).
+    """
+
+    target: int
+    direction_rad: float | None = None
+    do: Action | None = None
+    gate: Gate | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a walk goes on with of a decoded node: no gate, and nothing that was sealed beyond where and whither.
+
+    Args:
+        alias: by which it was recognised.
+        place_m, landmark, ways: as in `Opened`; the ways without gates.
+        name: for people; in no checkpoint.
+    """
+
+    alias: int
+    place_m: tuple[float, float] | None
+    landmark: Landmark | None
+    ways: tuple[OpenWay, ...]
+    name: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A decoded node, in the clear.
+
+    Args:
+        name: the author's ("" in the paper profile).
+        place_m: where it is, map frame, or None.
+        landmark: what was recognised, where it truly is; None for nodes of other things.
+        do: what to do here.
+        sends: messages to give out now.
+        proof: that this robot was here, to show to another.
+        claim: what an auditor needs to check with one hash or KDF that this was experienced.
+    """
+
+    node: int
+    alias: int
+    name: str
+    place_m: tuple[float, float] | None
+    landmark: Landmark | None
+    do: Action | None
+    sends: tuple[bytes, ...]
+    ways: tuple[OpenWay, ...]
+    proof: bytes
+    claim: Claim
+
+    @property
+    def known(self) -> Known:
+        """As it is remembered."""
+        landmark = self.landmark and replace(self.landmark, area_m2=None)
+        ways = tuple(replace(way, gate=None) for way in self.ways)
+        return Known(self.alias, self.place_m, landmark, ways, self.name)
+
+
+def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opened:
+    """The node that was found, opened.
+
+    Raises: Altered: it matched, but the rest of its record or the header belongs to another.
+    """
+    record = mission.nodes[found.node]
+    if found.key:
+        return _open_sealed(mission, found, record)
+    header = mission.header
+    if record.bindings[found.alias] != paper.binding(header, found.node, record, found.canonical):
+        raise Altered("a node matches, and its record is bound to another")
+    mark = record.aliases[found.alias].mark
+    place, landmark = _where(mission, found)
+    return Opened(
+        found.node,
+        found.alias,
+        "",
+        place,
+        landmark,
+        found.action,
+        tuple(paper.message_of(found.canonical, i) for i in range(record.sends)),
+        tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
+        sha3_256(b"\x12visited" + found.canonical),
+        claim_of(found),
+    )
+
+
+def claim_of(found: Found) -> Claim:
+    """What an auditor is shown of a match."""
+    return Claim(
+        found.node,
+        found.alias,
+        found.shape,
+        found.offset,
+        found.cell,
+        found.canonical,
+        found.salt,
+        found.turn_rad,
+    )
+
+
+def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> Opened:
+    header = mission.header
+    secret = sealed.open_secret(header, found.node, found.alias, found.key, record.aliases[found.alias].secret)
+    payload = sealed.open_payload(header, found.node, record, secret)
+    proof = sealed.visited_proof(secret)
+    if sealed.visited_hash(proof) != record.visited:
+        raise Altered("a node's proof of a visit is not its own")
+    ways = tuple(
+        OpenWay(way.target, _sealed_direction(mission, secret, way), out.do, out.gate)
+        for way, out in zip(record.ways, payload.ways, strict=True)
+    )
+    place, landmark = _where(mission, found)
+    return Opened(
+        found.node,
+        found.alias,
+        payload.name,
+        payload.place_m or place,
+        landmark,
+        payload.do or found.action,
+        payload.sends,
+        ways,
+        proof,
+        claim_of(found),
+    )
+
+
+def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] | None, Landmark | None]:
+    if not found.shape.place:
+        return None, None
+    x_m, y_m, orientation = middle_of(mission.header.coding, found.offset, found.cell)
+    if found.shape.place == AT_POSITION:
+        return (x_m, y_m), None
+    observed = found.observed
+    assert observed is not None, "a landmark was searched for because it was seen"
+    kind = LANDMARK_TYPES[found.shape.place - 1]
+    return (x_m, y_m), Landmark(kind, x_m, y_m, orientation, observed.area_m2, observed.text)
+
+
+def _to_direction(sector: int, sectors: int) -> float:
+    return wrap_rad(sector * TWO_PI / sectors)
+
+
+def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, pool: tuple[Action, ...]) -> OpenWay:
+    wanted = way.hashes[found.alias]
+    if way.kind is WayKind.ACTION:
+        return OpenWay(way.target, do=next((a for a in pool if paper.action_hash(mark, a) == wanted), None))
+    if way.kind is WayKind.EMPTY:
+        return OpenWay(way.target)
+    sectors = mission.header.coding.sectors
+    tries = b"".join(with_direction(found.canonical, Direction(sector, sectors)) for sector in range(sectors))
+    digests = sha3_256_many(np.frombuffer(tries, np.uint8).reshape(sectors, -1))
+    hits = np.flatnonzero((digests == np.frombuffer(wanted, np.uint8)).all(axis=1))
+    return OpenWay(way.target, _to_direction(int(hits[0]), sectors) if len(hits) else None)
+
+
+def _sealed_direction(mission: EncodedMission, secret: bytes, way: Way) -> float | None:
+    sectors = mission.header.coding.sectors
+    for sector in range(sectors):
+        if sealed.direction_tag(secret, way.target, sector) == way.hashes[0]:
+            return _to_direction(sector, sectors)
+    return None

@@ -1,0 +1,366 @@
+"""The hash search: everything that a robot can try at one moment, in order, until something matches.
+
+Positions in a spiral around the estimate, then, if nothing matched, small turns of the heading; windows of time around
+the clock's; actions of the pool; combinations of readings and messages. The number of trials is itself an output: it
+tells how far the estimate was off (Encoded graphs §VI-F).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations, groupby, product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
+from phalanx.mission.angles import turn_about
+from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
+from phalanx.mission.file.records import EncodedMission
+from phalanx.mission.observable import (
+    LANDMARK_TYPES,
+    MM_PER_M,
+    Action,
+    Cell,
+    Experience,
+    Landmark,
+    Offset,
+    bins_of,
+    cell_of,
+    number_or_nan,
+    steps_of,
+    window_of,
+)
+
+from .cells import Searched
+
+READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
+CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
+WINDOWS = (0, -1, 1)
+LANDMARK_PLACES = range(1, AT_POSITION)
+
+
+@dataclass(slots=True)
+class Budget:
+    """Tries that are left in this step, and those made."""
+
+    left: int
+    used: int = 0
+
+    def spend(self, tries: int) -> None:
+        """Count tries."""
+        self.left -= tries
+        self.used += tries
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A match: which alias of which node, and what it was made of.
+
+    Args:
+        cell: of the landmark or the robot; the middle of it is where the thing truly is.
+        offset: of the cells.
+        observed: the landmark as it was seen, before any turn.
+        turn_rad: by which the heading was turned for the match.
+        canonical: the bytes that were hashed.
+        salt: that went into the KDF (sealed profile).
+        key: what opens the node (sealed profile).
+    """
+
+    node: int
+    alias: int
+    shape: Shape
+    cell: Cell
+    offset: Offset
+    observed: Landmark | None
+    action: Action | None
+    turn_rad: float
+    canonical: bytes
+    salt: bytes = b""
+    key: bytes = b""
+
+
+class Variant(NamedTuple):
+    """One combination to try, apart from the position: what else goes into the hash."""
+
+    landmark: Landmark | None
+    sensors: tuple[bytes, ...]
+    action: Action | None
+    window: int | None
+    messages: tuple[bytes, ...]
+
+
+@lru_cache(maxsize=64)
+def spiral(rings: int) -> tuple[tuple[int, int], ...]:
+    """Steps (dx, dy) outwards from (0, 0), ring after ring, (2 * rings + 1)^2 of them.
+
+    Source: Encoded graphs §VI-B ("gradually done in a spiral manner").
+    """
+    steps = [(0, 0)]
+    for ring in range(1, rings + 1):
+        side = range(-ring, ring)
+        steps += [(ring, i + 1) for i in side]
+        steps += [(-i - 1, ring) for i in side]
+        steps += [(-ring, -i - 1) for i in side]
+        steps += [(i + 1, -ring) for i in side]
+    return tuple(steps)
+
+
+@lru_cache(maxsize=64)
+def _spiral_arrays(rings: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    steps = np.array(spiral(rings), np.int64)
+    return steps[:, 0].copy(), steps[:, 1].copy()
+
+
+def rings_of(config: MissionConfig, coding: CodingConfig, tries: int) -> int:
+    """Rings that cover the tolerance, or that the budget has room for."""
+    wanted = math.floor(config.tolerance_m * MM_PER_M / coding.delta_mm + 1e-9)
+    return min(wanted, (math.isqrt(max(tries, 1)) + 1) // 2)
+
+
+def turns_of(config: MissionConfig) -> tuple[float, ...]:
+    """Turns of the heading to try, nearest first."""
+    count = math.floor(config.heading_tolerance_deg / config.heading_step_deg + 1e-9)
+    step = math.radians(config.heading_step_deg)
+    return tuple(sign * i * step for i in range(1, count + 1) for sign in (1, -1))
+
+
+def as_seen(landmark: Landmark, seen: Experience, turn_rad: float) -> Landmark:
+    """The landmark, had the robot's heading been so much further round."""
+    if not turn_rad:
+        return landmark
+    x, y = turn_about(float(landmark.x_m), float(landmark.y_m), float(seen.x_m), float(seen.y_m), turn_rad)
+    orientation = None if landmark.orientation_rad is None else landmark.orientation_rad + turn_rad
+    return replace(landmark, x_m=x, y_m=y, orientation_rad=orientation)
+
+
+def fits(shape: Shape, landmark: Landmark) -> bool:
+    """Whether the landmark has what the shape asks for."""
+    return (
+        landmark.type == LANDMARK_TYPES[shape.place - 1]
+        and (not shape.oriented or landmark.orientation_rad is not None)
+        and (not shape.area or landmark.area_m2 is not None)
+        and (not shape.text or landmark.text is not None)
+    )
+
+
+def distance_m(seen: Experience, landmark: Landmark) -> float:
+    """From the robot to a landmark."""
+    dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
+    return math.sqrt(dx * dx + dy * dy)
+
+
+def variants(shape: Shape, coding: CodingConfig, seen: Experience, heard: tuple[bytes, ...]) -> Iterator[Variant]:
+    """All combinations of what was experienced that have this shape."""
+    landmarks: list[Landmark | None] = [None]
+    if shape.place in LANDMARK_PLACES:
+        landmarks = [landmark for landmark in seen.landmarks if fits(shape, landmark)]
+        if not landmarks:
+            return
+    now = window_of(coding, seen.t_s)
+    windows = [now + step for step in WINDOWS] if shape.time else [None]
+    actions = list(seen.actions) if shape.action else [None]
+    sensors = combinations(dict.fromkeys(seen.sensors[:READINGS_LIMIT]), shape.sensors)
+    messages = list(combinations(reversed(heard), shape.messages))
+    for landmark, reading, action, window, message in product(landmarks, sensors, actions, windows, messages):
+        yield Variant(landmark, reading, action, window, message)
+
+
+def cell_seen(shape: Shape, coding: CodingConfig, offset: Offset, seen: Experience, landmark: Landmark | None) -> Cell:
+    """The cell of a seen landmark, or of the robot; of the landmark only what the shape asks for."""
+    if landmark is None:
+        return cell_of(coding, offset, seen.x_m, seen.y_m)
+    cell = cell_of(coding, offset, landmark.x_m, landmark.y_m, landmark)
+    return Cell(cell.x, cell.y, cell.bin if shape.oriented else -1, cell.area if shape.area else -1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Aliases that are searched with the same hashes: their cells are counted from the same offset."""
+
+    offset: Offset
+    reach_dm: int
+    targets: Targets
+    aliases: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidates:
+    """Nodes and their aliases in groups; (n, 5) rows are what kernels read of a group: its offset, its reach."""
+
+    nodes: tuple[int, ...]
+    groups: tuple[_Group, ...]
+    rows: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Batch:
+    """Variants whose hashes differ in nothing but the cell.
+
+    Args:
+        things: (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked.
+        message: the canonical bytes at a cell.
+        lane: of the first group.
+    """
+
+    shape: Shape
+    variants: tuple[Variant, ...]
+    things: NDArray[np.float64]
+    message: Callable[[Cell], bytes]
+    lane: int
+
+
+class PaperSearch:
+    """The search in the paper profile: thousands of fast hashes, against all candidates at once.
+
+    It remembers around which cells it found nothing. That changes how long a search takes, never what it finds or how
+    many tries it counts, so two searches of one mission agree whatever they have seen before.
+    """
+
+    def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
+        self._mission = mission
+        self._config = config
+        self._rings = rings_of(config, mission.header.coding, 1 << 40)
+        self._steps = steps_of(mission.header.coding)
+        self._candidates: dict[tuple[int, ...], _Candidates] = {}
+        self._searched = Searched(self._rings)
+
+    def _among(self, nodes: tuple[int, ...]) -> _Candidates:
+        if nodes not in self._candidates:
+            by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
+            for node in nodes:
+                record = self._mission.nodes[node]
+                for a, alias in enumerate(record.aliases):
+                    by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
+            if len(self._candidates) >= CANDIDATES_LIMIT:
+                self._candidates.clear()
+            groups = tuple(
+                _Group(
+                    offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases)
+                )
+                for (offset, reach), aliases in by_offset.items()
+            )
+            rows = np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5)
+            self._candidates[nodes] = _Candidates(nodes, groups, rows)
+        return self._candidates[nodes]
+
+    def run(
+        self,
+        nodes: tuple[int, ...],
+        seen: Experience,
+        heard: tuple[bytes, ...],
+        released: bytes,
+        turns: tuple[float, ...],
+        budget: Budget,
+    ) -> Iterator[Found]:
+        """Matches, best first.
+
+        Args:
+            nodes: candidates.
+            seen: now.
+            heard: messages.
+            released: H of the node before, for chained nodes.
+            turns: of the heading, in the order to try them; 0 first.
+            budget: is spent; when nothing is left the search ends.
+        """
+        among = self._among(nodes)
+        batches = [
+            batch
+            for shape in self._mission.header.shapes
+            for batch in self._batches(among, shape, seen, heard, released)
+        ]
+        for turn in turns:
+            for batch in batches:
+                if batch.shape.place in LANDMARK_PLACES or not turn:
+                    search = self._around if batch.shape.place else self._as_it_is
+                    yield from search(among, batch, seen, turn, budget)
+
+    def _batches(
+        self, among: _Candidates, shape: Shape, seen: Experience, heard: tuple[bytes, ...], released: bytes
+    ) -> Iterator[_Batch]:
+        coding = self._mission.header.coding
+
+        def rest(variant: Variant) -> tuple[object, ...]:
+            return variant.landmark.text if shape.text and variant.landmark else None, *variant[1:]
+
+        for same, alike in groupby(variants(shape, coding, seen, heard), rest):
+            batch = tuple(alike)
+            previous = released if shape.previous else None
+
+            def message(cell: Cell, one: Variant = batch[0], previous: bytes | None = previous) -> bytes:
+                return canonical(
+                    place_bytes(shape, cell, one.landmark.text if one.landmark else None),
+                    sensors=one.sensors,
+                    action=one.action,
+                    window=one.window,
+                    messages=one.messages,
+                    previous=previous,
+                )
+
+            things = [
+                (
+                    landmark.x_m,
+                    landmark.y_m,
+                    number_or_nan(landmark.orientation_rad if shape.oriented else None),
+                    number_or_nan(landmark.area_m2 if shape.area else None),
+                )
+                if landmark
+                else (seen.x_m, seen.y_m, math.nan, math.nan)
+                for landmark in (variant.landmark for variant in batch)
+            ]
+            lane = self._searched.lane((among.nodes, shape, same, previous), len(among.groups))
+            yield _Batch(shape, batch, np.array(things, np.float64), message, lane)
+
+    def _around(
+        self, among: _Candidates, batch: _Batch, seen: Experience, turn: float, budget: Budget
+    ) -> Iterator[Found]:
+        """Matches of what has a place: each landmark against each group, around its cell."""
+        coding, shape = self._mission.header.coding, batch.shape
+        bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if shape.place in LANDMARK_PLACES else 1
+        eye, pair, pairs = (float(seen.x_m), float(seen.y_m)), 0, len(batch.variants) * len(among.groups)
+        while True:
+            pair, left, numbers = self._searched.next_unsearched(
+                pair, batch.things, eye, turn, among.rows, self._steps, bins, batch.lane, budget.left
+            )
+            budget.spend(budget.left - left)
+            if not 0 <= pair < pairs:
+                return
+            variant, group = batch.variants[pair // len(among.groups)], among.groups[pair % len(among.groups)]
+            centre = Cell(*numbers)
+            rings = rings_of(self._config, coding, budget.left)
+            dx, dy = _spiral_arrays(rings)
+            xs, ys = (centre.x + dx).astype(np.uint32), (centre.y + dy).astype(np.uint32)
+            patches = xs.astype(np.uint64) | ys.astype(np.uint64) << np.uint64(32)
+            hit = find_patched(batch.message(centre._replace(x=0, y=0)), cell_at(shape), patches, group.targets)
+            budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
+            if hit is not None:
+                step_x, step_y = spiral(rings)[hit[0]]
+                cell = centre._replace(x=centre.x + step_x, y=centre.y + step_y)
+                yield _found(group, hit[1], batch, variant, cell, turn)
+            elif rings == self._rings:
+                self._searched.add(batch.lane + pair % len(among.groups), numbers)
+            pair += 1
+
+    def _as_it_is(
+        self, among: _Candidates, batch: _Batch, _seen: Experience, turn: float, budget: Budget
+    ) -> Iterator[Found]:
+        """Matches of what has no place: one hash each."""
+        digest = sha3_256(batch.message(Cell(0, 0)))
+        for variant, group in product(batch.variants, among.groups):
+            if budget.left <= 0:
+                return
+            budget.spend(1)
+            marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
+            if digest in marks:
+                yield _found(group, marks.index(digest), batch, variant, Cell(0, 0), turn)
+
+
+def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell, turn: float) -> Found:
+    node, alias = group.aliases[place]
+    observed = batch.message(cell)
+    return Found(node, alias, batch.shape, cell, group.offset, variant.landmark, variant.action, turn, observed)

@@ -1,0 +1,55 @@
+"""What a walk remembers: as much as whoever replays it must know, and beside it the robot's own keyring."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from phalanx.mission.observable import Landmark
+
+from .keyring import Keyring
+from .opening import Known
+from .table import Phase
+
+_NOTHING: Mapping[int, Known] = MappingProxyType({})
+_NO_LENGTHS: Mapping[tuple[int, int], float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """All that a walk remembers. `State()` is its beginning.
+
+    Args:
+        at: the last validated node; target: the one to be validated next.
+        t_s: of the last step; since_s: since when nothing was validated.
+        fixed_at_m, left_at_m: way travelled at the last fix, and when `at` was validated.
+        pulled_m: by how much landmarks seen again have moved the estimate since then, in all.
+        opened: nodes that were decoded.
+        lengths_m: of the ways that were walked.
+        blocked: ways that timed out or were blocked.
+        others: nodes that other robots proved to have decoded.
+        heard: encoded messages.
+        keys: the robot's secrets; not in any encoding of the state.
+    """
+
+    phase: Phase = Phase.SEEKING
+    at: int | None = None
+    target: int | None = None
+    t_s: float = -math.inf
+    since_s: float | None = None
+    fixed_at_m: float = 0.0
+    left_at_m: float = 0.0
+    pulled_m: tuple[float, float] = (0.0, 0.0)
+    opened: Mapping[int, Known] = field(default_factory=lambda: _NOTHING)
+    lengths_m: Mapping[tuple[int, int], float] = field(default_factory=lambda: _NO_LENGTHS)
+    blocked: frozenset[tuple[int, int]] = frozenset()
+    others: frozenset[int] = frozenset()
+    heard: tuple[bytes, ...] = ()
+    keys: Keyring = field(default_factory=Keyring)
+
+    @property
+    def known(self) -> tuple[Landmark, ...]:
+        """Landmarks that were decoded, where they truly are."""
+        return tuple(node.landmark for node in self.opened.values() if node.landmark is not None)

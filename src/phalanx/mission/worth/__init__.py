@@ -1,0 +1,1 @@
+"""What a captured file is worth: by sums, and by really trying."""

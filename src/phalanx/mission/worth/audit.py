@@ -1,0 +1,332 @@
+"""What a mission is worth: per node, what somebody who captured the file must try, given what the node before reveals.
+
+Guessing costs add along a walk and never multiply: who has opened one node looks for the next in a corridor. Only what
+cannot be measured from a floor plan (a start key, a message, a random token) is out of reach.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.mission.angles import TWO_PI
+from phalanx.mission.authoring.document import TOKEN
+from phalanx.mission.authoring.making import PAPER_CODING, SEALED_CODING, alias_offset, direction_of, place_of
+from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
+from phalanx.mission.file.records import Profile
+from phalanx.mission.graph import Mission, Node, PlainWay
+from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, cell_of, sector_of
+from phalanx.mission.walk.search import WINDOWS, rings_of, turns_of
+
+OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
+PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rates:
+    """Tries a second of an attacker. The defaults are assumptions and are printed; `crack` measures one core.
+
+    Args:
+        hash_core, hash_gpu: SHA3-256 of one short message (hashcat 17400 on one RTX 4090).
+        kdf_core, kdf_gpu: scrypt with N = 2^12, r = 8 (hashcat 8900, scaled from N = 2^14).
+    """
+
+    hash_core: float = 1.4e7
+    hash_gpu: float = 5e9
+    kdf_core: float = 100.0
+    kdf_gpu: float = 28_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class NodeAudit:
+    """One node.
+
+    Args:
+        candidates: to try in the worst case, for the alias that has fewest.
+        core_s, gpu_s: what that takes.
+        robot_ms: the robot's own worst search for one landmark in view, on one core.
+        problems: what the author should look at.
+    """
+
+    name: str
+    candidates: float
+    core_s: float
+    gpu_s: float
+    robot_ms: float
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """The whole mission; costs are sums over the nodes that can be reached by guessing, infinite if there is none."""
+
+    nodes: tuple[NodeAudit, ...]
+    core_s: float
+    gpu_s: float
+    robot_ms: float
+    out_of_reach: int
+    problems: tuple[str, ...]
+
+    def told(self) -> dict[str, Any]:
+        """As JSON has it."""
+        rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
+        # JSON knows no infinity, and 0 would read as free to crack.
+        costs = {} if math.isfinite(self.core_s) else {"core_s": None, "gpu_s": None}
+        return {**asdict(self), **costs, "nodes": rows}
+
+
+def audit(
+    mission: Mission,
+    profile: Profile,
+    *,
+    open_start: bool = False,
+    config: MissionConfig | None = None,
+    rates: Rates | None = None,
+) -> Audit:
+    """What a captured file of this mission is worth, and what the author should look at.
+
+    Args:
+        mission: plain.
+        profile: in which it is built.
+        open_start: the attacker has the start key (it is in the file, or was captured with the robot).
+        config: of the robots.
+        rates: of the attacker.
+    Source: docs/spec/mission.md; Encoded graphs §VI-G.
+    """
+    config, rates = config or MissionConfig(), rates or Rates()
+    coding = mission.coding or (PAPER_CODING if profile is Profile.PAPER else SEALED_CODING)
+    scale = PAPER_SCRYPT / (coding.kdf_r << coding.kdf_log2_n)
+    paper = profile is Profile.PAPER
+    core = rates.hash_core if paper else rates.kdf_core * scale
+    gpu = rates.hash_gpu if paper else rates.kdf_gpu * scale
+    guess = _Guess(mission, coding, profile, open_start)
+    problems = _problems(mission, coding, config)
+    rows = []
+    for node in mission.nodes:
+        count = guess.candidates(node)
+        tries = max(_robot_tries(coding, config, profile, alias, node, len(guess.actions)) for alias in node.see)
+        rows.append(
+            NodeAudit(
+                node.name,
+                count,
+                count / core,
+                count / gpu,
+                1000 * tries / core,
+                tuple(problems.get(node.name, ())),
+            )
+        )
+    # In the paper profile every node can be tried at once; in sealed a way has to be guessed from a start.
+    shut = {row.name for row in rows if row.candidates >= OUT_OF_REACH}
+    open_to_guess = {row.name for row in rows} - shut if paper else _reachable(mission, shut)
+    within = [row for row in rows if row.name in open_to_guess]
+    general = []
+    if paper:
+        general.append("paper profile: fast unsalted hashes commit to the mission and do not hide it")
+    elif open_start:
+        general.append("with the start key in hand, whoever captures the file can begin to guess")
+    else:
+        general.append("without the start key nothing can be tried; each row supposes that the node before is open")
+    return Audit(
+        tuple(rows),
+        sum(row.core_s for row in within) if within else math.inf,
+        sum(row.gpu_s for row in within) if within else math.inf,
+        max(row.robot_ms for row in rows),
+        len(rows) - len(within),
+        tuple(general),
+    )
+
+
+class _Guess:
+    """The attacker's candidates."""
+
+    def __init__(self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool) -> None:
+        self.coding, self.profile, self.open_start = coding, profile, open_start
+        self.box = mission.box_m
+        self.nodes = {node.name: node for node in mission.nodes}
+        self.before: dict[str, list[PlainWay]] = {}
+        for way in mission.ways:
+            self.before.setdefault(way.target, []).append(way)
+        self.sent = {name for node in mission.nodes for name in node.send}
+        done = [node.do for node in mission.nodes if node.do] + [way.do for way in mission.ways if way.do]
+        self.actions = set(done)
+        self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
+
+    def candidates(self, node: Node) -> float:
+        """For the node's weakest alias, from the predecessor that says most."""
+        if self.profile is Profile.SEALED and node.start and not self.open_start:
+            return OUT_OF_REACH
+        before: list[PlainWay | None] = [] if node.start else [*self.before.get(node.name, [])]
+        return min([OUT_OF_REACH] + [self._alias(alias, node, way) for alias in node.see for way in before or [None]])
+
+    def _alias(self, alias: tuple[Observable, ...], node: Node, way: PlainWay | None) -> float:
+        shape = shape_of(alias)
+        count = 1.0
+        if shape.place:
+            count *= self._cells(node, way)
+            count *= bins_of(self.coding, thing.type) if shape.oriented and (thing := _landmark(alias)) else 1
+            x0, y0, x1, y1 = self.box
+            count *= max(1.0, (x1 - x0) * (y1 - y0) / 2 / self.coding.area_m2) if shape.area else 1
+            count *= _token_candidates(_landmark(alias))
+        if self.profile is Profile.PAPER:
+            count *= len(self.shapes)  # the file says which kinds occur, not where
+            count *= max(1, len(self.actions)) if node.do else 1
+        count *= len(WINDOWS) if shape.time else 1
+        # A message is 32 bytes from a controller, or from a robot whose half was not captured.
+        return count * (OUT_OF_REACH if node.wait else 1)
+
+    def _cells(self, node: Node, way: PlainWay | None) -> float:
+        """Cells that the node can be in, given the direction that the node before reveals."""
+        x0, y0, x1, y1 = self.box
+        delta_m = self.coding.delta_mm / MM_PER_M
+        everywhere = max(1.0, (x1 - x0) * (y1 - y0) / delta_m**2)
+        if way is None or way.do is not None:
+            return everywhere
+        source = self.nodes[way.source].place
+        direction = direction_of(way, source, node.place)
+        if direction is None or source is None:
+            return everywhere
+        sectors = self.coding.sectors
+        middle = sector_of(direction, sectors) * TWO_PI / sectors
+        # The wedge of one sector out to the edge of the map, and at least one cell wide.
+        reaches = [_to_edge(self.box, source, middle + k * math.pi / sectors) for k in (-1.0, 0.0, 1.0)]
+        wedge = (reaches[0] ** 2 + 4 * reaches[1] ** 2 + reaches[2] ** 2) / 6 * math.pi / sectors
+        return min(everywhere, max(1.0, wedge / delta_m**2 + reaches[1] / delta_m))
+
+
+def _landmark(alias: tuple[Observable, ...]) -> Landmark | None:
+    place = place_of(alias)
+    return place if isinstance(place, Landmark) else None
+
+
+def _token_candidates(landmark: Landmark | None) -> float:
+    if landmark is None or landmark.text is None or not TOKEN.fullmatch(landmark.text):
+        return 1.0  # a text that hangs on a wall is public
+    return float(16 ** min(32, len(landmark.text)))
+
+
+def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], direction_rad: float) -> float:
+    """Metres from a place to the edge of the map."""
+    x0, y0, x1, y1 = box
+    dx, dy = math.cos(direction_rad), math.sin(direction_rad)
+    out = math.hypot(x1 - x0, y1 - y0)
+    for position, low, high, step in ((at[0], x0, x1, dx), (at[1], y0, y1, dy)):
+        if abs(step) > 1e-9:
+            out = min(out, max(0.0, ((high if step > 0 else low) - position) / step))
+    return out
+
+
+def _robot_tries(
+    coding: CodingConfig,
+    config: MissionConfig,
+    profile: Profile,
+    alias: tuple[Observable, ...],
+    node: Node,
+    actions: int,
+) -> float:
+    shape = shape_of(alias)
+    tries = 1.0
+    if shape.place:
+        tries *= (2 * rings_of(config, coding, 1 << 40) + 1) ** 2
+        if shape.place < AT_POSITION:
+            turns = len(turns_of(config))
+            tries = tries * (1 + turns) if profile is Profile.PAPER else tries + turns
+    tries *= len(WINDOWS) if shape.time else 1
+    return tries * (max(1, actions) if node.do else 1)
+
+
+def _problems(mission: Mission, coding: CodingConfig, config: MissionConfig) -> dict[str, list[str]]:
+    """What the author should look at, by node."""
+    out: dict[str, list[str]] = {}
+
+    def tell(name: str, problem: str) -> None:
+        if problem not in out.setdefault(name, []):
+            out[name].append(problem)
+
+    limits = ExtractionConfig()
+    reached = _reachable(mission)
+    for node in mission.nodes:
+        if node.name not in reached:
+            tell(node.name, "unreachable from any start")
+        if node.width_m is not None and not limits.door_min_m <= node.width_m <= limits.door_max_m:
+            tell(node.name, f"a door of {node.width_m:g} m; robots see {limits.door_min_m:g} to {limits.door_max_m:g}")
+    for a, mine, b, theirs, away in _near_pairs(mission, coding, config.tolerance_m):
+        if _same(mine, theirs, a, b) and _fits(coding, mine, theirs):
+            tell(a.name, f"one observation satisfies {b.name} too")
+            tell(b.name, f"one observation satisfies {a.name} too")
+        else:
+            tell(a.name, f"{away:.2f} m from {b.name}, within the search radius of {config.tolerance_m:g} m")
+    return out
+
+
+def _reachable(mission: Mission, shut: Collection[str] = ()) -> set[str]:
+    """Nodes that can be reached from a start through others that are not shut."""
+    after: dict[str, list[str]] = {}
+    for way in mission.ways:
+        after.setdefault(way.source, []).append(way.target)
+    waiting = deque(node.name for node in mission.nodes if node.start and node.name not in shut)
+    reached = set(waiting)
+    while waiting:
+        for name in after.get(waiting.popleft(), []):
+            if name not in reached and name not in shut:
+                reached.add(name)
+                waiting.append(name)
+    return reached
+
+
+Alias = tuple[Observable, ...]
+
+
+def _near_pairs(
+    mission: Mission, coding: CodingConfig, radius_m: float
+) -> list[tuple[Node, Alias, Node, Alias, float]]:
+    """Aliases of different nodes, of one shape, nearer than the radius; and those without a place that are equal."""
+    grid: dict[tuple[Shape, int, int], list[tuple[Node, Alias]]] = {}
+    edge = max(radius_m, coding.delta_mm / MM_PER_M, 1e-3)
+    pairs = []
+    for node in mission.nodes:
+        for alias in node.see:
+            place, shape = place_of(alias), shape_of(alias)
+            x = 0 if place is None else math.floor(place.x_m / edge)
+            y = 0 if place is None else math.floor(place.y_m / edge)
+            for i in (-1, 0, 1):
+                for j in (-1, 0, 1):
+                    for other, theirs in grid.get((shape, x + i, y + j), ()):
+                        there = place_of(theirs)
+                        if other.part != node.part or other is node or not _same(alias, theirs, node, other):
+                            continue
+                        away = 0.0
+                        if place is not None and there is not None:
+                            away = math.dist((place.x_m, place.y_m), (there.x_m, there.y_m))
+                        if away <= radius_m:
+                            pairs.append((node, alias, other, theirs, away))
+            grid.setdefault((shape, x, y), []).append((node, alias))
+    return pairs
+
+
+def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
+    """Whether all but the places are the same, so that only the position tells the nodes apart."""
+    rest = [
+        ({thing for thing in alias if not hasattr(thing, "x_m")}, node.wait, node.do)
+        for alias, node in ((mine, a), (theirs, b))
+    ]
+    one, two = _landmark(mine), _landmark(theirs)
+    return rest[0] == rest[1] and (one is None or two is None or one.text == two.text)
+
+
+def _fits(coding: CodingConfig, mine: Alias, theirs: Alias) -> bool:
+    """Whether what satisfies one alias lies in the other's cell as well."""
+    place = place_of(mine)
+    there = place_of(theirs)
+    if place is None or there is None:
+        return True
+    offset = alias_offset(coding, theirs)
+    cells = [
+        cell_of(coding, offset, thing.x_m, thing.y_m, thing if isinstance(thing, Landmark) else None)
+        for thing in (place, there)
+    ]
+    return cells[0] == cells[1]

@@ -1,0 +1,240 @@
+"""The brute force of a captured graph, really run: what somebody does who has the file and a floor plan's size.
+
+Each generator yields after every batch, so that the caller decides how long to go on; nothing here reads a clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.mission import CodingConfig
+from phalanx.crypto.sha3 import Targets, find_patched
+from phalanx.mission.angles import TWO_PI
+from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
+from phalanx.mission.file.records import EncodedMission, Header
+from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
+from phalanx.mission.walk.gate import Gate, Hint, StartKey
+from phalanx.mission.walk.opening import Opened, open_found
+from phalanx.mission.walk.search import Found
+
+BATCH = 1 << 16  # cells of one batch of fast hashes
+KDF_BATCH = 64
+Box = tuple[float, float, float, float]
+Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Cracked:
+    """A node that was guessed, and where it turned out to be."""
+
+    node: int
+    kind: str
+    x_m: float
+    y_m: float
+    orientation_rad: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One batch: so many candidates were tried, of so many in all as far as is known now; what it found."""
+
+    tries: int
+    of: int
+    found: tuple[Cracked, ...] = ()
+
+
+def _patches(coding: CodingConfig, offset: Offset, box: Box) -> NDArray[np.uint64]:
+    """All cells of a box, x and y as they stand in the canonical bytes; (n,)."""
+    delta = coding.delta_mm / MM_PER_M
+    x0, y0, x1, y1 = box
+    xs = np.arange(math.floor((x0 - offset.x / MM_PER_M) / delta), math.ceil((x1 - offset.x / MM_PER_M) / delta) + 1)
+    ys = np.arange(math.floor((y0 - offset.y / MM_PER_M) / delta), math.ceil((y1 - offset.y / MM_PER_M) / delta) + 1)
+    gx, gy = np.meshgrid(xs.astype(np.uint32).astype(np.uint64), ys.astype(np.uint32).astype(np.uint64))
+    return np.ascontiguousarray((gx | gy << np.uint64(32)).ravel())
+
+
+def _bins(coding: CodingConfig, shape: Shape, box: Box) -> list[tuple[int, int]]:
+    """Orientation bins times area bins to try."""
+    turns = range(bins_of(coding, LANDMARK_TYPES[shape.place - 1])) if shape.oriented else [-1]
+    largest = (box[2] - box[0]) * (box[3] - box[1]) / 2
+    areas = range(math.ceil(largest / coding.area_m2) + 1) if shape.area else [-1]
+    return [(turn, area) for area in areas for turn in turns]
+
+
+def can_guess(shape: Shape) -> bool:
+    """Whether a shape is made of a place alone, so that a map's size is all one needs."""
+    return bool(shape.place) and not (shape.text or shape.sensors or shape.messages or shape.action or shape.time)
+
+
+def crack_paper(mission: EncodedMission, box: Box) -> Iterator[Tried]:
+    """Every place in a box against every node of a paper mission; cheap shapes first."""
+    header = mission.header
+    groups: dict[Offset, dict[bytes, int]] = {}
+    for node, record in enumerate(mission.nodes):
+        for alias in record.aliases:
+            groups.setdefault(alias.offset, {})[alias.mark] = node
+    shapes = [shape for shape in header.shapes if can_guess(shape)]
+    shapes.sort(key=lambda shape: len(_bins(header.coding, shape, box)))
+    # A chained node has the hash of the one before in it, which is public.
+    marks: list[bytes | None] = [alias.mark for record in mission.nodes for alias in record.aliases]
+    size = {offset: len(_patches(header.coding, offset, box)) for offset in groups}
+    total = sum(
+        size[offset] * len(_bins(header.coding, shape, box)) * (len(marks) if shape.previous else 1)
+        for shape in shapes
+        for offset in groups
+    )
+    for shape in shapes:
+        for turn, area in _bins(header.coding, shape, box):
+            for previous in marks if shape.previous else [None]:
+                for offset, wanted in groups.items():
+                    yield from _sweep(mission, box, shape, Cell(0, 0, turn, area), offset, wanted, previous, total)
+
+
+def _sweep(
+    mission: EncodedMission,
+    box: Box,
+    shape: Shape,
+    cell: Cell,
+    offset: Offset,
+    wanted: dict[bytes, int],
+    previous: bytes | None,
+    total: int,
+) -> Iterator[Tried]:
+    coding = mission.header.coding
+    message = canonical(place_bytes(shape, cell), previous=previous)
+    targets, nodes = Targets(list(wanted)), list(wanted.values())
+    patches = _patches(coding, offset, box)
+    for start in range(0, len(patches), BATCH):
+        batch = patches[start : start + BATCH]
+        found: list[Cracked] = []
+        at = 0
+        while (hit := find_patched(message, cell_at(shape), batch[at:], targets)) is not None:
+            patch = int(batch[at + hit[0]])
+            x, y = (int(np.int32(np.uint32(part & 0xFFFFFFFF))) for part in (patch, patch >> 32))
+            found.append(_cracked(coding, nodes[hit[1]], shape, offset, cell._replace(x=x, y=y)))
+            at += hit[0] + 1
+        yield Tried(len(batch), total, tuple(found))
+
+
+def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell: Cell) -> Cracked:
+    x_m, y_m, orientation = middle_of(coding, offset, cell)
+    kind = "position" if shape.place == AT_POSITION else LANDMARK_TYPES[shape.place - 1]
+    return Cracked(node, kind, x_m, y_m, orientation)
+
+
+def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map) -> Iterator[Tried]:
+    """Every place in a box behind every gate that is held; each opened node hands out the next gates.
+
+    Args:
+        mission: sealed.
+        key: captured with the robot, or open in the file; without one there is nothing to try.
+        box: x0, y0, x1, y1 in metres.
+        spread: like `map`, over several cores.
+    """
+    waiting: list[tuple[int, Gate, Opened | None]] = [(node, gate, None) for node, gate in key.gates.items()]
+    # A key that was tampered with could name nodes or aliases that are not in the file.
+    waiting = [job for job in waiting if job[0] < len(mission.nodes)]
+    seen = set(key.gates)
+    known = 0
+    while waiting:
+        node, gate, before = waiting.pop(0)
+        gate = replace(gate, hints=gate.hints[: len(mission.nodes[node].aliases)])
+        left = _count(mission.header.coding, gate, box)
+        known += left
+        jobs = _jobs(mission, node, gate, box, before)
+        while batch := list(islice(jobs, KDF_BATCH)):
+            left -= len(batch)
+            answers = list(spread(partial(_try, mission.header, gate.hints), batch))
+            hit = next(
+                (
+                    (job, answer[1])
+                    for job, answer in zip(batch, answers, strict=True)
+                    if answer[0] == mission.nodes[node].aliases[job[0]].mark
+                ),
+                None,
+            )
+            if hit is None:
+                yield Tried(len(batch), known)
+                continue
+            (alias, cell, observed, _), secret_key = hit
+            shape, offset = gate.hints[alias].shape, gate.hints[alias].offset
+            known -= left
+            yield Tried(len(batch), known, (_cracked(mission.header.coding, node, shape, offset, cell),))
+            opened = _open(mission, node, alias, shape, offset, cell, observed, secret_key)
+            for way in opened.ways:
+                if way.target not in seen and way.gate is not None:
+                    seen.add(way.target)
+                    share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
+                    waiting.append((way.target, replace(way.gate, share=share), opened))
+            break
+
+
+def _try(header: Header, hints: tuple[Hint, ...], job: tuple[int, Cell, bytes, bytes]) -> tuple[bytes, bytes]:
+    alias, _, observed, salt = job
+    return sealed.try_observation(header, observed, hints[alias], salt)
+
+
+def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
+    hints = [hint for hint in gate.hints if can_guess(hint.shape)]
+    return sum(len(_patches(coding, hint.offset, box)) * len(_bins(coding, hint.shape, box)) for hint in hints)
+
+
+def _jobs(
+    mission: EncodedMission, node: int, gate: Gate, box: Box, before: Opened | None
+) -> Iterator[tuple[int, Cell, bytes, bytes]]:
+    """(alias, cell, canonical bytes, salt) of every candidate, those in the direction from the node before first."""
+    coding = mission.header.coding
+    for alias, hint in enumerate(gate.hints):
+        if not can_guess(hint.shape):
+            continue
+        salt = sealed.node_salt(gate.share, (), mission.header, node, alias)
+        cells = _patches(coding, hint.offset, box)
+        xs = (cells & np.uint64(0xFFFFFFFF)).astype(np.uint32).astype(np.int32)
+        ys = (cells >> np.uint64(32)).astype(np.uint32).astype(np.int32)
+        for i in _likeliest(coding, hint.offset, xs, ys, before, node):
+            for turn, area in _bins(coding, hint.shape, box):
+                cell = Cell(int(xs[i]), int(ys[i]), turn, area)
+                yield alias, cell, canonical(place_bytes(hint.shape, cell)), salt
+
+
+def _likeliest(
+    coding: CodingConfig, offset: Offset, xs: NDArray[np.int32], ys: NDArray[np.int32], before: Opened | None, node: int
+) -> NDArray[np.int64]:
+    """Indices of the cells, sorted by how far they lie off the direction that the node before reveals."""
+    direction = None
+    if before is not None:
+        direction = next((way.direction_rad for way in before.ways if way.target == node), None)
+    if before is None or before.place_m is None or direction is None:
+        return np.arange(len(xs))
+    delta = coding.delta_mm / MM_PER_M
+    dx = xs * delta + offset.x / MM_PER_M - before.place_m[0]
+    dy = ys * delta + offset.y / MM_PER_M - before.place_m[1]
+    off = np.abs((np.arctan2(dy, dx) - direction + math.pi) % TWO_PI - math.pi)
+    return np.argsort(off, kind="stable")
+
+
+def _open(
+    mission: EncodedMission,
+    node: int,
+    alias: int,
+    shape: Shape,
+    offset: Offset,
+    cell: Cell,
+    observed: bytes,
+    key: bytes,
+) -> Opened:
+    landmark = None
+    if shape.place != AT_POSITION:
+        x_m, y_m, orientation = middle_of(mission.header.coding, offset, cell)
+        landmark = Landmark(LANDMARK_TYPES[shape.place - 1], x_m, y_m, orientation)
+    found = Found(node, alias, shape, cell, offset, landmark, None, 0.0, observed, key=key)
+    return open_found(mission, found, Experience(0.0, 0.0, 0.0, 0.0))

@@ -1,0 +1,185 @@
+"""Robots that cheat on their mission although peers replay it: four ways to be somewhere, or to have seen something.
+
+Like every attack (attack.py), they are honest until they begin, and an honest controller runs beside the lying one: the
+first output that it would not have put out is the deviation from which promise P1 counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import ClassVar
+
+from phalanx.bti import request
+from phalanx.bti.audit import ENTRY_HEAD_BYTES, Work
+from phalanx.bti.fleet import Fleet
+from phalanx.mission import OpenWay
+from phalanx.mission.landmarks.angles import wrap
+from phalanx.mission.walk.keyring import Keyring
+from phalanx.mission.walk.opening import Known
+from phalanx.robot.cnode import Action, CNode
+from phalanx.robot.controllers.mission.controller import DRIVE, KIND_DRIVE, MissionController
+from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
+from phalanx.robot.controllers.mission.pilot import Pose
+from phalanx.robot.controllers.mission.readings import with_hash_of
+from phalanx.robot.controllers.python_controller import Act, Controller, Output
+
+FULL_MMPS, MOST_MRADPS = 500, 1200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheatPlan:
+    """What the adversary knows, when it takes a robot over: the floor plan, and what accomplices have opened.
+
+    Args:
+        after_ms: it begins so long after the mission key was loaded.
+        toward_m: where it wants to be, map frame.
+        imagine: a scan's bytes as the robot's lidar would make them, in a building of the adversary's choice.
+        keys: gates that accomplices opened.
+        node, onward: of a node to be skipped: its number, and the node behind it.
+    """
+
+    after_ms: int
+    toward_m: tuple[float, float] = (0.0, 0.0)
+    imagine: Callable[[Pose], bytes] = lambda _pose: b""
+    keys: Keyring = Keyring()  # noqa: RUF009  # frozen
+    node: int = 0
+    onward: int = 0
+
+
+class MissionCheat(CNode):
+    """A compromised c-node on a mission.
+
+    Class attributes:
+        name, does, stopped_by: for people, as of every attack.
+    """
+
+    name: ClassVar[str]
+    does: ClassVar[str]
+    stopped_by: ClassVar[str]
+
+    def __init__(
+        self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller], *, plan: CheatPlan
+    ) -> None:
+        super().__init__(fleet, i, work, make_controller)
+        self.plan = plan
+        self.first_deviation_ms: int | None = None
+        self.output_missing = False
+        self._honest = make_controller(self.id)
+        self._from_ms = 0
+
+    @property
+    def mission(self) -> MissionController:
+        """The controller that is made to lie."""
+        assert isinstance(self.controller, MissionController)
+        return self.controller
+
+    def on_boot(self, now_ms: int) -> list[Action]:
+        """The mission key has just been loaded."""
+        self._from_ms = now_ms + self.plan.after_ms
+        return super().on_boot(now_ms)
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """A frame has arrived."""
+        if not frame[0] & request.AUDIT:
+            self._honest.on_recv(now_ms, frame)
+        return super().on_message(now_ms, frame)
+
+    def decide(self, entry_len: int) -> list[Output]:
+        """The outputs, lies among them, beside those of an honest controller."""
+        reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
+        step, t_ms = int(self.f.robot[self.i].step), self._entry_time()
+        assert isinstance(self._honest, MissionController)
+        due = self._honest.on_evidence(step, t_ms, reading, self._honest.keep(step, t_ms, reading, self.raw))
+        if t_ms < self._from_ms:
+            return super().decide(entry_len)
+        outputs = self.lie(step, t_ms, reading)
+        self.f.robot[self.i].step = step + 1
+        self.keep_state()
+        if outputs != due and self.first_deviation_ms is None:
+            self.first_deviation_ms, self.output_missing = t_ms, len(outputs) < len(due)
+        return outputs
+
+    def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        """What it puts out instead; here, still what an honest robot would."""
+        evidence = self.evidence(step, t_ms, reading)
+        self.keep_evidence(evidence)
+        return self.mission.on_evidence(step, t_ms, reading, evidence)
+
+
+class SkipNode(MissionCheat):
+    """Leaves out a node: from its checkpoint on it pretends to itself that the node was decoded."""
+
+    name = "skip-node"
+    does = "goes on as if a node had been decoded that it has never seen"
+    stopped_by = "replay has not decoded the node: it drives elsewhere, and no way leads to what is claimed next"
+
+    def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        """Once, the walk stands behind the node; then it goes on from there."""
+        walk, node = self.mission.memory.walk, self.plan.node
+        if node not in walk.opened:
+            x_m, y_m, _ = self.mission.pose(reading)
+            onward = math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m)
+            known = Known(0, (x_m, y_m), None, (OpenWay(self.plan.onward, onward),))
+            opened = MappingProxyType({**walk.opened, node: known})
+            walk = replace(walk, at=node, target=self.plan.onward, opened=opened, keys=self.plan.keys)
+            self.mission.memory = replace(self.mission.memory, walk=walk)
+        return super().lie(step, t_ms, reading)
+
+
+class DriveDark(MissionCheat):
+    """Drives to where nothing that was decoded leads."""
+
+    name = "drive-dark"
+    does = "drives where it likes, not where what it decoded leads"
+    stopped_by = "the a-node has chained the commands, and replay gives others"
+
+    def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        """The mission's outputs, with its own speeds in them."""
+        x_m, y_m, heading = self.mission.pose(reading)
+        bearing = wrap(math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m) - heading)
+        turn = max(-MOST_MRADPS, min(MOST_MRADPS, round(1500 * bearing)))
+        command = DRIVE.pack(KIND_DRIVE, self.id, t_ms, FULL_MMPS if abs(bearing) < 1.0 else 0, turn)
+        outputs = super().lie(step, t_ms, reading)
+        return [Act(command) if output.payload[:1] == bytes([KIND_DRIVE]) else output for output in outputs]
+
+
+class ShowUnsensed(MissionCheat):
+    """Shows auditors a scan that its lidar never made."""
+
+    name = "show-unsensed"
+    does = "decodes a node from a scan that it made up, and shows that scan"
+    stopped_by = "its s-node has chained another scan's hash"
+
+    def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        """The mission goes on by what is imagined."""
+        raw = self.plan.imagine(self.mission.pose(reading))
+        told = with_hash_of(reading, raw)
+        evidence = self.mission.keep(step, t_ms, told, raw)
+        if evidence:
+            self.keep_evidence(self.shown(evidence))
+        return self.mission.on_evidence(step, t_ms, told, evidence)
+
+    def shown(self, evidence: bytes) -> bytes:
+        """What goes into the log for it."""
+        return evidence
+
+
+class ForgeClaim(ShowUnsensed):
+    """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
+
+    name = "forge-claim"
+    does = "claims a node, with the very bytes that open it, on a scan that does not show it"
+    stopped_by = "auditors extract landmarks from the scan themselves"
+
+    def shown(self, evidence: bytes) -> bytes:
+        """The claim as made, the scan as it was."""
+        claims, _ = unpack_evidence(evidence, self.mission.missions.sensors.lidar.beams)
+        return pack_evidence(claims, self.raw)
+
+
+MISSION_CHEATS: dict[str, type[MissionCheat]] = {
+    cheat.name: cheat for cheat in (SkipNode, DriveDark, ShowUnsensed, ForgeClaim)
+}

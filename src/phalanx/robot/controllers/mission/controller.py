@@ -1,0 +1,326 @@
+"""A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
+
+What it remembers, which is its checkpoint: when it began u64 (0 not yet), the odometry's place in the map 3 f64, the
+instruction in hand (kind i8, target i64, begin i64, passed u8, tries u8, best way left f64, since f64), blocked u8,
+what it says (u8, and 32 each), and the walk (mission/walk/checkpoint.py).
+
+| what | bytes, little-endian |
+|---|---|
+| reading, scan | see mission_input.py |
+| evidence | see mission_evidence.py |
+| message | `0x09`, id u16, 32: an encoded message of the mission, said again and again |
+| drive | `0x0A`, id u16, t u64, speed i16 (mm/s), turn i16 (mrad/s) |
+| action | `0x0B`, id u16, t u64, the action's canonical bytes |
+
+Source: docs/spec/mission.md (Under audit); docs/adr/0020.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+from phalanx.config import BtiConfig
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.mission import MissionConfig
+from phalanx.errors import UsageError
+from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, StartKey, State, Walker
+from phalanx.mission.file.canonical import AT_POSITION, action_bytes
+from phalanx.mission.file.reader import Reader
+from phalanx.mission.file.records import SECRET_BYTES
+from phalanx.mission.landmarks import extract
+from phalanx.mission.landmarks.angles import sin_cos, wrap
+from phalanx.mission.refused import MalformedMission
+from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
+from phalanx.mission.walk.claims import Claim
+from phalanx.mission.walk.fix import Fix
+from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
+from phalanx.wire.record import MalformedRecord
+
+from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
+from .pilot import TRIES, Drive, Leg, Pose, Sectors, drive
+from .readings import Reading, Sensors, scan_sha1
+
+KIND_MESSAGE, KIND_DRIVE, KIND_ACTION = 0x09, 0x0A, 0x0B
+_MESSAGE = struct.Struct(f"<BH{SECRET_BYTES}s")
+DRIVE = struct.Struct("<BHQhh")
+_ACTION = struct.Struct("<BHQ")
+_HEAD = struct.Struct("<QdddbqqBBddBB")
+SAID_MAX = 8
+MILLI = 1000
+# Landmarks farther off are left alone: what a robot decodes it must be able to reach.
+SEE_M = 10.0
+ACTION_MAX_BYTES = 1024  # an a-node takes no command of more than 2048
+# A fix from a landmark seen again is worth a kilobyte of evidence after so much way, or so much of a turn.
+AGAIN_M, AGAIN_RAD = 1.0, 0.5
+CLAIM_ROOM_BYTES, PACKING_BYTES = 1200, 64
+EVIDENCE_BYTES_PER_S = 2400
+_MOST = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What every robot knows of one robot's mission: nothing that decodes anything.
+
+    Args:
+        mission: the encoded file.
+        start: x, y in metres and heading in radians at which the robot is put, map frame.
+        pool: actions that it can do.
+        begin_s: the mission's clock at the robot's first reading.
+    """
+
+    mission: EncodedMission
+    start: Pose
+    pool: tuple[Action, ...] = ()
+    begin_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Missions:
+    """All robots' assignments, and how they sense: the same for whoever drives and whoever audits.
+
+    Args:
+        assigned: by robot id.
+        sensors: lidar and sectors.
+        config: of the walker.
+        say_every: control periods from one message to the next.
+    """
+
+    assigned: Mapping[int, Assignment]
+    sensors: Sensors = Sensors()  # noqa: RUF009  # frozen
+    config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
+    say_every: int = 6
+
+    def controllers_of(self, rob_id: int, key: StartKey | None) -> Callable[[int], Controller]:
+        """What makes controllers inside one robot: its own, which has its start key, and others' to replay.
+
+        Args:
+            rob_id: the robot's.
+            key: the start key of its mission, None if there is none.
+        Raises: as `Walker`.
+        """
+        own = Walker(self.assigned[rob_id].mission, key, self.config)
+        others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
+
+        def make(tee: int) -> Controller:
+            return MissionController(tee, self, own if tee == rob_id else others(tee))
+
+        return make
+
+    def audits(self, config: BtiConfig) -> BtiConfig:
+        """The audits' parameters with room for these missions' readings, states and evidence.
+
+        Raises: UsageError: a mission is too large to be shown to auditors.
+        """
+        walks = [state_capacity(a.mission, self.config, a.pool) for a in self.assigned.values()]
+        return replace(
+            config,
+            reading_bytes=self.sensors.reading_bytes,
+            command_bytes=DRIVE.size,
+            state_bytes=_HEAD.size + SAID_MAX * SECRET_BYTES + max(walks),
+            evidence_max_bytes=CLAIM_ROOM_BYTES + 2 * self.sensors.lidar.beams + PACKING_BYTES,
+            evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What the controller remembers.
+
+    Args:
+        origin: x, y, heading of the odometry's frame in the map's: fixes change it.
+        begun_ms: of the s-node's clock, at the first reading; 0 before.
+        leg: the instruction in hand.
+        blocked: the way was given up at the last step.
+        said: encoded messages that it gives out.
+        walk: the mission's.
+    """
+
+    origin: Pose
+    begun_ms: int = 0
+    leg: Leg = Leg()  # noqa: RUF009  # frozen
+    blocked: bool = False
+    said: tuple[bytes, ...] = ()
+    walk: State = State()  # noqa: RUF009  # frozen
+
+
+class MissionController(EvidenceController):
+    """One robot's mission, driven or replayed.
+
+    Args:
+        rob_id: whose.
+        missions: all that is public.
+        walker: with the robot's start key, or one that replays.
+    """
+
+    def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
+        super().__init__(rob_id)
+        self.missions, self.walker = missions, walker
+        self.given = missions.assigned[rob_id]
+        self.memory = Memory(self.given.start)
+        lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
+        step = lidar.angle_increment_rad
+        self._sectors = Sectors(lidar.angle_min_rad - step / 2, each * step, missions.sensors.sectors)
+        self._extraction = ExtractionConfig(feature_range_m=SEE_M).for_noise(lidar.noise_m)
+        self._fixed = (0.0, 0.0)
+
+    def pose(self, reading: bytes) -> Pose:
+        """Where the robot believes to be, by a reading of its own."""
+        return _placed(self.memory.origin, self.missions.sensors.parse(reading))
+
+    # --- the robot alone ----------------------------------------------------------------------------------------------
+
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:  # noqa: ARG002 - a search knows no steps
+        """The evidence for what the search comes upon, or for a landmark seen again."""
+        stopped = self.memory.walk.phase in (Phase.HELD, Phase.DONE)
+        now = self._parsed(reading)
+        if stopped or now is None or len(raw) != 2 * self.missions.sensors.lidar.beams:
+            return b""
+        seen = self._experience(t_ms, now, raw)
+        walk, claims = self.walker.look(self.memory.walk, seen)
+        self.memory = replace(self.memory, walk=walk)
+        if claims:
+            return pack_evidence(claims, raw if 1 <= claims[0].shape.place < AT_POSITION else b"")
+        moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.heading_rad - self._fixed[1])) > AGAIN_RAD
+        if moved and self.walker.sees_again(walk, seen):
+            self._fixed = now.travelled_m, now.heading_rad
+            return pack_evidence((), raw)
+        return b""
+
+    # --- what is replayed ---------------------------------------------------------------------------------------------
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
+        """An encoded message is remembered; anything else is not for this controller."""
+        if len(frame) == _MESSAGE.size and frame[0] == KIND_MESSAGE:
+            message = frame[-SECRET_BYTES:]
+            self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
+
+    def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Output]:
+        """A step of the walk, and the commands that follow from it."""
+        now = self._parsed(reading)
+        if now is None:
+            return [self._drive(t_ms, Drive())]
+        claims, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else ((), b"")
+        if scan and scan_sha1(scan) != now.scan_sha1:
+            raise BadEvidence("a scan that the s-node has not chained")
+        if not self.memory.begun_ms:
+            self.memory = replace(self.memory, begun_ms=t_ms)
+        return self._step(step, t_ms, now, scan, claims)
+
+    def _parsed(self, reading: bytes) -> Reading | None:
+        """None for a reading that makes no sense, at which a robot stands still."""
+        try:
+            return self.missions.sensors.parse(reading)
+        except MalformedRecord:
+            return None
+
+    def _step(self, step: int, t_ms: int, now: Reading, scan: bytes, claims: tuple[Claim, ...]) -> list[Output]:
+        seen = self._experience(t_ms, now, scan)
+        walk, outcome = self.walker.advance(self.memory.walk, seen, claims)
+        if outcome.fix is not None:
+            self.memory = replace(self.memory, origin=_origin(outcome.fix, now))
+        pose = _placed(self.memory.origin, now)
+        leg, command = drive(self.memory.leg, outcome.order, walk.at, pose, now.clear, self._sectors, seen.t_s)
+        said = self.memory.said + (outcome.decoded.sends if outcome.decoded else ())
+        self.memory = replace(self.memory, leg=leg, blocked=command.blocked, said=said[-SAID_MAX:], walk=walk)
+        return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
+
+    def _experience(self, t_ms: int, now: Reading, scan: bytes) -> Experience:
+        pose = _placed(self.memory.origin, now)
+        landmarks: tuple[Landmark, ...] = ()
+        if scan:
+            landmarks = extract(self.missions.sensors.scan_of(scan), self._extraction).landmarks(*pose)
+        begun_ms = self.memory.begun_ms or t_ms
+        return Experience(
+            self.given.begin_s + (t_ms - begun_ms) / MILLI,
+            *pose,
+            now.travelled_m,
+            landmarks,
+            actions=self.given.pool,
+            blocked=self.memory.blocked,
+        )
+
+    def _drive(self, t_ms: int, command: Drive) -> Act:
+        speed, turn = round(command.speed_mps * MILLI), round(command.turn_radps * MILLI)
+        return Act(DRIVE.pack(KIND_DRIVE, self.rob_id, t_ms, speed, turn))
+
+    def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
+        """What is to be done at a node just decoded, and what leads on from it."""
+        here = outcome.decoded.do if outcome.decoded else None
+        onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
+        said = [action_bytes(action) for action in (here, onward) if action is not None]
+        head = _ACTION.pack(KIND_ACTION, self.rob_id, t_ms)
+        return [Act(head + action) for action in said if len(action) <= ACTION_MAX_BYTES]
+
+    def _messages(self, step: int) -> list[Output]:
+        said, every = self.memory.said, self.missions.say_every
+        if not said or (step + self.rob_id) % every:
+            return []
+        return [Send(_MESSAGE.pack(KIND_MESSAGE, self.rob_id, said[step // every % len(said)]))]
+
+    # --- the checkpoint -----------------------------------------------------------------------------------------------
+
+    def encode(self) -> bytes:
+        """All that a replay needs, and no key."""
+        m, leg = self.memory, self.memory.leg
+        head = _HEAD.pack(
+            m.begun_ms, *m.origin, *leg.key, leg.passed, leg.tries, leg.best_m, leg.best_s, m.blocked, len(m.said)
+        )
+        return head + b"".join(m.said) + encode_state(self.given.mission, m.walk)
+
+    def decode(self, encoding: bytes) -> None:
+        """It remembers what this checkpoint says; its keys are not in there.
+
+        Raises: MalformedMission.
+        """
+        reader = Reader(encoding)
+        begun_ms, x_m, y_m, heading_rad, kind, target, begin, passed, tries, best_m, best_s, blocked, said = (
+            reader.unpack(_HEAD)
+        )
+        if not all(abs(value) < _MOST for value in (x_m, y_m, heading_rad, best_s)) or not abs(best_m) <= math.inf:
+            raise MalformedMission("a robot that is nowhere")
+        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked) > 1 or said > SAID_MAX:
+            raise MalformedMission("an instruction that cannot be")
+        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s)
+        messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
+        walk = parse_state(self.given.mission, reader)
+        reader.end()
+        before = self.memory
+        self.memory = Memory((x_m, y_m, heading_rad), begun_ms, leg, bool(blocked), messages, walk)
+        if self.encode() != encoding:
+            self.memory = before
+            raise MalformedMission("a state has one spelling")
+
+
+def _placed(origin: Pose, now: Reading) -> Pose:
+    """Where odometry's frame puts the robot on the map."""
+    sine, cosine = sin_cos(origin[2])
+    return (
+        origin[0] + (cosine * now.x_m - sine * now.y_m),
+        origin[1] + (sine * now.x_m + cosine * now.y_m),
+        wrap(origin[2] + now.heading_rad),
+    )
+
+
+def _origin(fix: Fix, now: Reading) -> Pose:
+    """Where odometry's frame must lie for the robot to be where the fix says."""
+    heading = wrap(fix.heading_rad - now.heading_rad)
+    sine, cosine = sin_cos(heading)
+    return (
+        fix.x_m - (cosine * now.x_m - sine * now.y_m),
+        fix.y_m - (sine * now.x_m + cosine * now.y_m),
+        heading,
+    )
+
+
+def check_assignments(missions: Missions, robots: int) -> None:
+    """Nothing, if each of the robots 1..n has one.
+
+    Raises: UsageError.
+    """
+    missing = [rob_id for rob_id in range(1, robots + 1) if rob_id not in missions.assigned]
+    if missing:
+        raise UsageError(f"robot {missing[0]} has no mission", "each robot that is audited has one")

@@ -1,0 +1,97 @@
+"""What a c-node keeps of a reading that is too long for a chain: evidence, as its log holds it and auditors read it.
+
+The chain has the reading's SHA-1. The reading itself is kept only where the controller claims something on the strength
+of it, so a robot can pretend not to have seen a thing, and cannot pretend to have seen one.
+"""
+
+from __future__ import annotations
+
+import zlib
+from abc import abstractmethod
+from collections.abc import Iterable
+
+import numpy as np
+
+from phalanx.errors import PeerError
+from phalanx.mission.file.reader import Reader
+from phalanx.mission.walk.claims import Claim, parse_claim
+from phalanx.robot.controllers.python_controller import Controller, Output
+
+CLAIMS_MAX = 2
+_LENGTH_BYTES = 2
+
+
+class BadEvidence(PeerError):
+    """Not evidence, or not of the reading whose hash was chained."""
+
+    reason = "bad_evidence"
+
+
+class EvidenceController(Controller):
+    """A controller some of whose decisions rest on readings that no chain holds.
+
+    `on_evidence` is what is replayed; `on_input` is the same where nothing was kept.
+    """
+
+    @abstractmethod
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
+        """The robot itself, before `on_evidence`: what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
+
+        Secrets and searches belong here. Nobody replays it.
+        """
+
+    @abstractmethod
+    def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
+        """As `on_input`, with what was kept.
+
+        Raises: PeerError: the evidence does not bear out what it is for.
+        """
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
+        """The sensors said something of which nothing was kept."""
+        return self.on_evidence(step, t_ms, reading, b"")
+
+
+def pack_evidence(claims: tuple[Claim, ...], scan: bytes) -> bytes:
+    """`claims u8 ‖ each: length u16, claim ‖ scan`; the scan, u16 a beam, as zlib's of its differences.
+
+    Args:
+        claims: none where only the scan is to be seen.
+        scan: b"" where the claims need none.
+    """
+    encoded = [claim.encode() for claim in claims]
+    claimed = b"".join(len(each).to_bytes(_LENGTH_BYTES, "little") + each for each in encoded)
+    packed = b""
+    if scan:
+        steps = np.diff(np.frombuffer(scan, "<u2"), prepend=np.uint16(0)).astype("<u2")
+        # High bytes first, then low ones: the high ones are nearly all alike.
+        packed = zlib.compress((steps >> 8).astype(np.uint8).tobytes() + (steps & 255).astype(np.uint8).tobytes())
+    return bytes([len(claims)]) + claimed + packed
+
+
+def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:
+    """(claims, scan) of what another robot's log holds.
+
+    Args:
+        raw: any bytes.
+        beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
+    Raises: BadEvidence, or what `parse_claim` raises.
+    """
+    reader = Reader(raw)
+    count = reader.number(1)
+    if count > CLAIMS_MAX:
+        raise BadEvidence(f"{count} claims at once")
+    claims = tuple(parse_claim(reader.long()) for _ in range(count))
+    return claims, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
+
+
+def _unpack_scan(packed: bytes, beams: int) -> bytes:
+    unpacker = zlib.decompressobj()
+    try:
+        planes = unpacker.decompress(packed, 2 * beams)
+    except zlib.error as error:
+        raise BadEvidence("not a packed scan") from error
+    if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
+        raise BadEvidence(f"a scan that is not {beams} beams")
+    high, low = np.frombuffer(planes, np.uint8).reshape(2, beams).astype(np.uint16)
+    return np.cumsum(high << 8 | low, dtype=np.uint16).astype("<u2").tobytes()

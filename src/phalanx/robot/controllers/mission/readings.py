@@ -1,0 +1,155 @@
+"""What a mission robot's s-node chains: odometry in its own frame, the scan's hash, and how much room there is around.
+
+| what | bytes, little-endian |
+|---|---|
+| reading | `0x08`, id u16, t u64 (ms), x i32, y i32 (0.1 mm), heading i32 (µrad), travelled u32 (mm), SHA-1 of the scan 20, and a byte for each sector of the field of view: 51 + sectors |
+| scan | u16 a beam (mm), 0 says nothing, 0xFFFF a miss |
+
+The odometry begins at 0, 0, 0 and is never corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded
+down; 255 is 5.1 m and more. That is all an s-node has to do: a hash, and a minimum over whole numbers.
+Source: docs/spec/mission.md (Under audit).
+"""  # noqa: E501 - a table
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import LidarConfig
+from phalanx.errors import UsageError
+from phalanx.mission.landmarks.scan import LaserScan
+from phalanx.wire.record import MalformedRecord
+
+KIND_READING = 0x08
+_HEAD = struct.Struct("<BHQiiiI20s")
+HEAD_BYTES = _HEAD.size
+PER_M, PER_RAD = 10_000, 1_000_000
+MM_PER_M = 1000
+CLEAR_STEP_M = 0.02
+CLEAR = 255
+SILENT, MISS = 0, 0xFFFF
+MOST_M, MOST_RAD = 200_000.0, 2000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A reading, parsed.
+
+    Args:
+        x_m, y_m, heading_rad: odometry, its own frame.
+        travelled_m: way since the start, forwards and backwards.
+        scan_sha1: of the scan's bytes.
+        clear: (sectors,) uint8, see the table.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    travelled_m: float
+    scan_sha1: bytes
+    clear: NDArray[np.uint8]
+
+
+def scan_sha1(raw: bytes) -> bytes:
+    """What a reading says of its scan. Source: docs/spec/mission.md (Under audit)."""
+    return hashlib.sha1(raw, usedforsecurity=False).digest()
+
+
+def with_hash_of(reading: bytes, raw: bytes) -> bytes:
+    """The reading, had the scan been this one: what only an s-node may say."""
+    head = list(_HEAD.unpack_from(reading))
+    head[-1] = scan_sha1(raw)
+    return _HEAD.pack(*head) + reading[HEAD_BYTES:]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """How the robots of a mission see: the same for all, and known to auditors.
+
+    Args:
+        lidar: whose scans are hashed.
+        beams_per_sector: that one byte of room stands for.
+    Raises: UsageError: the sectors do not divide the beams.
+    """
+
+    lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
+    beams_per_sector: int = 12
+
+    def __post_init__(self) -> None:
+        if self.beams_per_sector < 1 or self.lidar.beams % self.beams_per_sector:
+            raise UsageError(f"sectors of {self.beams_per_sector} beams", f"a divisor of {self.lidar.beams}")
+
+    @property
+    def sectors(self) -> int:
+        """Bytes of room in a reading."""
+        return self.lidar.beams // self.beams_per_sector
+
+    @property
+    def reading_bytes(self) -> int:
+        """Length of a reading."""
+        return HEAD_BYTES + self.sectors
+
+    def scan_of(self, raw: bytes) -> LaserScan:
+        """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
+        words = np.frombuffer(raw, "<u2")
+        assert len(words) == self.lidar.beams, "whoever unpacks a scan looks at its length"
+        ranges = words / float(MM_PER_M)
+        ranges[words == SILENT], ranges[words == MISS] = np.nan, np.inf
+        lidar = self.lidar
+        return LaserScan(ranges, lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+
+    def parse(self, raw: bytes) -> Reading:
+        """The reading in these bytes.
+
+        Raises: MalformedRecord: its length or its kind is another's.
+        """
+        if len(raw) != self.reading_bytes or raw[0] != KIND_READING:
+            raise MalformedRecord("not a mission robot's reading")
+        _, _, _, x, y, heading, travelled, sha1 = _HEAD.unpack_from(raw)
+        clear = np.frombuffer(bytearray(raw[HEAD_BYTES:]), np.uint8)
+        return Reading(x / PER_M, y / PER_M, heading / PER_RAD, travelled / MM_PER_M, sha1, clear)
+
+    # --- the s-node's side ---
+
+    def raw_of(self, scan: LaserScan) -> bytes:
+        """The scan's bytes."""
+        words = np.rint(np.nan_to_num(scan.ranges_m, nan=0.0, posinf=0.0) * MM_PER_M).astype("<u2")
+        words[np.isposinf(scan.ranges_m)] = MISS
+        return words.tobytes()
+
+    def make(
+        self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
+    ) -> bytes:
+        """The reading that goes into the chain.
+
+        Args:
+            rob_id: 1..65535.
+            t_ms: of the s-node's clock.
+            odometry: x and y in metres and heading in radians, its own frame.
+            travelled_m: since the start.
+            raw: the scan's bytes.
+        Raises: UsageError: the robot has gone further than numbers go.
+        """
+        x_m, y_m, heading_rad = odometry
+        if not (max(abs(x_m), abs(y_m)) < MOST_M and abs(heading_rad) < MOST_RAD and 0 <= travelled_m < MOST_M):
+            raise UsageError("odometry beyond 200 km", "restart the robot")
+        head = _HEAD.pack(
+            KIND_READING,
+            rob_id,
+            t_ms,
+            round(x_m * PER_M),
+            round(y_m * PER_M),
+            round(heading_rad * PER_RAD),
+            round(travelled_m * MM_PER_M),
+            scan_sha1(raw),
+        )
+        hits = np.frombuffer(raw, "<u2").astype(np.int64)
+        hits[hits == SILENT] = MISS
+        nearest = hits.reshape(self.sectors, self.beams_per_sector).min(axis=1)
+        steps = nearest // round(CLEAR_STEP_M * MM_PER_M)
+        clear: bytes = np.minimum(steps, CLEAR).astype(np.uint8).tobytes()
+        return head + clear

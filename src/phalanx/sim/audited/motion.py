@@ -1,0 +1,165 @@
+"""Where robots go: a double integrator each, moved only when somebody asks where it is; and who touched what.
+
+Nothing stops a robot but its own brakes: the law of flocking knows no collisions, so contacts only count.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+from phalanx.sim.radio.reach import Reach
+
+
+@kernel
+def advance(
+    pos: NDArray[np.float64],
+    vel: NDArray[np.float64],
+    acc: NDArray[np.float64],
+    at_us: NDArray[np.int64],
+    i: int,
+    now_us: int,
+) -> None:
+    """Robot i is where its last command has brought it by now: exact, as the acceleration is constant in between.
+
+    Args:
+        pos: (N, 2), metres, at the time at_us[i].
+        vel: (N, 2), m/s.
+        acc: (N, 2), m/s².
+        at_us: (N,), of which time each robot's row is; now_us afterwards.
+        i: robot.
+        now_us: not before at_us[i].
+    Source: RoboRebound §4 (double integrator).
+    """
+    dt = (now_us - at_us[i]) * 1e-6
+    for axis in range(2):
+        pos[i, axis] += dt * (vel[i, axis] + 0.5 * dt * acc[i, axis])
+        vel[i, axis] += dt * acc[i, axis]
+    at_us[i] = now_us
+
+
+@kernel
+def command(acc: NDArray[np.float64], i: int, ax: float, ay: float, most_mps2: float) -> None:
+    """Robot i accelerates so from now on, each axis clipped to what it can; what is not a number is no acceleration.
+
+    The robot must have been advanced to now.
+
+    Args:
+        acc: (N, 2), m/s².
+        i: robot.
+        ax: asked for, m/s².
+        ay: asked for, m/s².
+        most_mps2: what an axis can do; the paper's robots 5.
+    Source: RoboRebound §4.
+    """
+    acc[i, 0], acc[i, 1] = _clip(ax, most_mps2), _clip(ay, most_mps2)
+
+
+@kernel
+def halt(vel: NDArray[np.float64], acc: NDArray[np.float64], i: int) -> None:
+    """Robot i stands where it is, as in Safe Mode. It must have been advanced to now.
+
+    Source: RoboRebound §3.6.
+    """
+    for axis in range(2):
+        vel[i, axis], acc[i, axis] = 0.0, 0.0
+
+
+@kernel
+def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: Reach, contact_m: float) -> int:
+    """How many pairs of robots came closer than `contact_m` since the last look, counted once until they part again.
+
+    Between two looks robots are taken to go straight, so none passes through another unseen.
+
+    Args:
+        pos: (N, 2), metres, all of the same time.
+        last: (N, 2), `pos` at the last look; NaN at the first.
+        reach: rebuilt for `pos`; its range is at least contact_m.
+        contact_m: between centres.
+    """
+    count = 0
+    limit = contact_m * contact_m
+    for i in range(len(pos)):
+        for at in range(reach.start[i], reach.start[i + 1]):
+            k = reach.ids[at]
+            if k < i:
+                continue
+            x, y = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
+            was_x, was_y = last[k, 0] - last[i, 0], last[k, 1] - last[i, 1]
+            if was_x * was_x + was_y * was_y < limit:  # in contact already
+                continue
+            if _closest(was_x, was_y, x, y) < limit:
+                count += 1
+    return count
+
+
+@kernel
+def obstacle_contacts(
+    pos: NDArray[np.float64],
+    last: NDArray[np.float64],
+    discs: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    contact_m: float,
+) -> int:
+    """How many times a robot has come to touch an obstacle since the last look, counted once until they part again.
+
+    An obstacle is touched when its edge is less than half of `contact_m` from a robot's centre. Seen at the two looks
+    only: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger.
+
+    Args:
+        pos: (N, 2), metres.
+        last: (N, 2), `pos` at the last look; NaN at the first.
+        discs: (D, 3): centre x, y, radius, metres.
+        boxes: (B, 4): least x, least y, greatest x, greatest y, metres.
+        contact_m: between the centres of two robots that touch.
+    """
+    count = 0
+    radius = 0.5 * contact_m
+    for i in range(len(pos)):
+        for n in range(len(discs)):
+            if _in_disc(pos[i], discs[n], radius) and not _in_disc(last[i], discs[n], radius):
+                count += 1
+        for n in range(len(boxes)):
+            if _in_box(pos[i], boxes[n], radius) and not _in_box(last[i], boxes[n], radius):
+                count += 1
+    return count
+
+
+@kernel
+def _clip(asked: float, most: float) -> float:
+    if asked >= most:
+        return most
+    if asked <= -most:
+        return -most
+    return asked if asked == asked else 0.0  # noqa: PLR0124 (the one number that is not itself)
+
+
+@kernel
+def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
+    """Least square distance from the origin to the stretch between two points; to its end if it has no beginning."""
+    if math.isnan(from_x + from_y):
+        return to_x * to_x + to_y * to_y
+    step_x, step_y = to_x - from_x, to_y - from_y
+    length = step_x * step_x + step_y * step_y
+    share = -(from_x * step_x + from_y * step_y) / length if length > 0 else 0.0
+    share = min(1.0, max(0.0, share))
+    x, y = from_x + share * step_x, from_y + share * step_y
+    return x * x + y * y
+
+
+@kernel
+def _in_disc(at: NDArray[np.float64], disc: NDArray[np.float64], radius: float) -> bool:
+    x, y, reach = at[0] - disc[0], at[1] - disc[1], disc[2] + radius
+    return x * x + y * y < reach * reach  # type: ignore[no-any-return]
+
+
+@kernel
+def _in_box(at: NDArray[np.float64], box: NDArray[np.float64], radius: float) -> bool:
+    if not (math.isfinite(at[0]) and math.isfinite(at[1])):
+        return False
+    x = max(box[0] - at[0], 0.0, at[0] - box[2])
+    y = max(box[1] - at[1], 0.0, at[1] - box[3])
+    return x * x + y * y < radius * radius  # type: ignore[no-any-return]

@@ -1,0 +1,97 @@
+"""Robots that run in Python inside the compiled loop: its events are handed to a CNode, whose actions go back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phalanx.bti import request
+from phalanx.bti.fleet import PLAIN
+from phalanx.errors import UsageError
+from phalanx.robot.attacks import Attack
+from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
+from phalanx.sim.radio.channel import BROADCAST
+from phalanx.wire.table import ACCELERATION, WHEELS_COMMAND
+
+from . import body, loop
+from .events import push
+from .world import World
+
+
+def handle(world: World, robots: dict[int, CNode]) -> None:
+    """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`."""
+    clock = world.clock[0]
+    i, kind = int(clock.robot), int(clock.kind)
+    cnode = robots[i]
+    now_ms = loop.clock_ms(world, i)
+    actions = _actions(world, cnode, kind, now_ms)
+    if cnode.is_own:
+        _check_commands(world, cnode.id, actions)
+    perform(world, i, actions)
+    if kind == loop.WAKE and isinstance(cnode, Attack):
+        wake(world, i, cnode)
+
+
+def _check_commands(world: World, rob_id: int, actions: list[Action]) -> None:
+    # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
+    known = WHEELS_COMMAND if int(world.clock[0].body) == body.WHEELS else ACCELERATION
+    for action in actions:
+        if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
+            raise UsageError(
+                f"robot {rob_id}: no command of its body's: {len(action.command)} bytes, the first {action.command[0]}",
+                f"{known.size} bytes, the first {known.tag}: docs/own-controller.md has the layout",
+            )
+
+
+def _actions(world: World, cnode: CNode, kind: int, now_ms: int) -> list[Action]:
+    if kind == loop.CONTROL:
+        return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes())
+    if kind == loop.MESSAGE:
+        return cnode.on_message(now_ms, world.frame[: world.frame_len[0]].tobytes())
+    if kind == loop.ROUND:
+        return cnode.on_round(now_ms)
+    if kind == loop.RETRY:
+        return cnode.on_retry(now_ms)
+    if kind == loop.SENT:
+        return cnode.on_sent(now_ms, arrived=bool(world.clock[0].arrived))
+    assert kind == loop.WAKE
+    return cnode.on_wake(now_ms) if isinstance(cnode, Attack) and cnode.lies(now_ms) else []
+
+
+def wake(world: World, i: int, attack: Attack) -> None:
+    """The attack's next turn is among the events, if it has one."""
+    if not attack.period_ms:
+        return
+    now_us = int(world.clock[0].now_us)
+    start_us = attack.plan.start_ms * 1000 - int(world.boot_us[i])
+    push(world.queue, max(now_us + attack.period_ms * 1000, start_us), loop.WAKE, i, 0)
+
+
+def _addressed(world: World, action: Transmit) -> int:
+    """Whom the frame goes to: with an a-node, which hands it to the radio, what the frame itself says, or everybody."""
+    if int(world.fleet.settings[0].profile) == PLAIN:
+        return action.to
+    dst = int.from_bytes(action.frame[3:5], "little") if action.frame[0] & request.AUDIT else 0
+    return dst or EVERYBODY
+
+
+def perform(world: World, i: int, actions: list[Action]) -> None:
+    """What the a-node let through happens."""
+    for action in actions:
+        if isinstance(action, Transmit):
+            frame = np.frombuffer(bytearray(action.frame), np.uint8)
+            to = _addressed(world, action)
+            # An id that nobody has is a robot out of range.
+            to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
+            lost = loop.transmit(world, i, frame, len(frame), to) < 0
+            if lost and frame[0] & request.AUDIT and frame[5] == request.FRAGMENT:
+                world.fleet.robot[i].request_len = 0
+                world.fleet.robot[i].quota = 0
+        elif isinstance(action, Actuate):
+            command = np.frombuffer(bytearray(action.command), np.uint8)
+            body.actuate(world, i, command, len(command))
+        elif isinstance(action, Retry):
+            if world.retry_us[i] < 0:
+                world.retry_us[i] = action.at_ms * 1000 - int(world.boot_us[i])
+                push(world.queue, int(world.retry_us[i]), loop.RETRY, i, 0)
+        elif isinstance(action, Verdict):
+            loop.judged(world, i, action.auditee, int(action.refusal))

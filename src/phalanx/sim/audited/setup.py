@@ -1,0 +1,223 @@
+"""A world from its settings: robots powered up with their keys, clocks that agree on nothing, the first events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.audit import make_work
+from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
+from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
+from phalanx.bti.rounds import mixed
+from phalanx.bundle import pack
+from phalanx.config import BtiConfig
+from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
+from phalanx.config.flock import Box, Disc
+from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
+from phalanx.robot import node
+from phalanx.robot.attacks import Attack
+from phalanx.robot.cnode import CNode
+from phalanx.sim.radio.airtime import Rates, broadcast_us, unicast_us
+from phalanx.sim.radio.channel import NOBODY, make_air
+from phalanx.sim.radio.reach import SMALL_SWARM, make_reach, rebuild
+from phalanx.wire.fields import Row
+
+from . import loop, pybot
+from .events import make_queue, push
+from .world import PYTHON, VERDICTS, World, make_clock, refer
+
+PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
+KEY_BYTES = 20
+MOVE_US = 50_000
+# They were powered up within so much of each other.
+POWER_UP_MS = 60_000
+FIRST_ROUND_US = 200_000
+# Neighbours for whom large swarms have room in the lists of who is near, beside twice those provided for.
+ROOM = 32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What a world is made of.
+
+    Args:
+        robots: N.
+        starts_m: (M, 2), where robots, and stations behind them, are at first.
+        profile: of the trusted nodes: BOUND, PAPER or PLAIN.
+        controller: number of the bundled controller, 0 for one in plain Python.
+        params: the controller's.
+        body: body.POINT_MASS or body.WHEELS.
+        seed: of phases and back-offs.
+        contact_m: two robots as near as that touch.
+        obstacles: count as contacts.
+        area_m: what wheels stay within.
+        bti, radio: parameters.
+        before_key: what a compromised c-node does to its a-node before the mission key is loaded, by index (Attack).
+    """
+
+    robots: int
+    starts_m: NDArray[np.float64]
+    profile: int
+    controller: int
+    params: NDArray[np.float64]
+    body: int
+    seed: int
+    contact_m: float
+    bti: BtiConfig
+    radio: RadioConfig
+    obstacles: Sequence[Disc | Box] = ()
+    area_m: tuple[float, float] = (0.0, 0.0)
+    before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
+
+
+def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
+    """The trusted nodes' limits on this radio. Source: docs/spec/rebound.md (audit flood)."""
+    rates = _rates(radio)
+    per_kilobyte_us = unicast_us(rates, 2000) - unicast_us(rates, 1000)
+    return Limits.of(config, int(broadcast_us(rates, 1)), math.ceil(8000 / radio.broadcast_mbps), int(per_kilobyte_us))
+
+
+def audits_share(config: BtiConfig, radio: RadioConfig, robots: float) -> float:
+    """Share of the time for which the requests of so many robots, all in one range, are on the air; 1 is all there is.
+
+    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log.
+
+    Args:
+        config: of the audits.
+        radio: theirs.
+        robots: who hear each other.
+    Up to a quarter less than is measured with 25 to 120 robots, with f_max from 3 to 8.
+    """
+    neighbours = min(max(math.ceil(robots) - 1, config.tokens_needed), config.n_max)
+    seen = replace(config, n_max=neighbours)
+    shown = seen.log_bytes_per_s * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
+    whole, rest = divmod(math.ceil(shown), seen.frame_max_bytes - FRAGMENT_HEAD_BYTES)
+    rates = _rates(radio)
+    request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
+    return robots * seen.tokens_needed * request_us / (1000 * seen.t_audit_ms)
+
+
+def _rates(radio: RadioConfig) -> Rates:
+    return Rates(
+        broadcast_bits=LEGACY_BITS[radio.broadcast_mbps],
+        control_bits=LEGACY_BITS[radio.control_mbps],
+        data_bits=HE_BITS[radio.mcs],
+        data_symbol_ns=radio.data_symbol_ns,
+    )
+
+
+def power_up(
+    n: int,
+    profile: int,
+    limits: Limits,
+    now_ms: NDArray[np.int64],
+    chance: np.random.Generator,
+    before_key: Mapping[int, Callable[[int, int, Row, int], None]],
+) -> Nodes:
+    """`n` robots' trusted nodes with ids 1..n, a common master key, and a mission key loaded at `now_ms`.
+
+    Args:
+        n: robots.
+        profile: BOUND or PAPER.
+        limits: burnt in.
+        now_ms: (n,), each robot's own clock.
+        chance: where the keys come from; in a simulation they keep nothing secret.
+        before_key: see Setup.
+    Source: RoboRebound §3.3, Alg. 2.
+    """
+    nodes = Nodes(n, profile, limits)
+    master, mission, salt = chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES)
+    sealed = seal_mission_key(master, mission, salt, 1)
+    for i in range(n):
+        nodes.load_master(i, master, i + 1)
+        if i in before_key:
+            before_key[i](i + 1, profile, nodes.anode[i], limits.f_max)
+        nodes.load_mission(i, int(now_ms[i]), sealed)
+    return nodes
+
+
+def make_world(setup: Setup, chance: np.random.Generator) -> World:
+    """The world at time 0, with nobody running yet. Source: docs/spec/world.md."""
+    n, m = setup.robots, len(setup.starts_m)
+    boot_us = chance.integers(1, POWER_UP_MS, n) * 1000
+    snode, anode = np.zeros((n, 8), np.uint8), np.zeros((n, 8), np.uint8)
+    if setup.profile != PLAIN:
+        limits = limits_of(setup.bti, setup.radio)
+        nodes = power_up(n, setup.profile, limits, boot_us // 1000, chance, setup.before_key)
+        snode, anode = nodes.snode, nodes.anode
+    world = World(
+        clock=make_clock(),
+        fleet=make_fleet(
+            n,
+            setup.bti,
+            setup.params,
+            profile=setup.profile,
+            controller=setup.controller,
+            mission_seed=setup.seed,
+            snode=snode,
+            anode=anode,
+        ),
+        work=make_work(setup.bti),
+        queue=make_queue(16 * m + 64),
+        air=make_air(m, setup.radio, setup.seed),
+        reach=make_reach(m, setup.radio.range_m, None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM)),
+        pos=setup.starts_m.copy(),
+        vel=np.zeros((m, 2)),
+        acc=np.zeros((m, 2)),
+        last=np.full((m, 2), np.nan),
+        led=np.zeros((m, 3), np.uint8),
+        area=np.array(setup.area_m),
+        discs=np.array([(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)]).reshape(-1, 3),
+        boxes=np.array(
+            [(o.left_m, o.bottom_m, o.right_m, o.top_m) for o in setup.obstacles if isinstance(o, Box)]
+        ).reshape(-1, 4),
+        moved_us=np.zeros(m, np.int64),
+        boot_us=boot_us,
+        runs=np.zeros(n, np.uint8),
+        safe=np.zeros(n, np.uint8),
+        safe_us=np.full(n, -1, np.int64),
+        retry_us=np.full(n, -1, np.int64),
+        receivers=np.zeros(m, np.int32),
+        frame=np.zeros(setup.radio.long_bytes + 64, np.uint8),
+        frame_len=np.zeros(1, np.int64),
+        reading=np.zeros(64, np.uint8),
+        verdicts=np.zeros((VERDICTS, 4), np.int64),
+    )
+    clock, audited = world.clock[0], setup.profile != PLAIN
+    clock.sender, clock.body, clock.contact_m = NOBODY, setup.body, setup.contact_m
+    clock.move_us, clock.control_us = MOVE_US, setup.bti.t_control_ms * 1000
+    clock.audit_us = setup.bti.t_audit_ms * 1000 if audited else 0
+    clock.check_us = setup.bti.p_check_ms * 1000 if audited else 0
+    return pack(world, refer)
+
+
+def start(world: World, robots: Mapping[int, CNode]) -> None:
+    """Everybody's c-node starts, in Python those in `robots` by index, and the first events wait.
+
+    Source: RoboRebound §3.6.
+    """
+    clock, settings = world.clock[0], world.fleet.settings[0]
+    rebuild(world.reach, world.pos)
+    push(world.queue, MOVE_US, loop.MOVE, 0, 0)
+    if clock.check_us:
+        push(world.queue, int(clock.check_us), loop.CHECK, 0, 0)
+    for i in range(len(world.fleet.robot)):
+        now_ms = loop.clock_ms(world, i)
+        cnode = robots.get(i)
+        if cnode:
+            world.runs[i] = PYTHON
+            cnode.on_boot(now_ms)
+        else:
+            node.boot(world.fleet, i, now_ms)
+        # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
+        push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, loop.CONTROL, i, 0)
+        if clock.audit_us:
+            # Who is not heard yet when the first round comes is asked in the second, before T_val is over.
+            first_us = FIRST_ROUND_US + mixed(int(settings.mission_seed) + 1, i + 1) * 1000 % int(clock.audit_us)
+            push(world.queue, first_us, loop.ROUND, i, 0)
+        if isinstance(cnode, Attack):
+            pybot.wake(world, i, cnode)

@@ -1,0 +1,1 @@
+"""A building and what robots' senses and wheels make of it."""

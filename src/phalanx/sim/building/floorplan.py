@@ -1,0 +1,63 @@
+"""Floor plans out of files: ours in YAML, and ROS's map_server maps; some come with the package."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+
+from phalanx.errors import UsageError
+from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
+from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
+
+MAPS = Path(__file__).parents[2] / "data" / "maps"
+DEFAULT = "office_40x40"
+_PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
+
+
+def builtin_maps() -> list[str]:
+    """Names of the maps that come with the package."""
+    return sorted(path.stem for path in MAPS.glob("*.yaml"))
+
+
+def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
+    """A floor plan by the name of a built-in map, or from a YAML file.
+
+    Args:
+        name_or_path: the picture of a map_server map lies beside its YAML file, as it is or compressed (.gz).
+    Raises: UsageError: there is no such map, or it cannot be read; the message says why.
+    """
+    path = Path(name_or_path)
+    if not path.suffix:
+        path = MAPS / f"{path.name}.yaml"
+        if not path.exists():
+            raise UsageError(f"there is no map {str(name_or_path)!r}", f"a YAML file, or {', '.join(builtin_maps())}")
+    words = _read(path, FILE_MAX_BYTES)
+    if "image" not in read_yaml(words, path.name):
+        return floorplan_of_yaml(words, path.stem)
+    image = path.parent / map_words(words, path.name).image
+    packed = image.with_name(image.name + ".gz")
+    picture = _unpack(packed) if packed.exists() and not image.exists() else _read(image, _PICTURE_MAX_BYTES)
+    return floorplan_of_map(words, picture, path.stem)
+
+
+def _read(path: Path, limit: int) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(limit + 1)
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror or error}") from error
+    if len(data) > limit:
+        raise UsageError(f"{path} has more than {limit} bytes")
+    return data
+
+
+def _unpack(path: Path) -> bytes:
+    try:
+        with gzip.open(path) as file:
+            data = file.read(_PICTURE_MAX_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise UsageError(f"cannot read {path}: {error}") from error
+    if len(data) > _PICTURE_MAX_BYTES:
+        raise UsageError(f"{path} unpacks to more than {_PICTURE_MAX_BYTES} bytes")
+    return data

@@ -1,0 +1,108 @@
+"""What a robot's wheels tell it: the true motion times a factor that is wrong in one of three ways.
+
+The paper gives two standard deviations and not what they are of; each figure says which model it uses (docs/adr/0019).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from phalanx.errors import UsageError
+
+Pose = tuple[float, float, float]
+
+
+class NoiseModel(Enum):
+    """Where the factor comes from."""
+
+    STAGE = "stage"  # drawn once from ± sigma / 2, as the simulator Stage does with odom_error
+    FIXED = "fixed"  # always 1 + sigma
+    STEP = "step"  # drawn anew at every step from N(1, sigma)
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryNoise:
+    """How wrong odometry is.
+
+    Args:
+        sigma_t, sigma_r: for way and for turns; the paper's (0.03, 0.05) and others.
+        model: which factor they make.
+    Raises: UsageError: a sigma is negative or above 1.
+    Source: Encoded graphs §VI-B, Fig. 8.
+    """
+
+    sigma_t: float = 0.03
+    sigma_r: float = 0.05
+    model: NoiseModel = NoiseModel.STAGE
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.sigma_t <= 1 and 0 <= self.sigma_r <= 1):
+            raise UsageError(f"odometry noise of {self.sigma_t}, {self.sigma_r}", "0 to 1 for way and turns")
+
+    @classmethod
+    def parse(cls, text: str) -> OdometryNoise:
+        """The noise that a command line asks for: SIGMA_T,SIGMA_R[,stage|fixed|step].
+
+        Raises: UsageError: it is not written so.
+        """
+        parts = text.split(",")
+        try:
+            way, turn = float(parts[0]), float(parts[1])
+            model = NoiseModel(parts[2]) if len(parts) > 2 else NoiseModel.STAGE
+        except (ValueError, IndexError) as error:
+            raise UsageError(
+                f"odometry noise {text!r}", "like 0.03,0.05 or 0.03,0.05,fixed (stage, fixed, step)"
+            ) from error
+        if len(parts) > 3:
+            raise UsageError(f"odometry noise {text!r}", "like 0.03,0.05,stage")
+        return cls(way, turn, model)
+
+
+class Odometry:
+    """One robot's estimate of its pose, from the motion of its wheels alone.
+
+    Args:
+        start: the pose that it is told at the start.
+        noise: how wrong it is.
+        random: the factors are drawn from it.
+    """
+
+    def __init__(self, start: Pose, noise: OdometryNoise, random: np.random.Generator) -> None:
+        self.pose = start
+        self.travelled_m = 0.0
+        self._noise = noise
+        self._random = random
+        self._factor_t, self._factor_r = 1.0 + noise.sigma_t, 1.0 + noise.sigma_r
+        if noise.model is NoiseModel.STAGE:
+            self._factor_t = 1.0 + noise.sigma_t * random.uniform(-0.5, 0.5)
+            self._factor_r = 1.0 + noise.sigma_r * random.uniform(-0.5, 0.5)
+
+    def step(self, way_m: float, turn_rad: float) -> Pose:
+        """Adds a true motion along an arc; returns the estimated pose."""
+        if self._noise.model is NoiseModel.STEP:
+            self._factor_t = 1.0 + self._noise.sigma_t * self._random.standard_normal()
+            self._factor_r = 1.0 + self._noise.sigma_r * self._random.standard_normal()
+        way, turn = way_m * self._factor_t, turn_rad * self._factor_r
+        self.travelled_m += abs(way)
+        self.pose = along_arc(self.pose, way, turn)
+        return self.pose
+
+    def correct(self, pose: Pose) -> None:
+        """Goes on from a pose that is known better."""
+        self.pose = pose
+
+
+def along_arc(pose: Pose, way_m: float, turn_rad: float) -> Pose:
+    """The pose after a way along an arc that turns by so much in all; the heading within ±pi."""
+    x, y, heading = pose
+    half = 0.5 * turn_rad
+    chord = way_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+    return (
+        x + chord * math.cos(heading + half),
+        y + chord * math.sin(heading + half),
+        math.remainder(heading + turn_rad, math.tau),
+    )

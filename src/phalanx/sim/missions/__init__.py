@@ -1,0 +1,1 @@
+"""Robots that live an encoded mission in a building."""

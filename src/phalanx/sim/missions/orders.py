@@ -1,0 +1,127 @@
+"""A mission as robots in a building get it: files, start keys, where they begin, and what hangs on the walls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from phalanx.errors import UsageError
+from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Sensor, StartKey
+from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.sim.building.diffdrive import DiffDriveConfig
+from phalanx.sim.building.odometry import Pose
+
+from .run import Part, pool_of
+
+CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
+NORTH_RAD = math.pi / 2
+File = tuple[EncodedMission, StartKey | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What a fleet is given.
+
+    Args:
+        name: for people.
+        plan: the building, with the codes that the mission's author hung on its walls.
+        parts: robot i gets part i modulo their number.
+        pool: actions that the robots can do.
+        controller: messages that a controller sends when the robots start.
+    """
+
+    name: str
+    plan: FloorPlan
+    parts: tuple[Part, ...]
+    pool: tuple[Action, ...] = ()
+    controller: tuple[bytes, ...] = ()
+
+
+def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan, start: Pose | None = None) -> Orders:
+    """What robots are given of a mission whose author is asked.
+
+    Args:
+        plain: the mission.
+        built: a file and a key for each of its parts, in their order.
+        plan: the building.
+        start: where all robots are put; None is where each part begins.
+    Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
+    """
+    return orders_of_files(plain.name, [(each.mission, each.key) for each in built], plan, plain, start)
+
+
+def orders_of_files(
+    name: str, files: Sequence[File], plan: FloorPlan, plain: Mission | None = None, start: Pose | None = None
+) -> Orders:
+    """What robots are given of encoded missions.
+
+    Args:
+        name: for people.
+        files: one for each part, with its start key.
+        plan: the building.
+        plain: what the files were built from, in the order of its parts: it says where robots begin, what hangs on the
+            walls and what robots can do. Without it nobody here knows more than the files say.
+        start: where all robots are put; None is where each part begins, or where the building says.
+    Raises: UsageError: robots cannot be put there, lack a sensor, or there are more or fewer files than parts.
+    """
+    messages = tuple(message for _, key in files if key for message in key.messages.values())
+    if plain is None:
+        begin = start or start_of(plan)
+        return Orders(name, plan, tuple(Part(*file, begin) for file in files), (), messages)
+    if len(files) != len(plain.parts):
+        raise UsageError(
+            f"encoded files: {len(files)}, and {plain.name!r} is built into {len(plain.parts)}",
+            "one file for each part, in the order in which they were built",
+        )
+    _check_sensed(plain)
+    starts = [start or _start(plain, part, plan) for part in plain.parts]
+    parts = tuple(Part(*file, begin) for file, begin in zip(files, starts, strict=True))
+    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages)
+
+
+def start_of(plan: FloorPlan) -> Pose:
+    """Where robots begin in a building.
+
+    Raises: UsageError: it does not say.
+    """
+    if plan.start is None:
+        raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
+    return plan.start
+
+
+def _start(plain: Mission, part: str, plan: FloorPlan) -> Pose:
+    """Where a part's robots are put: at its first start node; where the map says, if that is in no place."""
+    node = next(node for node in plain.nodes if node.start and node.part == part)
+    if node.place is None:
+        return start_of(plan)
+    if plan.clearance_m(*node.place) < DiffDriveConfig().radius_m or not plan.inside(*node.place):
+        raise UsageError(
+            f"no robot can stand at {node.name!r}, where the mission starts", "start at a position away from walls"
+        )
+    return (*node.place, plan.start[2] if plan.start else NORTH_RAD)
+
+
+def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
+    """The building with the QR codes on its walls that the mission's author put there and the map does not show."""
+    shown = {code.text for code in plan.codes}
+    hung = [
+        WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
+        for node in plain.nodes
+        for alias in node.see
+        for thing in alias
+        if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
+    ]
+    return replace(plan, codes=(*plan.codes, *hung)) if hung else plan
+
+
+def _check_sensed(plain: Mission) -> None:
+    """Refuses a mission with a node that no robot here can sense: they have wheels, a lidar and a camera."""
+    for node in plain.nodes:
+        wanted = [next((thing for thing in alias if isinstance(thing, Sensor)), None) for alias in node.see]
+        if (sensor := wanted[0]) is not None and None not in wanted:
+            raise UsageError(
+                f"{node.name!r} wants the reading {sensor.value.decode(errors='replace')!r}, and simulated robots have"
+                " no such sensor",
+                "see: a landmark, a QR code or a position instead",
+            )

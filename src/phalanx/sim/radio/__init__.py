@@ -1,0 +1,1 @@
+"""One radio channel for all robots, held to ns-3."""

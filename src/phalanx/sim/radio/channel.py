@@ -1,0 +1,375 @@
+"""One radio channel for all robots: CSMA/CA with carrier sense inside a disc, hidden terminals and losses by overlap.
+
+Every robot has a NIC: a short queue of frames, a back-off counter, a random state of its own. The loop pops events and
+calls `attempt` and `finish`; everything else happens inside. What is modelled and what is not: docs/adr/0011.
+
+Rules of this file. Carrier sense and reception look only at the robots in `Reach`. A NIC's next attempt only ever moves
+to a later time, so one event a NIC is enough: one that comes too early is put back. Whoever draws, draws from the NIC's
+own state, so that no robot's luck depends on the order of the others.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bundle import pack, reference
+from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
+from phalanx.errors import UsageError
+from phalanx.kernel import kernel
+from phalanx.sim.audited.events import Queue, push
+
+from .airtime import Rates, ack_us, broadcast_us, unicast_us
+from .nic import (
+    AIFS_US,
+    NEVER,
+    SIFS_US,
+    SLOT_US,
+    WINDOW_MAX,
+    WINDOW_MIN,
+    draw,
+    hold,
+    listen,
+    make_nics,
+    received,
+    strength,
+)
+from .reach import Reach
+
+# Kinds of events; a TX_END's arg is 0 for a frame, 1 + the robot that is answered for an acknowledgement.
+ATTEMPT, TX_END = 1, 2
+
+BROADCAST = -1
+NOBODY = -1
+SLOTS = 16
+SHORT_BYTES = 64
+AUDIT_BIT = 0x80
+
+# Rows of `Air.counts[i]`: what a frame is, by its first byte and its destination.
+APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
+# Columns: frames that left or were given up, receptions due and those that came about (all on the sender's account),
+# frames heard by this robot, bytes of frames sent, airtime of all tries, sum over receptions of µs since `enqueue`,
+# frames that found no room in the NIC.
+SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
+
+
+class Air(NamedTuple):
+    """The channel and everybody's NIC; 3.7 kB a robot by default.
+
+    Args:
+        nic: (N,) records.
+        short: (N, SLOTS, SHORT_BYTES) uint8, frames of the ring.
+        long: (N, long_bytes) uint8, the one longer frame of each ring.
+        dst: (N, SLOTS) int32, robot or BROADCAST.
+        length: (N, SLOTS) int32, bytes.
+        since: (N, SLOTS) int64, when it was put there, µs.
+        counts: (N, 4, 8) int64, see APP_BROADCAST … and SENT … .
+        rates: bits and times of a symbol.
+        half_exponents: twice the exponent of the path loss.
+        capture: how many times as strong as all that overlaps it a broadcast must be.
+        data_capture: the same for unicast frames and acknowledgements.
+        tries: transmissions of a unicast frame.
+    """
+
+    nic: NDArray[np.void]
+    short: NDArray[np.uint8]
+    long: NDArray[np.uint8]
+    dst: NDArray[np.int32]
+    length: NDArray[np.int32]
+    since: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    rates: Rates
+    half_exponents: int
+    capture: float
+    data_capture: float
+    tries: int
+
+
+AirType, AirRef = reference(Air)
+
+
+@kernel
+def _refer(air: Air) -> Any:
+    return AirRef(*air)
+
+
+class End(NamedTuple):
+    """What came of a transmission.
+
+    Args:
+        receivers: how many robots have the frame now; their ids are in the caller's array.
+        left: robot whose NIC is done with the frame, or NOBODY: it may hand over the next one.
+        arrived: for `left`: 1, or 0 if a unicast frame was given up.
+        frame: its bytes, until that robot next calls `enqueue`.
+    """
+
+    receivers: int
+    left: int
+    arrived: int
+    frame: NDArray[np.uint8]
+
+
+def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
+    """A silent channel.
+
+    Args:
+        robots: N.
+        config: rates and limits.
+        seed: of the scenario, ≥ 0; together with a robot's number it decides all its back-offs.
+    Raises: UsageError: no robots, or a negative seed.
+    """
+    if robots < 1:
+        raise UsageError(f"{robots} robots", "at least 1")
+    if seed < 0:
+        raise UsageError(f"seed is {seed}", "0 or more")
+    air = Air(
+        nic=make_nics(robots, seed),
+        short=np.zeros((robots, SLOTS, SHORT_BYTES), np.uint8),
+        long=np.zeros((robots, config.long_bytes), np.uint8),
+        dst=np.zeros((robots, SLOTS), np.int32),
+        length=np.zeros((robots, SLOTS), np.int32),
+        since=np.zeros((robots, SLOTS), np.int64),
+        counts=np.zeros((robots, 4, 8), np.int64),
+        rates=Rates(
+            broadcast_bits=LEGACY_BITS[config.broadcast_mbps],
+            control_bits=LEGACY_BITS[config.control_mbps],
+            data_bits=HE_BITS[config.mcs],
+            data_symbol_ns=config.data_symbol_ns,
+        ),
+        half_exponents=round(2 * config.exponent),
+        capture=10 ** (config.capture_db / 10),
+        data_capture=10 ** (config.data_capture_db / 10),
+        tries=config.tries,
+    )
+    return pack(air, _refer)
+
+
+def delivery(air: Air, kind: int) -> float:
+    """Share of the receptions due that came about, 0 to 1; NaN if none was due.
+
+    Args:
+        air: the channel.
+        kind: APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST or AUDIT_UNICAST.
+    """
+    due = int(air.counts[:, kind, DUE].sum())
+    return int(air.counts[:, kind, ARRIVED].sum()) / due if due else float("nan")
+
+
+@kernel
+def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length: int, dst: int, now_us: int) -> int:
+    """0, and the robot's NIC will send the frame; -1 if it has no room, the frame has no legal length, or it is off.
+
+    Args:
+        air: the channel.
+        queue: gets the NIC's next ATTEMPT.
+        robot: who sends.
+        frame: (≥ length,), copied.
+        length: bytes of it.
+        dst: robot, or BROADCAST. A frame to nobody is tried like one to a robot out of range.
+        now_us: time.
+    """
+    nic = air.nic[robot]
+    is_long = length > SHORT_BYTES
+    if (
+        nic.off
+        or length < 1
+        or length > max(SHORT_BYTES, air.long.shape[1])
+        or nic.waiting == SLOTS
+        or (is_long and nic.long_used)
+    ):
+        if length > 0:
+            air.counts[robot, _class(frame[0], dst), DROPPED] += 1
+        return -1
+    slot = (nic.head + nic.waiting) % SLOTS
+    target = air.long[robot] if is_long else air.short[robot, slot]
+    for n in range(length):
+        target[n] = frame[n]
+    if is_long:
+        nic.long_used = 1
+    air.dst[robot, slot], air.length[robot, slot], air.since[robot, slot] = dst, length, now_us
+    nic.waiting += 1
+    if nic.waiting == 1:
+        if now_us < nic.busy_until and nic.slots == 0:
+            nic.slots = draw(nic)
+        _contend(nic, queue, robot, now_us)
+    return 0
+
+
+@kernel
+def silence(air: Air, robot: int) -> None:
+    """The robot's radio is off: it forgets its frames, hears nothing, acknowledges nothing; nobody waits for it.
+
+    A frame that is on the air goes on to its end.
+    Source: RoboRebound §3.6 (Safe Mode).
+    """
+    nic = air.nic[robot]
+    nic.off, nic.tries = 1, air.tries
+    if nic.attempt_at != NEVER:  # nothing on its way: all that waits is forgotten
+        nic.attempt_at, nic.waiting = NEVER, 0
+    nic.waiting = min(nic.waiting, 1)
+
+
+@kernel
+def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> None:
+    """What an ATTEMPT asks for is done: the robot's next frame goes on the air, or the attempt is put off.
+
+    Source: IEEE 802.11-2020 §10.23.2 (EDCA), as in ns-3; docs/adr/0011.
+    """
+    nic = air.nic[robot]
+    nic.queued = 0
+    if nic.attempt_at == NEVER:
+        return
+    if nic.attempt_at > now_us:
+        nic.queued = 1
+        push(queue, nic.attempt_at, ATTEMPT, robot, 0)
+        return
+    nic.attempt_at = NEVER
+    slot = nic.head
+    length, dst = air.length[robot, slot], air.dst[robot, slot]
+    if dst == BROADCAST:
+        took_us, answer_us = broadcast_us(air.rates, length), 0
+    else:
+        took_us, answer_us = unicast_us(air.rates, length), SIFS_US + ack_us(air.rates)
+    nic.tries += 1
+    air.counts[robot, _class(_bytes(air, robot, slot)[0], dst), AIRTIME_US] += took_us
+    _transmit(air, reach, queue, robot, now_us, now_us + took_us, answer_us, 0)
+
+
+@kernel
+def finish(
+    air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: NDArray[np.int32]
+) -> End:
+    """What a TX_END says has happened: who received, and whether the NIC is done with the frame.
+
+    Args:
+        air: the channel.
+        reach: who is in range now.
+        queue: gets what follows.
+        robot: the event's.
+        arg: the event's.
+        now_us: the event's.
+        receivers: (≥ N,) int32, filled with the ids of those who received the frame now.
+    Source: IEEE 802.11-2020 §10.23.2, as in ns-3; docs/adr/0011.
+    """
+    if arg > 0:
+        return _finish_ack(air, queue, robot, arg - 1, now_us)
+    nic = air.nic[robot]
+    slot = nic.head
+    dst = air.dst[robot, slot]
+    frame = _bytes(air, robot, slot)
+    count = 0
+    if dst == BROADCAST:
+        for at in range(reach.start[robot], reach.start[robot + 1]):
+            other = reach.ids[at]
+            if received(air.nic[other], robot, now_us, air.capture):
+                receivers[count] = other
+                count += 1
+        _account(air, robot, slot, receivers, count, now_us)
+        return End(count, _done(air, queue, robot, now_us), 1, frame)
+    if not (0 <= dst < len(air.nic) and received(air.nic[dst], robot, now_us, air.data_capture)):
+        arrived = 1 if nic.delivered else 0
+        return End(0, _retry(air, queue, robot, now_us), arrived, frame)
+    if not nic.delivered:
+        nic.delivered = 1
+        receivers[0] = dst
+        count = 1
+        _account(air, robot, slot, receivers, count, now_us)
+    # The gap before the acknowledgement counts as part of it: nobody who heard the frame could begin there.
+    _transmit(air, reach, queue, dst, now_us, now_us + SIFS_US + ack_us(air.rates), 0, 1 + robot)
+    return End(count, NOBODY, 0, frame)
+
+
+@kernel
+def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
+    nic = air.nic[sender]
+    frame = _bytes(air, sender, nic.head)
+    if received(nic, robot, now_us, air.data_capture):
+        return End(0, _done(air, queue, sender, now_us), 1, frame)
+    return End(0, _retry(air, queue, sender, now_us), 1, frame)
+
+
+@kernel
+def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
+    nic = air.nic[robot]
+    if nic.tries >= air.tries:
+        return _done(air, queue, robot, now_us)
+    nic.window = min(2 * nic.window + 1, WINDOW_MAX)
+    nic.slots = draw(nic)
+    _contend(nic, queue, robot, now_us)
+    return NOBODY
+
+
+@kernel
+def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
+    nic = air.nic[robot]
+    slot = nic.head
+    counts = air.counts[robot, _class(_bytes(air, robot, slot)[0], air.dst[robot, slot])]
+    counts[SENT] += 1
+    counts[BYTES] += air.length[robot, slot]
+    counts[DUE] += nic.due if air.dst[robot, slot] == BROADCAST else 1
+    if air.length[robot, slot] > SHORT_BYTES:
+        nic.long_used = 0
+    nic.head = (slot + 1) % SLOTS
+    nic.waiting -= 1
+    nic.tries, nic.delivered, nic.window = 0, 0, WINDOW_MIN
+    nic.slots = draw(nic)  # even with nothing to send: nobody may send twice in a row without a back-off
+    if nic.waiting:
+        _contend(nic, queue, robot, now_us)
+    return robot
+
+
+@kernel
+def _transmit(
+    air: Air, reach: Reach, queue: Queue, robot: int, now_us: int, end_us: int, answer_us: int, arg: int
+) -> None:
+    """The robot sends from now to end_us; whoever hears it keeps quiet until then, or through the answer."""
+    nic = air.nic[robot]
+    hold(nic, now_us, end_us + answer_us)
+    nic.own_until = end_us
+    nic.hears, nic.hears_until = NOBODY, now_us
+    due = 0
+    for at in range(reach.start[robot], reach.start[robot + 1]):
+        other = air.nic[reach.ids[at]]
+        if other.off:
+            continue
+        due += 1
+        heard = listen(other, robot, strength(reach.square[at], air.half_exponents), air.capture, now_us, end_us)
+        # Only whoever reads the frame knows that an answer follows.
+        hold(other, now_us, end_us + answer_us if heard else end_us)
+    nic.due = due
+    push(queue, end_us, TX_END, robot, arg)
+
+
+@kernel
+def _contend(nic: Any, queue: Queue, robot: int, now_us: int) -> None:
+    """The NIC attempts when its back-off is over, at the next boundary of a slot."""
+    idle_from = nic.busy_until + AIFS_US
+    begun = (now_us - idle_from) // SLOT_US + 1 if now_us > idle_from else 0
+    nic.attempt_at = idle_from + SLOT_US * max(nic.slots, begun)
+    if not nic.queued:
+        nic.queued = 1
+        push(queue, nic.attempt_at, ATTEMPT, robot, 0)
+
+
+@kernel
+def _class(first_byte: int, dst: int) -> int:
+    return (AUDIT_BROADCAST if first_byte & AUDIT_BIT else APP_BROADCAST) + (dst != BROADCAST)
+
+
+@kernel
+def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
+    length = air.length[robot, slot]
+    if length > SHORT_BYTES:
+        return air.long[robot, :length]
+    return air.short[robot, slot, :length]
+
+
+@kernel
+def _account(air: Air, robot: int, slot: int, receivers: NDArray[np.int32], count: int, now_us: int) -> None:
+    row = _class(_bytes(air, robot, slot)[0], air.dst[robot, slot])
+    air.counts[robot, row, ARRIVED] += count
+    air.counts[robot, row, DELAY_US] += count * (now_us - air.since[robot, slot])
+    for at in range(count):
+        air.counts[receivers[at], row, HEARD] += 1

@@ -1,0 +1,139 @@
+"""One robot's network card: what it hears, and when it may speak. The channel between them is in `radio`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+
+# Access as ns-3 plays it: everything in the best-effort class (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
+SLOT_US = 9
+SIFS_US = 16
+AIFS_US = SIFS_US + 3 * SLOT_US
+WINDOW_MIN, WINDOW_MAX = 15, 1023
+# A preamble takes 4 µs to be noticed: two that begin within that time do not know of each other.
+SENSE_US = 4
+NEVER = -1
+_LONG_AGO = -(1 << 40)
+_STREAM = 0x4E49  # sets the radio's draws apart from whatever else comes from the same seed
+
+NIC = np.dtype(
+    [
+        ("heard_until", "i8"),  # the last frame in range ends then, µs
+        ("hears_from", "i8"),  # the frame that it listens to: when it began,
+        ("hears_until", "i8"),  # when it ends,
+        ("busy_until", "i8"),  # the channel counts as busy until then: own frames, others', and their acknowledgements
+        ("own_until", "i8"),  # own last frame ends then
+        ("attempt_at", "i8"),  # next attempt, or NEVER
+        ("random", "u8"),  # xorshift64
+        ("hears", "i4"),  # who sends it, or NOBODY,
+        ("strength", "f8"),  # and how strong it is here; 1 is a sender at one metre
+        ("noise", "f8"),  # the same, of all others since the channel was last silent
+        ("slots", "i4"),  # back-off: idle slots still to wait
+        ("window", "i4"),
+        ("tries", "i4"),
+        ("head", "i4"),  # of the ring of frames
+        ("waiting", "i4"),  # frames in the ring
+        ("due", "i4"),  # robots in range when the frame began
+        ("queued", "u1"),  # an ATTEMPT is among the events
+        ("long_used", "u1"),
+        ("delivered", "u1"),  # the addressee has it, the acknowledgement may have been lost
+        ("off", "u1"),
+    ],
+    align=True,
+)
+
+
+def make_nics(robots: int, seed: int) -> NDArray[np.void]:
+    """(robots,) records of NIC: an idle channel, and each robot's own luck."""
+    nic = np.zeros(robots, NIC).view(np.recarray)
+    for name in ("heard_until", "hears_until", "busy_until", "own_until"):
+        nic[name] = _LONG_AGO
+    nic["attempt_at"] = NEVER
+    nic["window"] = WINDOW_MIN
+    drawn = np.random.SeedSequence([seed, _STREAM]).generate_state(robots, np.uint64)
+    nic["random"] = drawn | np.uint64(1)  # xorshift never leaves 0
+    return nic
+
+
+@kernel
+def listen(nic: Any, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
+    """Whether the NIC turns to the frame that begins; if not, the frame is noise to what the NIC listens to.
+
+    Args:
+        nic: its record.
+        sender: whose frame.
+        strong: how strong it is here, see `strength`.
+        capture: how many times as strong as the noise a preamble must be to be found.
+        now_us: it begins,
+        end_us: and ends.
+    Source: ns-3's ThresholdPreambleDetectionModel, without frame capture; docs/adr/0011.
+    """
+    if nic.heard_until <= now_us:
+        nic.noise = 0.0
+    nic.heard_until = max(nic.heard_until, end_us)
+    deaf = nic.own_until > now_us
+    free = nic.hears_until <= now_us
+    if not deaf and not free and now_us < nic.hears_from + SENSE_US and strong > nic.strength:
+        nic.noise += nic.strength  # both preambles at once: the stronger one is found
+    elif deaf or not free or strong <= capture * nic.noise:
+        nic.noise += strong
+        return False
+    nic.hears, nic.strength, nic.hears_from, nic.hears_until = sender, strong, now_us, end_us
+    return True
+
+
+@kernel
+def received(nic: Any, sender: int, now_us: int, capture: float) -> bool:
+    """Whether the NIC now has the sender's frame, which ends: it listened to that one, and the noise was low enough.
+
+    Source: docs/adr/0011.
+    """
+    # The time matters too: a robot that drove out of range while it heard the sender still has its name there.
+    heard = nic.hears == sender and nic.hears_until == now_us and not nic.off
+    return bool(heard and nic.strength > capture * nic.noise)
+
+
+@kernel
+def strength(square: float, half_exponents: int) -> float:
+    """What is left of a signal at so many metres squared; 1 at one metre, and nearer.
+
+    Args:
+        square: m².
+        half_exponents: twice the exponent of the path loss.
+    Source: ns-3's LogDistancePropagationLossModel.
+    """
+    # Roots and products only: `**` may differ between machines by a bit.
+    root, loss = math.sqrt(math.sqrt(max(square, 1.0))), 1.0
+    for _ in range(half_exponents):
+        loss *= root
+    return 1.0 / loss
+
+
+@kernel
+def hold(nic: Any, now_us: int, until_us: int) -> None:
+    """The idle slots so far are counted, and the NIC's attempt waits until the channel is free again.
+
+    Source: IEEE 802.11-2020 §10.23.2.4.
+    """
+    idle_from = nic.busy_until + AIFS_US
+    if now_us > idle_from:
+        nic.slots -= min(nic.slots, (now_us - idle_from) // SLOT_US)
+    nic.busy_until = max(nic.busy_until, until_us)
+    if nic.attempt_at >= now_us + SENSE_US:
+        nic.attempt_at = nic.busy_until + AIFS_US + nic.slots * SLOT_US
+
+
+@kernel
+def draw(nic: Any) -> int:
+    """A back-off in slots, from the NIC's own state and its window. Source: Marsaglia, Xorshift RNGs (2003)."""
+    state = nic.random
+    state ^= state << np.uint64(13)
+    state ^= state >> np.uint64(7)
+    state ^= state << np.uint64(17)
+    nic.random = state
+    return np.int64(state >> np.uint64(33)) & nic.window  # type: ignore[no-any-return]

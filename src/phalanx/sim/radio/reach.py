@@ -1,0 +1,129 @@
+"""Who is in range of whom, as lists: robots are sorted into square cells as wide as the range.
+
+The cost is linear in robots and neighbours. Lists are symmetric, and the same for the same positions. Everything else
+that asks for robots nearby (carrier sense, overlaps, contacts) goes through these lists.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bundle import pack, reference
+from phalanx.errors import UsageError
+from phalanx.kernel import kernel
+
+END = -1
+# A swarm of this size gets room for every robot to hear every other; a larger one begins with room for 32 each.
+SMALL_SWARM = 1024
+NEIGHBOURS = 32
+
+
+class Reach(NamedTuple):
+    """Neighbours of each robot: of robot i they are `ids[start[i]:start[i + 1]]`.
+
+    Args:
+        range_m: what counts as near, metres, inclusive.
+        start: (N + 1,) int64.
+        ids: (capacity,) int32.
+        square: (capacity,) float32, how far each of them is, metres squared.
+        cell: (N, 2) int64, the cell each robot is in.
+        first: (power of two ≥ N,) int32, the first robot of each bucket of cells.
+        after: (N,) int32, the next robot of the same bucket.
+    """
+
+    range_m: float
+    start: NDArray[np.int64]
+    ids: NDArray[np.int32]
+    square: NDArray[np.float32]
+    cell: NDArray[np.int64]
+    first: NDArray[np.int32]
+    after: NDArray[np.int32]
+
+
+ReachType, ReachRef = reference(Reach)
+
+
+@kernel
+def _refer(reach: Reach) -> Any:
+    return ReachRef(*reach)
+
+
+def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reach:
+    """Lists in which nobody is near anybody yet.
+
+    Args:
+        robots: N.
+        range_m: metres.
+        capacity: neighbours of all robots together; None for a size that fits small swarms always, large ones mostly.
+    Raises: UsageError: no robots, or a range that is not a positive number.
+    """
+    if robots < 1:
+        raise UsageError(f"{robots} robots", "at least 1")
+    if not 0 < range_m < math.inf:
+        raise UsageError(f"range is {range_m} m", "a positive number")
+    if capacity is None:
+        capacity = robots * (robots - 1 if robots <= SMALL_SWARM else NEIGHBOURS)
+    buckets = 1 << (robots - 1).bit_length()
+    reach = Reach(
+        float(range_m),
+        np.zeros(robots + 1, np.int64),
+        np.zeros(capacity, np.int32),
+        np.zeros(capacity, np.float32),
+        np.zeros((robots, 2), np.int64),
+        np.zeros(buckets, np.int32),
+        np.zeros(robots, np.int32),
+    )
+    return pack(reach, _refer)
+
+
+@kernel
+def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
+    """The number of neighbours of all robots together, and the lists are those of `pos`.
+
+    If that number is greater than `len(reach.ids)` the lists are cut short (robots at the end have none or too few):
+    make a larger Reach, and rebuild.
+
+    Args:
+        reach: of N robots.
+        pos: (N, 2), metres, finite.
+    """
+    count = len(pos)
+    mask = len(reach.first) - 1
+    width = reach.range_m * 1.000001  # a distance that is rounded down to the range must not skip a cell
+    for bucket in range(len(reach.first)):
+        reach.first[bucket] = END
+    for i in range(count - 1, -1, -1):  # backwards, so that each bucket lists its robots in order
+        reach.cell[i, 0] = math.floor(pos[i, 0] / width)
+        reach.cell[i, 1] = math.floor(pos[i, 1] / width)
+        bucket = _bucket(reach.cell[i, 0], reach.cell[i, 1], mask)
+        reach.after[i] = reach.first[bucket]
+        reach.first[bucket] = i
+    total = 0
+    limit = reach.range_m * reach.range_m
+    for i in range(count):
+        reach.start[i] = min(total, len(reach.ids))
+        for nth in range(9):
+            x, y = reach.cell[i, 0] + nth // 3 - 1, reach.cell[i, 1] + nth % 3 - 1
+            k = reach.first[_bucket(x, y, mask)]
+            while k != END:
+                dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
+                square = dx * dx + dy * dy
+                # Cells share buckets: a robot counts for its own cell only, or it would be listed twice.
+                here = reach.cell[k, 0] == x and reach.cell[k, 1] == y
+                if here and k != i and square <= limit:
+                    if total < len(reach.ids):
+                        reach.ids[total] = k
+                        reach.square[total] = square
+                    total += 1
+                k = reach.after[k]
+    reach.start[count] = min(total, len(reach.ids))
+    return total
+
+
+@kernel
+def _bucket(x: int, y: int, mask: int) -> int:
+    return (x * 73856093 ^ y * 19349663) & mask

@@ -1,0 +1,1 @@
+"""What is run: scenario files, seeded runs of them, recordings."""

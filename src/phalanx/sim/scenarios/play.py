@@ -1,0 +1,63 @@
+"""A scenario from its beginning to its end, watched and recorded on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+
+from phalanx.sim.signals import handled_by
+
+from .recording import Recording
+from .run import Run
+from .scenario import Scenario
+
+# As often as the robots act.
+STEP_S = 0.25
+
+
+@contextlib.contextmanager
+def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
+    """Ctrl-C and SIGTERM wait for the function given, which then raises KeyboardInterrupt; a second comes at once.
+
+    In the middle of a call of compiled code it can be lost: numba, looking at arguments, forgets exceptions (seen).
+    Outside the main thread, which alone is sent signals, nothing changes.
+    """
+    waiting: list[int] = []
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        if waiting:
+            signal.default_int_handler(number, frame)
+        waiting.append(number)
+
+    def check() -> None:
+        if waiting:
+            raise KeyboardInterrupt
+
+    with handled_by(keep, signal.SIGINT, signal.SIGTERM):
+        yield check
+
+
+def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run], None] = lambda _run: None) -> Run:
+    """The run, at the end of the scenario.
+
+    Args:
+        scenario: what runs.
+        record: MCAP file to write, or None.
+        on_step: called at each quarter of a simulated second; whatever it raises ends the run, the recording complete.
+    Raises: UsageError, Unavailable: the recording cannot be written.
+    """
+    run = Run(scenario)
+    with contextlib.ExitStack() as stack:
+        check = stack.enter_context(ctrl_c_between_steps())
+        recording = stack.enter_context(Recording(record, scenario)) if record else None
+        for k in range(math.ceil(scenario.duration_s / STEP_S) + 1):
+            run.advance(min(k * STEP_S, scenario.duration_s))
+            if recording:
+                recording.write(run, run.new_verdicts())
+            on_step(run)
+            check()
+    return run

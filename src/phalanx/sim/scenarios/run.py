@@ -1,0 +1,230 @@
+"""One seeded run of a scenario: made, advanced, watched, summed up."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.refusal import Refusal
+from phalanx.errors import Unavailable, UsageError
+from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.robot.controllers.python_controller import Controller
+from phalanx.sim.audited import loop, pybot
+from phalanx.sim.audited.body import POINT_MASS
+from phalanx.sim.audited.events import refused
+from phalanx.sim.audited.quorum import Quorum
+from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
+from phalanx.sim.audited.watch import VerdictReader, shields
+from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
+
+from .scenario import AttackSpec, Scenario
+
+# Robots that never lie again.
+FOREVER_MS = (1 << 32) - 1
+
+
+class Run:
+    """A scenario being run.
+
+    Args:
+        scenario: what runs.
+        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+    Raises: Unavailable: so many robots do not fit into memory.
+    Source: docs/spec/world.md.
+    """
+
+    def __init__(self, scenario: Scenario, controller: Callable[[int], Controller] | None = None) -> None:
+        self.scenario = scenario
+        n = scenario.robots
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
+        self.ids = np.arange(1, n + 1)
+        drawn = scenario.drawn_attacks()
+        setup = Setup(
+            robots=n,
+            starts_m=np.array(scenario.starts_m, np.float64),
+            profile=PROFILES[scenario.defence],
+            controller=0 if controller else int(dispatch.Kind.FLOCK),
+            params=flock_params(scenario.flock),
+            body=POINT_MASS,
+            seed=scenario.seed,
+            contact_m=scenario.contact_m,
+            obstacles=scenario.obstacles,
+            bti=scenario.bti,
+            radio=scenario.radio,
+            before_key={int(spec.robot or 0) - 1: ATTACKS[spec.name].before_key for spec in drawn},
+        )
+        try:
+            self.world = make_world(setup, chance)
+        except MemoryError as error:
+            raise Unavailable(f"{n} robots do not fit into memory", "fewer robots, or a smaller n_max") from error
+        self._verdicts = VerdictReader(self.world)
+        self._wall_s = 0.0
+        self._sampled_s = 0
+        self._distances: list[tuple[float, float | None]] = []
+        self._digest = hashlib.sha256()
+        self.robots: dict[int, CNode] = {}
+        self._compromise(drawn, controller, chance)
+        if controller:
+            for i in range(n):
+                self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
+        self._quorum = Quorum(self.world, scenario.bti, self._correct)
+        start(self.world, self.robots)
+        loop.run(self.world, 0)  # compiles, if need be: that is not the world's slowness
+
+    def _compromise(
+        self,
+        drawn: tuple[AttackSpec, ...],
+        controller: Callable[[int], Controller] | None,
+        chance: np.random.Generator,
+    ) -> None:
+        scenario, world = self.scenario, self.world
+        liars = [int(spec.robot or 0) for spec in drawn]
+        for spec, rob_id in zip(drawn, liars, strict=True):
+            boot_ms = int(world.boot_us[rob_id - 1]) // 1000
+            plan = Plan(
+                ids=tuple(int(each) for each in self.ids),
+                goal_m=scenario.goal_m,
+                accomplices=tuple(other for other in liars if other != rob_id),
+                start_ms=boot_ms + round(spec.at_s * 1000),
+                stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
+                chance=chance,
+                options=spec.options,
+            )
+            self.robots[rob_id - 1] = ATTACKS[spec.name](world.fleet, rob_id - 1, world.work, plan, controller)
+
+    # --- going on -----------------------------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Simulated seconds so far."""
+        return float(self.world.clock[0].now_us) / 1e6
+
+    def advance(self, until_s: float) -> None:
+        """The world at `until_s`."""
+        began = time.perf_counter()
+        until_us = round(until_s * 1e6)
+        while self.world.clock[0].now_us < until_us:
+            target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
+            while loop.run(self.world, target_us) == loop.FOR_PYTHON:
+                pybot.handle(self.world, self.robots)
+            if target_us == (self._sampled_s + 1) * 1_000_000:
+                self._sample()
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        if self.world.clock[0].crowded:
+            raise UsageError(
+                f"robots crowd together: more than {len(self.world.reach.ids) // len(self.ids)} in range of each",
+                "a wider spacing, fewer robots, or a greater n_max",
+            )
+        self._wall_s += time.perf_counter() - began
+
+    def _sample(self) -> None:
+        self._sampled_s += 1
+        self._distances.append((float(self._sampled_s), self._mean_distance_m()))
+        self._quorum.look()
+        for part in (self.world.pos, self.world.vel, self.world.safe, self.world.fleet.hckpt):
+            self._digest.update(part.tobytes())
+
+    def _mean_distance_m(self) -> float | None:
+        correct = self._correct
+        distance = np.sqrt(((self.world.pos - np.array(self.scenario.goal_m)) ** 2).sum(axis=1))
+        return float(distance[correct].mean()) if correct.any() else None
+
+    # --- watching -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _correct(self) -> NDArray[np.bool_]:
+        correct = np.ones(len(self.ids), bool)
+        for i, robot in self.robots.items():
+            correct[i] = not isinstance(robot, Attack)
+        return correct
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """(N, 2), world frame."""
+        return self.world.pos
+
+    @property
+    def velocities_mps(self) -> NDArray[np.float64]:
+        """(N, 2), world frame."""
+        return self.world.vel
+
+    @property
+    def airtime_s(self) -> NDArray[np.float64]:
+        """(N,), for how long each robot has been on the air."""
+        used: NDArray[np.float64] = self.world.air.counts[: len(self.ids), :, AIRTIME_US].sum(axis=1) / 1e6
+        return used
+
+    @property
+    def in_safe_mode(self) -> NDArray[np.bool_]:
+        """(N,)."""
+        return self.world.safe.astype(bool)
+
+    @property
+    def compromised(self) -> dict[int, str]:
+        """Names of the attacks, by robot id."""
+        return {i + 1: robot.name for i, robot in self.robots.items() if isinstance(robot, Attack)}
+
+    def shields(self) -> list[list[tuple[int, float]]]:
+        """Of each robot, who vouches for it and for how many seconds more, the longest first. Source: §3.5."""
+        return [shields(self.world, i) for i in range(len(self.ids))]
+
+    def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
+        """Audits that ended since the last call: time s, auditor, auditee, why it got no token or NONE."""
+        return self._verdicts.new()
+
+    def summary(self) -> dict[str, Any]:
+        """What `phalanx sim run --json` prints. Source: RoboRebound §5.2, §5.3."""
+        world, counts = self.world, self.world.air.counts
+        n, seconds = len(self.ids), max(self.now_s, 1e-9)
+        alone = self._quorum.stopped_without()
+        wronged = self._correct & self.in_safe_mode & ~alone
+
+        def rate(first: int) -> float:
+            return float(counts[:, first : first + 2, BYTES].sum()) / n / seconds
+
+        digest = self._digest.copy()
+        digest.update(f"{world.clock[0].now_us} {world.clock[0].contacts}".encode())
+        for part in (world.pos, world.vel, world.safe, counts, world.verdicts):
+            digest.update(part.tobytes())
+        return {
+            "robots": n,
+            "duration_s": self.now_s,
+            "seed": self.scenario.seed,
+            "defence": self.scenario.defence,
+            "digest": digest.hexdigest(),
+            "mean_distance_to_goal_m": self._mean_distance_m(),
+            "distance_series": self._distances,
+            "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Attack)],
+            "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
+            "without_quorum": [int(each) for each in self.ids[alone]],
+            "contacts": int(world.clock[0].contacts),
+            "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
+            "log_bytes_max": int(world.fleet.robot["log_max"].max()),
+            "broadcast_delivery": _known(delivery(world.air, APP_BROADCAST)),
+            "unicast_delivery": _known(delivery(world.air, AUDIT_UNICAST)),
+            "real_time_factor": seconds / self._wall_s if self._wall_s else None,
+        }
+
+    def _told(self, i: int, attack: Attack) -> dict[str, Any]:
+        boot_ms = int(self.world.boot_us[i]) // 1000
+        deviated, safe_us = attack.first_deviation_ms, int(self.world.safe_us[i])
+        return {
+            "robot": i + 1,
+            "attack": attack.name,
+            "first_deviation_s": None if deviated is None else (deviated - boot_ms) / 1000,
+            "safe_mode_s": None if safe_us < 0 else safe_us / 1e6,
+        }
+
+
+def _known(share: float) -> float | None:
+    """None where nothing was due: JSON has no NaN."""
+    return None if math.isnan(share) else share

@@ -1,0 +1,283 @@
+"""What a simulated run is made of: with its seed it decides every byte of the run."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config import BtiConfig
+from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
+from phalanx.config.radio import RadioConfig
+from phalanx.errors import UsageError
+from phalanx.robot.attacks import ATTACKS, check_options
+from phalanx.robot.attacks.attack import Defence
+
+DEFENCES: tuple[Defence, ...] = get_args(Defence)
+CONTROLLERS = ("flock",)
+MOST_ROBOTS = 65_535
+LONGEST_S = 7 * 86_400.0
+# A log of more neighbours does not fit a request; nor does a channel carry that of 130.
+MOST_NEIGHBOURS = 340
+# A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
+CLOSER, SPARE = 1.5, 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttackSpec:
+    """Who lies how, from when to when.
+
+    Args:
+        name: of one of the attacks in robot/attacks.
+        robot: id of the robot that is compromised; None for one that the seed chooses.
+        at_s: when it begins to lie.
+        until_s: when it is honest again; None for never.
+        options: the attack's own, by name.
+    Raises: UsageError: a value is out of range.
+    Source: RoboRebound §5.3 (from 15 s).
+    """
+
+    name: str
+    robot: int | None = None
+    at_s: float = 15.0
+    until_s: float | None = None
+    options: Mapping[str, float | str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        _within("at_s", self.at_s, 0.0, LONGEST_S)
+        if self.until_s is not None and not self.at_s < self.until_s < math.inf:
+            raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
+        if self.name in ATTACKS:  # for others a scenario has words of its own
+            check_options(ATTACKS[self.name], self.options)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenario:
+    """A swarm, where it starts, what it does, who lies, and what protects it.
+
+    `flock` and `bti` are kept in agreement with the rest: a scenario's goal, spacing and obstacles are its flock's, and
+    both provide for `n_max` neighbours.
+
+    Args:
+        name: what it is called.
+        about: what it shows, in a line.
+        robots: on a square grid, ids 1.. row by row from the corner at the origin.
+        grid_step_m: between two robots of the grid.
+        d_m: spacing that the flock keeps.
+        goal_m: where it goes.
+        duration_s: simulated time.
+        defence: none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md.
+        controller: what honest robots run.
+        seed: chooses broadcasts' phases, back-offs, and robots to compromise.
+        attacks: at most one a robot.
+        obstacles: on the ground; the flock must be told to avoid them (c1_beta, c2_beta).
+        contact_m: two robots as near as that touch.
+        n_max: neighbours provided for; None for what the grid and the radio's range come to.
+        bti, flock, radio: parameters of the audits, of the controller, of the radio.
+    Raises: UsageError: a value is out of range, or two contradict each other.
+    Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
+    """
+
+    name: str = ""
+    about: str = ""
+    robots: int = 25
+    grid_step_m: float = 25.0
+    d_m: float = 20.0
+    goal_m: tuple[float, float] = (500.0, 500.0)
+    duration_s: float = 150.0
+    defence: Defence = "bound"
+    controller: str = "flock"
+    seed: int = 0
+    attacks: tuple[AttackSpec, ...] = ()
+    obstacles: tuple[Disc | Box, ...] = ()
+    contact_m: float = 1.0
+    n_max: int | None = None
+    bti: BtiConfig = field(default_factory=BtiConfig)
+    flock: FlockConfig = field(default_factory=FlockConfig)
+    radio: RadioConfig = field(default_factory=RadioConfig)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.robots <= MOST_ROBOTS:
+            raise UsageError(f"{self.robots} robots", f"1 to {MOST_ROBOTS}")
+        _within("grid_step_m", self.grid_step_m, 0.01, 1e4)
+        _within("duration_s", self.duration_s, 0.1, LONGEST_S)
+        _within("contact_m", self.contact_m, 0.0, 1e3)
+        _within("the grid's edge", self.grid_step_m * (self.robots_per_edge - 1), 0.0, FARTHEST_M)
+        if self.defence not in DEFENCES:
+            raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
+        if self.controller not in CONTROLLERS:
+            raise UsageError(f"no controller {self.controller!r}", f"one of {', '.join(CONTROLLERS)}")
+        if not 0 <= self.seed < 1 << 32:
+            raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
+        self._check_attacks()
+        bti = replace(self.bti, n_max=self._neighbours() if self.n_max is None else self.n_max)
+        object.__setattr__(self, "bti", bti)
+        object.__setattr__(self, "flock", self._flock(bti))
+
+    @property
+    def robots_per_edge(self) -> int:
+        """Robots in a row of the grid; the last row may be shorter."""
+        return math.isqrt(self.robots - 1) + 1
+
+    @property
+    def starts_m(self) -> NDArray[np.float64]:
+        """(N, 2), where the robots stand at first; all are at rest."""
+        rows, columns = np.divmod(np.arange(self.robots), self.robots_per_edge)
+        return np.stack((columns, rows), axis=1) * self.grid_step_m
+
+    @property
+    def robots_in_range(self) -> float:
+        """Of a robot, itself included, in the middle of the grid and while that keeps its step."""
+        return min(math.pi * (self.radio.range_m / self.grid_step_m) ** 2, self.robots)
+
+    def drawn_attacks(self) -> tuple[AttackSpec, ...]:
+        """The attacks, each with the robot it is about: no two with the same.
+
+        Robots are ranked by SHA-256 of seed and id, which no version of any library changes.
+        """
+        named = {attack.robot for attack in self.attacks}
+
+        def rank(robot: int) -> bytes:
+            return hashlib.sha256(f"compromised {self.seed} {robot}".encode()).digest()
+
+        drawn = iter(sorted((robot for robot in range(1, self.robots + 1) if robot not in named), key=rank))
+        return tuple(
+            attack if attack.robot is not None else replace(attack, robot=next(drawn)) for attack in self.attacks
+        )
+
+    def with_options(
+        self,
+        *,
+        robots: int | None = None,
+        spacing_m: float | None = None,
+        duration_s: float | None = None,
+        defence: Defence | None = None,
+        attacks: tuple[AttackSpec, ...] | None = None,
+        f_max: int | None = None,
+        t_audit_s: float | None = None,
+        t_val_s: float | None = None,
+        seed: int | None = None,
+    ) -> Scenario:
+        """This scenario with some of it said otherwise; None leaves a thing as it is.
+
+        `spacing_m` is both the grid's step and the spacing that the flock keeps; `attacks` replace the scenario's own.
+
+        Raises: UsageError: as for the scenario.
+        """
+        for name, value in (("t_audit_s", t_audit_s), ("t_val_s", t_val_s)):
+            if value is not None:
+                _within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
+        changes: dict[str, object] = {
+            "robots": robots,
+            "grid_step_m": spacing_m,
+            "d_m": spacing_m,
+            "duration_s": duration_s,
+            "defence": defence,
+            "attacks": attacks,
+            "seed": seed,
+        }
+        audits = {
+            "f_max": f_max,
+            "t_audit_ms": None if t_audit_s is None else round(1000 * t_audit_s),
+            "t_val_ms": None if t_val_s is None else round(1000 * t_val_s),
+        }
+        said = {name: value for name, value in audits.items() if value is not None}
+        # What bti was given for n_max last time must not stand in the way of a larger f_max.
+        bti = replace(self.bti, **said, n_max=max(self.bti.n_max, (f_max or 0) + 1))
+        changed: dict[str, object] = {name: value for name, value in changes.items() if value is not None}
+        return replace(self, bti=bti, **changed)  # type: ignore[arg-type]
+
+    def _check_attacks(self) -> None:
+        seen = set()
+        for attack in self.attacks:
+            if attack.name not in ATTACKS:
+                near = difflib.get_close_matches(attack.name, ATTACKS, 1, 0.5)
+                guess = f"did you mean {near[0]}? " if near else ""
+                raise UsageError(f"no attack {attack.name!r}", f"{guess}one of {', '.join(sorted(ATTACKS))}")
+            if attack.robot is not None:
+                if not 1 <= attack.robot <= self.robots:
+                    raise UsageError(f"{attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}")
+                if attack.robot in seen:
+                    raise UsageError(f"two attacks in robot {attack.robot}", "one a robot")
+                seen.add(attack.robot)
+        if len(self.attacks) > self.robots:
+            raise UsageError(f"{len(self.attacks)} attacks and {self.robots} robots", "one a robot")
+
+    def _neighbours(self) -> int:
+        provided = min(self.robots - 1, math.ceil(CLOSER * self.robots_in_range) + SPARE, MOST_NEIGHBOURS)
+        return max(provided, self.bti.f_max + 1)
+
+    def _flock(self, bti: BtiConfig) -> FlockConfig:
+        return replace(
+            self.flock,
+            goal_m=self.goal_m,
+            d_m=self.d_m,
+            n_max=bti.n_max,
+            state_every=bti.steps_per_state,
+            discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
+            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+        )
+
+
+def parse_attack(words: str) -> AttackSpec:
+    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
+
+    Raises: UsageError: it is not of that form.
+    """
+    name, colon, rest = words.partition(":")
+    hint = "NAME[:robot=I,at=T,until=T,OPTION=VALUE,…], for example spoof:robot=7,at=15"
+    if not name or (colon and not rest):
+        raise UsageError(f"{words!r} is not an attack", hint)
+    said: dict[str, float | str] = {}
+    for part in rest.split(",") if rest else ():
+        key, equals, value = part.partition("=")
+        if not (key and equals and value):
+            raise UsageError(f"{part!r} in {words!r} is not OPTION=VALUE", hint)
+        if key in said:
+            raise UsageError(f"{key} twice in {words!r}", hint)
+        said[key] = _number(value)
+    try:
+        return make_attack(name, said)
+    except UsageError as error:
+        raise UsageError(f"{words!r}: {error}", error.hint) from error
+
+
+def make_attack(name: str, said: Mapping[str, float | str]) -> AttackSpec:
+    """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
+
+    Raises: UsageError: robot, at or until is not a number.
+    """
+    options = dict(said)
+    times = {key: options.pop(key) for key in ("at", "until") if key in options}
+    robot = options.pop("robot", None)
+    for key, value in times.items():
+        if isinstance(value, str):
+            raise UsageError(f"{key} of {name} is {value!r}", "seconds")
+    if robot is not None and (isinstance(robot, str) or robot != int(robot)):
+        raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
+    return AttackSpec(
+        name=name,
+        robot=None if robot is None else int(robot),
+        at_s=float(times.get("at", 15.0)),
+        until_s=float(times["until"]) if "until" in times else None,
+        options=options,
+    )
+
+
+def _number(words: str) -> float | str:
+    try:
+        value = float(words)
+    except ValueError:
+        return words
+    return value if math.isfinite(value) else words
+
+
+def _within(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:  # NaN too
+        raise UsageError(f"{name} is {value:g}", f"{low:g} to {high:g}")

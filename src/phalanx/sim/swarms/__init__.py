@@ -1,0 +1,1 @@
+"""Simulated swarms in real time, as the gateway sees them."""

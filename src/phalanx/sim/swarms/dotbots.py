@@ -1,0 +1,284 @@
+"""A simulated swarm of DotBot-like robots: two wheels, an LED, a battery, a way to know where they are.
+
+Every array is (N,), one entry for each robot that is there; a tick moves all of them at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.errors import Unknown, UsageError
+from phalanx.robot import Led, Point, Robot, wheels_towards
+
+AREA_MM = (2000, 2000)
+BODY_MM = 40.0  # radius: how near to the wall the middle can come
+TOP_SPEED_MMPS = 300.0  # of a wheel at 100 %
+AXLE_MM = 75.0
+BATTERY_FULL_MV = 3000.0
+BATTERY_EMPTY_MV = 2200.0
+IDLE_MVPS = 0.15  # full to empty in an hour and a half standing
+DRIVE_MVPS = 0.45  # on top of it at full speed: 22 minutes
+CHARGE_S = 60.0
+HISTORY = 1000
+HISTORY_IN_ALL = 100_000
+HISTORY_STEP_MM = 20.0
+DEFAULT_THRESHOLD_MM = 60.0
+MAX_ROBOTS = 2000  # as many as the visitors' page keeps
+
+# Short, easy to tell apart when called out across a room.
+NAMES = (
+    "Ada Bo Cleo Dot Eli Fay Gus Hal Ivy Jo Kit Lou Mia Ned Oz Pip Quin Rae Sol Tess Uma Vic Wren Xan Yara Zed "
+    "Ash Bea Cy Dee Emi Fox Gia Hugo Ines Juno Kai Lara Max Nova Opal Pax Remy Sky Tao Una Vera Wes Yui Zoe"
+).split()
+COLOURS = (
+    Led(230, 57, 70),
+    Led(244, 140, 6),
+    Led(250, 210, 60),
+    Led(82, 183, 136),
+    Led(42, 157, 217),
+    Led(94, 96, 206),
+    Led(200, 90, 200),
+    Led(120, 190, 210),
+)
+
+
+def robot_name(nth: int) -> str:
+    """A name for people, another one for each number from 0."""
+    return NAMES[nth % len(NAMES)] + (f" {nth // len(NAMES) + 1}" if nth >= len(NAMES) else "")
+
+
+class Dotbots:
+    """A `phalanx.robot.Swarm` that moves when told that time has passed.
+
+    Robots whose battery is empty leave to charge, and come back.
+
+    Args:
+        count: robots at the start, 1..2000.
+        seed: places, headings and batteries are drawn from it.
+        clock: seconds since 1970, for when a robot was last heard.
+        unprotected: why they do not audit each other, for people who expect that they do; else "".
+    Raises: UsageError: the count is out of range.
+    """
+
+    def __init__(self, count: int, seed: int, clock: Callable[[], float], *, unprotected: str = "") -> None:
+        if not 1 <= count <= MAX_ROBOTS:
+            raise UsageError(f"a swarm of {count} robots", f"1 to {MAX_ROBOTS}")
+        self._random = np.random.default_rng(seed)
+        self._clock = clock
+        self.unprotected = unprotected
+        self._row: dict[str, int] = {}
+        self._addresses: list[str] = []
+        self._names: list[str] = []
+        self._leds: list[Led] = []
+        self._routes: list[tuple[Point, ...]] = []
+        self._goals: list[int] = []
+        self._history: list[deque[Point]] = []
+        self._charging: list[tuple[float, str, str, Led]] = []
+        self._elapsed_s = 0.0
+        self._made = 0
+        empty = np.zeros(0)
+        self._x, self._y, self._angle = empty, empty, empty
+        self._left, self._right, self._battery = empty, empty, empty
+        self._threshold, self._goal_x, self._goal_y = empty, empty, empty
+        self._trail_x, self._trail_y = empty, empty
+        self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
+        self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+        wheels_towards(empty, empty)  # its first call compiles: not while visitors drive
+        for _ in range(count):
+            self.join()
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the area."""
+        return AREA_MM
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot that is there now."""
+        now = self._clock()
+        places = zip(
+            self._x.tolist(),
+            self._y.tolist(),
+            np.rint(np.degrees(self._angle)).astype(int).tolist(),
+            self._battery.tolist(),
+            self._threshold.tolist(),
+            strict=True,
+        )
+        return [
+            Robot(
+                address=self._addresses[i],
+                name=self._names[i],
+                at=Point(x, y),
+                direction_deg=direction % 360,
+                battery_v=millivolts / 1000,
+                led=self._leds[i],
+                route=self._routes[i],
+                threshold_mm=threshold,
+                heard_at_s=now,
+                history=self._history[i],
+            )
+            for i, (x, y, direction, millivolts, threshold) in enumerate(places)
+        ]
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """Turn the wheels until told otherwise; ends waypoint following."""
+        i = self._find(address)
+        self._stop_following(i)
+        self._left[i] = max(-100, min(100, left_pct))
+        self._right[i] = max(-100, min(100, right_pct))
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+        self._leds[self._find(address)] = led
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order; none stops the robot."""
+        i = self._find(address)
+        self._stop_following(i)
+        self._left[i] = self._right[i] = 0
+        self._threshold[i] = threshold_mm
+        if route:
+            self._routes[i] = (Point(float(self._x[i]), float(self._y[i])), *route)
+            self._following[i] = True
+            self._aim(i, 1)
+
+    def clear_history(self, address: str) -> None:
+        """Forget where the robot has been."""
+        i = self._find(address)
+        self._history[i].clear()
+        self._trail_x[i] = self._trail_y[i] = math.nan
+
+    def join(self) -> str:
+        """One more robot drives in; its address."""
+        self._made += 1
+        address = f"DECAFBAD{self._made:08X}"
+        nth = self._made - 1
+        name = robot_name(nth)
+        charge = self._random.uniform(0.5, 1.0)
+        self._enter(
+            address,
+            name,
+            COLOURS[nth % len(COLOURS)],
+            BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV),
+        )
+        return address
+
+    def leave(self, address: str) -> None:
+        """A robot is taken away."""
+        gone = self._find(address)
+        for name in (
+            "_x",
+            "_y",
+            "_angle",
+            "_left",
+            "_right",
+            "_battery",
+            "_threshold",
+            "_goal_x",
+            "_goal_y",
+            "_trail_x",
+            "_trail_y",
+        ):
+            setattr(self, name, np.delete(getattr(self, name), gone))
+        self._following = np.delete(self._following, gone)
+        for rows in (self._addresses, self._names, self._leds, self._routes, self._goals, self._history):
+            del rows[gone]
+        self._row = {address: i for i, address in enumerate(self._addresses)}
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass: steer, move, record, drain, charge."""
+        self._elapsed_s += dt_s
+        self._steer()
+        self._move(dt_s)
+        self._record()
+        self._drain(dt_s)
+
+    def _enter(self, address: str, name: str, led: Led, battery_mv: float) -> None:
+        edge = 4 * BODY_MM
+        values = {
+            "_x": self._random.uniform(edge, AREA_MM[0] - edge),
+            "_y": self._random.uniform(edge, AREA_MM[1] - edge),
+            "_angle": self._random.uniform(0, 2 * math.pi),
+            "_left": 0.0,
+            "_right": 0.0,
+            "_battery": battery_mv,
+            "_threshold": DEFAULT_THRESHOLD_MM,
+            "_goal_x": 0.0,
+            "_goal_y": 0.0,
+            "_trail_x": math.nan,
+            "_trail_y": math.nan,
+        }
+        for key, value in values.items():
+            setattr(self, key, np.append(getattr(self, key), value))
+        self._following = np.append(self._following, False)
+        self._row[address] = len(self._addresses)
+        self._addresses.append(address)
+        self._names.append(name)
+        self._leds.append(led)
+        self._routes.append(())
+        self._goals.append(0)
+        self._history.append(deque(maxlen=self._longest_trail))
+
+    def _find(self, address: str) -> int:
+        row = self._row.get(address)
+        if row is None:
+            raise Unknown(f"no robot {address[:64]!r}")
+        return row
+
+    def _stop_following(self, i: int) -> None:
+        self._following[i] = False
+        self._routes[i] = ()
+
+    def _aim(self, i: int, goal: int) -> None:
+        self._goals[i] = goal
+        self._goal_x[i], self._goal_y[i] = self._routes[i][goal].x_mm, self._routes[i][goal].y_mm
+
+    def _steer(self) -> None:
+        if not self._following.any():
+            return
+        who = np.flatnonzero(self._following)
+        dx, dy = self._goal_x[who] - self._x[who], self._goal_y[who] - self._y[who]
+        for i in who[dx * dx + dy * dy <= self._threshold[who] ** 2].tolist():
+            if self._goals[i] + 1 < len(self._routes[i]):
+                self._aim(i, self._goals[i] + 1)
+            else:
+                self._stop_following(i)
+                self._left[i] = self._right[i] = 0
+        who = np.flatnonzero(self._following)
+        dx, dy = self._goal_x[who] - self._x[who], self._goal_y[who] - self._y[who]
+        sin, cos = np.sin(self._angle[who]), np.cos(self._angle[who])
+        # The nose points along (-sin, cos); its right-hand side, clockwise of it, along (-cos, -sin).
+        self._left[who], self._right[who] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
+
+    def _move(self, dt_s: float) -> None:
+        left = self._left * (TOP_SPEED_MMPS / 100)
+        right = self._right * (TOP_SPEED_MMPS / 100)
+        middle = self._angle + (left - right) / AXLE_MM * (dt_s / 2)
+        ahead = (left + right) / 2 * dt_s
+        self._x = np.clip(self._x - ahead * np.sin(middle), BODY_MM, AREA_MM[0] - BODY_MM)
+        self._y = np.clip(self._y + ahead * np.cos(middle), BODY_MM, AREA_MM[1] - BODY_MM)
+        self._angle = np.mod(self._angle + (left - right) / AXLE_MM * dt_s, 2 * math.pi)
+
+    def _record(self) -> None:
+        dx, dy = self._x - self._trail_x, self._y - self._trail_y
+        driving = (self._left != 0) | (self._right != 0)
+        # Before the first point these are NaN, and nothing is near.
+        who = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
+        self._trail_x[who], self._trail_y[who] = self._x[who], self._y[who]
+        for i, x, y in zip(who.tolist(), self._x[who].tolist(), self._y[who].tolist(), strict=True):
+            self._history[i].append(Point(round(x, 1), round(y, 1)))
+
+    def _drain(self, dt_s: float) -> None:
+        effort = (np.abs(self._left) + np.abs(self._right)) / 200
+        self._battery = np.maximum(self._battery - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s, BATTERY_EMPTY_MV)
+        for i in reversed(np.flatnonzero(self._battery <= BATTERY_EMPTY_MV).tolist()):
+            ready_s = self._elapsed_s + CHARGE_S
+            self._charging.append((ready_s, self._addresses[i], self._names[i], self._leds[i]))
+            self.leave(self._addresses[i])
+        while self._charging and self._charging[0][0] <= self._elapsed_s:
+            _, address, name, led = self._charging.pop(0)
+            self._enter(address, name, led, BATTERY_FULL_MV)

@@ -1,0 +1,319 @@
+"""A swarm that lives an encoded mission, as the gateway sees it: robots that can be watched, and not driven.
+
+What is told of the mission is what robots have found out: places of nodes that were decoded. Of the others nothing is
+known here but how many there are.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import signal
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing import get_context
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from phalanx.errors import Unavailable, Unknown, UsageError
+from phalanx.mission import admit
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot import Led, Point, Robot
+from phalanx.sim.building.odometry import Pose
+from phalanx.sim.missions.live import WAITING, Decoded, Moment, News, Standing, live
+from phalanx.sim.missions.orders import Orders, start_of
+from phalanx.sim.missions.run import MissionRun
+from phalanx.sim.signals import handled_by
+
+from .dotbots import COLOURS, robot_name
+
+log = logging.getLogger(__name__)
+
+DEFAULT_ROBOTS = 4
+# As many as two cores carry in real time, with a gateway beside them.
+MOST_ROBOTS = 16
+WALLS_MAX = 20_000
+HISTORY = 1000
+HISTORY_STEP_MM = 200.0
+MEET_M = 8.0
+BATTERY_V = 3.0
+READY_WITHIN_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walk:
+    """How far one robot is.
+
+    Args:
+        address, name: whose.
+        phase: waiting, seeking, returning, held or done.
+        decoded, of: nodes of its part of the mission.
+        why: it fell back or stopped, or "".
+    """
+
+    address: str
+    name: str
+    phase: str
+    decoded: int
+    of: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lit:
+    """A landmark that some robot has decoded: where it is in the area, and its type, "" for another place."""
+
+    at: Point
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The mission that runs.
+
+    Args:
+        id: 16 bytes as hexadecimal digits, of its first part.
+        name: for people.
+        nodes, left: of all parts; left are those that nobody has decoded.
+        completed: robots that are done.
+    """
+
+    id: str
+    name: str
+    nodes: int
+    left: int
+    completed: int
+
+
+class MissionSwarm:
+    """A `phalanx.robot.Swarm` of robots on a mission; a context manager, in which their process lives.
+
+    Args:
+        plan: the building.
+        count: robots.
+        seed: of their odometry.
+        clock: seconds since 1970; also the mission's clock.
+    Raises: UsageError: too many robots, or a building without walls or a start.
+    """
+
+    def __init__(self, plan: FloorPlan, count: int, seed: int, clock: Callable[[], float]) -> None:
+        if not 1 <= count <= MOST_ROBOTS:
+            raise UsageError(f"{count} robots on a mission in real time", f"1 to {MOST_ROBOTS}")
+        if not 0 < len(plan.walls) <= WALLS_MAX:
+            raise UsageError(f"{plan.name} has {len(plan.walls)} walls", f"1 to {WALLS_MAX}: robots find their way by")
+        self.plan = plan
+        self._seed, self._clock = seed, clock
+        self._addresses = [f"DECAFBAD{i + 1:08X}" for i in range(count)]
+        self._rows = {address: i for i, address in enumerate(self._addresses)}
+        self._leds = [COLOURS[i % len(COLOURS)] for i in range(count)]
+        self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
+        self._standing = [Standing(*start_of(plan), WAITING, "")] * count
+        self._heard_at_s = clock()
+        self._orders: Orders | None = None
+        self._started: set[bytes] = set()
+        self._number = 0
+        self._decoded: list[int] = [0] * count
+        self._lit: dict[tuple[int, int], Lit | None] = {}
+        self._news: list[tuple[str, News]] = []
+        context = get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=live, args=(theirs, plan), daemon=True)
+        self._theirs = theirs
+        self._lost = False
+
+    def __enter__(self) -> Self:
+        # It does not hear of Ctrl-C: whoever started it ends it.
+        with handled_by(signal.SIG_IGN, signal.SIGINT):
+            self._process.start()
+        self._theirs.close()  # or its end would not be seen
+        if not self._pipe.poll(READY_WITHIN_S):
+            raise Unavailable("the robots' process does not answer")
+        self._listen()
+        if self._lost:
+            raise Unavailable("the robots' process has ended")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join()
+
+    # --- the swarm ----------------------------------------------------------------------------------------------------
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the building."""
+        x0, y0, x1, y1 = self.plan.bounds
+        return max(1, math.ceil((x1 - x0) * 1000)), max(1, math.ceil((y1 - y0) * 1000))
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot, where it truly is."""
+        self._listen()
+        return [
+            Robot(
+                address=address,
+                name=robot_name(i),
+                at=self.to_area(stands.x_m, stands.y_m),
+                # The nose points along (-sin, cos) of the direction, y down.
+                direction_deg=round(-math.degrees(stands.heading_rad) - 90) % 360,
+                battery_v=BATTERY_V,
+                led=self._leds[i],
+                route=(),
+                threshold_mm=0.0,
+                heard_at_s=self._heard_at_s,
+                history=self._history[i],
+            )
+            for i, (address, stands) in enumerate(zip(self._addresses, self._standing, strict=True))
+        ]
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:  # noqa: ARG002
+        """Refused: a robot on a mission goes where its mission says, and nowhere else."""
+        self._find(address)
+        raise Unknown("robots on a mission are not driven")
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+        self._leds[self._find(address)] = led
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:  # noqa: ARG002
+        """Refused, like `drive`."""
+        self._find(address)
+        raise Unknown("robots on a mission follow no routes")
+
+    def clear_history(self, address: str) -> None:
+        """Forget where the robot has been."""
+        self._history[self._find(address)].clear()
+
+    # --- the mission --------------------------------------------------------------------------------------------------
+
+    def to_area(self, x_m: float, y_m: float) -> Point:
+        """A place of the map in the area's millimetres, y down."""
+        return Point((x_m - self.plan.bounds[0]) * 1000, (self.plan.bounds[3] - y_m) * 1000)
+
+    def walls_mm(self) -> list[list[int]]:
+        """x, y of both ends of each wall, in the area."""
+        x0, _, _, y1 = self.plan.bounds
+        ends = np.rint((self.plan.walls - [x0, y1, x0, y1]) * [1000, -1000, 1000, -1000])
+        told: list[list[int]] = ends.astype(np.int64).tolist()
+        return told
+
+    def begin(self, orders: Orders) -> None:
+        """All robots are put at the mission's start, and live it; one that runs ends.
+
+        In a large building it waits until robots have ended their tick.
+
+        Raises: PeerError: a robot must not start it: it is for others, for another time, or was started before.
+        """
+        now_s = self._clock()
+        for i in range(len(self._addresses)):
+            admit(orders.parts[i % len(orders.parts)].mission, i + 1, now_s, self._started)
+        run = MissionRun(
+            plan=orders.plan,
+            parts=orders.parts,
+            robots=len(self._addresses),
+            seed=self._seed,
+            begin_s=now_s,
+            pool=orders.pool,
+            controller=orders.controller,
+            meet_m=MEET_M,
+        )
+        try:
+            self._pipe.send((self._number + 1, run))
+        except OSError as error:
+            raise Unavailable("the robots' process has ended", "start the gateway again") from error
+        # Where robots keep it, if they were real: a mission that was begun is not begun again.
+        self._started |= {part.mission.header.mission_id for part in orders.parts}
+        self._number += 1
+        self._orders = orders
+        self._decoded = [0] * len(self._addresses)
+        self._lit.clear()
+        self._news.clear()
+        for i, history in enumerate(self._history):
+            history.clear()
+            self._standing[i] = Standing(*self._start(i), WAITING, "")
+
+    def progress(self) -> Progress | None:
+        """The mission that runs, or ran last."""
+        if self._orders is None:
+            return None
+        parts = self._orders.parts
+        nodes = sum(len(part.mission.nodes) for part in parts)
+        done = sum(stands.phase == "done" for stands in self._standing)
+        return Progress(
+            parts[0].mission.header.mission_id.hex(), self._orders.name, nodes, nodes - len(self._lit), done
+        )
+
+    def walks(self) -> Sequence[Walk]:
+        """One for every robot."""
+        return [
+            Walk(
+                address=address,
+                name=robot_name(i),
+                phase=stands.phase,
+                decoded=self._decoded[i],
+                of=self._nodes(i),
+                why=stands.why,
+            )
+            for i, (address, stands) in enumerate(zip(self._addresses, self._standing, strict=True))
+        ]
+
+    def lit(self) -> Sequence[Lit]:
+        """What was decoded and is somewhere, in the order in which it was."""
+        return [lit for lit in self._lit.values() if lit is not None]
+
+    def news(self) -> Sequence[tuple[str, News]]:
+        """(address, what is new of that robot) since the last call, oldest first."""
+        news, self._news = self._news, []
+        return news
+
+    # --- inside -------------------------------------------------------------------------------------------------------
+
+    def _find(self, address: str) -> int:
+        row = self._rows.get(address)
+        if row is None:
+            raise Unknown(f"no robot {address[:64]!r}")
+        return row
+
+    def _nodes(self, i: int) -> int:
+        return len(self._orders.parts[i % len(self._orders.parts)].mission.nodes) if self._orders else 0
+
+    def _start(self, i: int) -> Pose:
+        assert self._orders is not None, "called when there is a mission"
+        return self._orders.parts[i % len(self._orders.parts)].start
+
+    def _listen(self) -> None:
+        if self._lost:
+            return
+        try:
+            while self._pipe.poll():
+                number, moment = self._pipe.recv()
+                self._heard_at_s = self._clock()
+                # What was on its way of a mission that has ended is nobody's business any more.
+                if moment is not None and number == self._number:
+                    self._take(moment)
+        except (EOFError, OSError):
+            self._lost = True
+            log.error("the robots' process has ended: they are not heard any more")  # noqa: TRY400
+
+    def _take(self, moment: Moment) -> None:
+        self._standing = list(moment.robots)
+        for i, stands in enumerate(moment.robots):
+            at = self.to_area(stands.x_m, stands.y_m)
+            last = self._history[i][-1] if self._history[i] else None
+            if last is None or math.dist((at.x_mm, at.y_mm), (last.x_mm, last.y_mm)) >= HISTORY_STEP_MM:
+                self._history[i].append(Point(round(at.x_mm), round(at.y_mm)))
+        for news in moment.news:
+            self._news.append((self._addresses[news.robot], news))
+            if isinstance(news, Decoded):
+                self._light(news)
+
+    def _light(self, news: Decoded) -> None:
+        assert self._orders is not None, "robots decode what they were given"
+        self._decoded[news.robot] += 1
+        place = None if news.place_m is None else Lit(self.to_area(*news.place_m), news.type)
+        self._lit.setdefault((news.robot % len(self._orders.parts), news.node), place)

@@ -1,0 +1,325 @@
+"""The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
+
+A station stands in the middle and sends visitors' orders, each to one robot. What a robot does with them is logged,
+replayed and audited like everything else. It speaks no faster than the channel and a robot's log have room for,
+whatever visitors do: of several orders of one kind that wait for one robot only the newest is sent.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.audit import ENTRY_HEAD_BYTES
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
+from phalanx.errors import Unknown, UsageError
+from phalanx.robot import Led, Point, Robot
+from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.attacks.hijack import Hijack
+from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers import dispatch, orders, wheels
+from phalanx.robot.shield import AttackChoice, Audit, Shield
+from phalanx.sim.audited import loop, pybot
+from phalanx.sim.audited.body import WHEELS
+from phalanx.sim.audited.events import refused
+from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
+from phalanx.sim.audited.watch import VerdictReader, shields
+from phalanx.sim.audited.world import PYTHON
+from phalanx.sim.scenarios.run import FOREVER_MS
+from phalanx.wire.fields import get_u32
+
+from .dotbots import (
+    AREA_MM,
+    BATTERY_EMPTY_MV,
+    BATTERY_FULL_MV,
+    COLOURS,
+    DEFAULT_THRESHOLD_MM,
+    DRIVE_MVPS,
+    HISTORY,
+    HISTORY_STEP_MM,
+    IDLE_MVPS,
+    robot_name,
+)
+
+# More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
+MOST_ROBOTS = 100
+# Ten times a second, so that a joystick is felt at once; the rest are the paper's parameters.
+DEMO = BtiConfig(t_control_ms=100, steps_per_state=15, delta_ms=40)
+EDGE_MM = 200.0
+# Told apart on a phone, and far from touching. Where so many do not fit, as far apart as so many tries find.
+APART_MM = 200.0
+TRIES = 64
+# The first that an operator is offered: anybody can see what it does.
+PLAIN_TO_SEE = Hijack.name
+# A robot's log has room for so many bytes of orders a second, which is what this many neighbours would say.
+ORDERS_AS_NEIGHBOURS = 20
+ORDER_BYTES_PER_S = 450
+# All robots' together: a tenth of the channel.
+ORDERS_PER_S = 500
+FULL_TURN_DEG = 360.0
+SAVED_UP_S = 0.05
+MOTION, COLOUR = 0, 1  # kinds of orders that wait
+
+
+def least_robots(f_max: int) -> int:
+    """So many can lose f_max and still audit each other. Source: docs/spec/rebound.md (P2)."""
+    return 2 * f_max + 2
+
+
+def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
+    """Places inside the area, APART_MM from each other or, where so many do not fit, as far as TRIES tries find.
+
+    Returns: (count, 2), mm.
+    """
+    places = np.empty((count, 2))
+    for i in range(count):
+        tried = chance.uniform(EDGE_MM, np.array(AREA_MM) - EDGE_MM, (TRIES, 2))
+        nearest = np.linalg.norm(tried[:, None] - places[:i], axis=2).min(axis=1, initial=APART_MM)
+        places[i] = tried[nearest.argmax()]
+    return places
+
+
+class ProtectedSwarm:
+    """A `phalanx.robot.shield.Shielded` swarm that goes on when told that time has passed.
+
+    Args:
+        count: robots, 2 f_max + 2 to 100: when f_max are stopped, the others still find f_max + 1 to vouch for them.
+        seed: of places and everything else.
+        clock: seconds since 1970.
+        defence: "paper" or "bound".
+        f_max: compromised robots that are tolerated.
+    Raises: UsageError: the count is out of range.
+    """
+
+    def __init__(
+        self, count: int, seed: int, clock: Callable[[], float], *, defence: str = "bound", f_max: int = 3
+    ) -> None:
+        if not least_robots(f_max) <= count <= MOST_ROBOTS:
+            raise UsageError(
+                f"{count} robots that audit each other in one radio range, {f_max} of them compromised",
+                f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
+            )
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
+        self._chance, self._clock = chance, clock
+        self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
+        station = np.array([AREA_MM]) / 2000
+        self.world = make_world(
+            Setup(
+                robots=count,
+                starts_m=np.vstack((draw_places(count, chance) / 1000, station)),
+                profile=PROFILES[defence],
+                controller=int(dispatch.Kind.WHEELS),
+                params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
+                body=WHEELS,
+                seed=seed,
+                contact_m=0.08,
+                bti=self._config,
+                radio=RadioConfig(),
+                area_m=(AREA_MM[0] / 1000, AREA_MM[1] / 1000),
+            ),
+            chance,
+        )
+        self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
+        self._station = count
+        self._rows = {f"DECAFBAD{i + 1:08X}": i for i in range(count)}
+        self._addresses = tuple(self._rows)
+        self._names = [robot_name(i) for i in range(count)]
+        self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
+        self._leds = [Led(0, 0, 0)] * count
+        self._numbers = [0] * count
+        # By robot and kind, the longest waiting first: what makes the order's frame.
+        self._waiting: dict[tuple[int, int], Callable[[int, int], bytes]] = {}
+        self._may_order_at_s = [0.0] * count
+        self._may_speak_at_s = 0.0
+        self._routes: list[tuple[Point, ...]] = [()] * count
+        self._thresholds = [DEFAULT_THRESHOLD_MM] * count
+        self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
+        self._liars: dict[int, CNode] = {}
+        self._verdicts = VerdictReader(self.world)
+        self._now_s = 0.0
+        self._stopped_at_s: dict[int, float] = {}
+        start(self.world, {})
+        for i in range(count):
+            self._show(i, COLOURS[i % len(COLOURS)])
+
+    # --- the swarm ----------------------------------------------------------------------------------------------------
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the area."""
+        return AREA_MM
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot, where the world has it."""
+        now = self._clock()
+        return [self._robot(i, now) for i in range(len(self._addresses))]
+
+    def _robot(self, i: int, now_s: float) -> Robot:
+        x_m, y_m = self.world.pos[i].tolist()
+        led = Led(*self.world.led[i].tolist())
+        if led != self._leds[i]:
+            self._leds[i] = led
+        return Robot(
+            address=self._addresses[i],
+            name=self._names[i],
+            at=Point(x_m * 1000, y_m * 1000),
+            direction_deg=round(float(self.world.vel[i, 0])) % 360,
+            battery_v=float(self._battery_mv[i]) / 1000,
+            led=self._leds[i],
+            route=self._routes[i],
+            threshold_mm=self._thresholds[i],
+            heard_at_s=self._stopped_at_s.get(i, now_s),
+            history=self._history[i],
+        )
+
+    @property
+    def longest_route(self) -> int:
+        """Most points of a route."""
+        return orders.WAYPOINTS_MAX
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """Turn the wheels for 300 ms; ends waypoint following."""
+        i = self._find(address)
+        self._routes[i] = ()
+        left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
+        self._waiting[i, MOTION] = partial(orders.wheels_order, left_pct=left, right_pct=right)
+
+    def set_led(self, address: str, led: Led) -> None:
+        """Show a colour."""
+        self._show(self._find(address), led)
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order; none stops the robot.
+
+        Raises: UsageError: more than `longest_route`.
+        """
+        i = self._find(address)
+        if len(route) > self.longest_route:
+            raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
+        points = [(round(point.x_mm), round(point.y_mm)) for point in route]
+        near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
+        self._waiting[i, MOTION] = partial(orders.route_order, threshold_mm=near, points_mm=points)
+        here = Point(*(self.world.pos[i] * 1000).tolist())
+        self._routes[i] = (here, *route) if route else ()
+        self._thresholds[i] = threshold_mm
+
+    def clear_history(self, address: str) -> None:
+        """Forget where the robot has been."""
+        self._history[self._find(address)].clear()
+
+    def step(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass."""
+        self._now_s += dt_s
+        self._send_orders()
+        until_us = round(self._now_s * 1e6)
+        while loop.run(self.world, until_us) == loop.FOR_PYTHON:
+            pybot.handle(self.world, self._liars)
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        effort = np.abs(self.world.acc[: self._station]).mean(axis=1)
+        drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
+        # An empty robot is given a fresh battery where it stands: who audits must not leave.
+        self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
+        for i in np.flatnonzero(effort > 0).tolist():
+            self._record(i)
+        for i in range(self._station):
+            if self._routes[i] and self._arrived(i):
+                self._routes[i] = ()
+            if self.world.safe[i] and i not in self._stopped_at_s:
+                self._stopped_at_s[i] = self._clock()
+                self._routes[i] = ()
+
+    # --- the shields --------------------------------------------------------------------------------------------------
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+        return [self._shield(i) for i in range(self._station)]
+
+    def _shield(self, i: int) -> Shield:
+        liar = self._liars.get(i)
+        return Shield(
+            address=self._addresses[i],
+            needed=self._config.tokens_needed,
+            full_s=self._config.t_val_ms / 1000,
+            vouchers=tuple((self._addresses[tor - 1], left_s) for tor, left_s in shields(self.world, i)),
+            safe_mode=bool(self.world.safe[i]),
+            attack=liar.name if isinstance(liar, Attack) else "",
+        )
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+        return [
+            Audit(
+                auditor=self._addresses[tor - 1],
+                auditee=self._addresses[tee - 1],
+                refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
+            )
+            for _, tor, tee, why in self._verdicts.new()
+        ]
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """What a robot can be made to do, first what is plain to see."""
+        choices = [AttackChoice(name, attack.does) for name, attack in ATTACKS.items() if attack.on_wheels]
+        return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on."""
+        i = self._find(address)
+        if attack not in {choice.name for choice in self.attacks()}:
+            raise Unknown(f"no attack {attack[:64]!r}")
+        if i in self._liars or self.world.safe[i]:
+            raise Unknown(f"{self._names[i]} is compromised or stopped already")
+        now_ms = loop.clock_ms(self.world, i)
+        plan = Plan(
+            ids=tuple(range(1, self._station + 1)),
+            goal_m=(0.0, 0.0),
+            accomplices=tuple(other + 1 for other in self._liars),
+            start_ms=now_ms,
+            stop_ms=FOREVER_MS,
+            chance=self._chance,
+        )
+        liar = ATTACKS[attack](self.world.fleet, i, self.world.work, plan)
+        self._liars[i] = liar
+        self.world.runs[i] = PYTHON
+        pybot.wake(self.world, i, liar)
+
+    # --- inside -------------------------------------------------------------------------------------------------------
+
+    def _find(self, address: str) -> int:
+        row = self._rows.get(address)
+        if row is None:
+            raise Unknown(f"no robot {address[:64]!r}")
+        return row
+
+    def _show(self, i: int, led: Led) -> None:
+        self._waiting[i, COLOUR] = partial(orders.led_order, red=led.red, green=led.green, blue=led.blue)
+
+    def _send_orders(self) -> None:
+        """Those that the station, the channel and the robot's log have room for."""
+        for (i, kind), make in list(self._waiting.items()):
+            if self.world.safe[i]:
+                del self._waiting[i, kind]
+            elif self._now_s >= max(self._may_speak_at_s, self._may_order_at_s[i]):
+                frame = np.frombuffer(bytearray(make(i + 1, self._numbers[i] + 1)), np.uint8)
+                if loop.transmit(self.world, self._station, frame, len(frame), i) == 0:
+                    del self._waiting[i, kind]
+                    self._numbers[i] += 1
+                    self._may_order_at_s[i] = self._now_s + (ENTRY_HEAD_BYTES + len(frame)) / ORDER_BYTES_PER_S
+                    # From step to step a few are saved up: the step is longer than an order's share of the time.
+                    self._may_speak_at_s = max(self._may_speak_at_s, self._now_s - SAVED_UP_S) + 1 / ORDERS_PER_S
+
+    def _arrived(self, i: int) -> bool:
+        state = self.world.fleet.state[i]
+        heard = int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and (i, MOTION) not in self._waiting
+        return heard and not state[wheels.COUNT]
+
+    def _record(self, i: int) -> None:
+        x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
+        last = self._history[i][-1] if self._history[i] else None
+        if last is None or (x_mm - last.x_mm) ** 2 + (y_mm - last.y_mm) ** 2 >= HISTORY_STEP_MM**2:
+            self._history[i].append(Point(round(x_mm, 1), round(y_mm, 1)))
