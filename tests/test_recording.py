@@ -38,9 +38,7 @@ class Watched:
         self.steps = []
 
     def __call__(self, run) -> None:
-        self.steps.append(
-            (run.now_s, run.positions_m.copy(), run.velocities_mps.copy(), run.in_safe_mode.copy(), run.shields())
-        )
+        self.steps.append((run.now_s, run.positions_m, run.velocities_mps, run.in_safe_mode, run.shields()))
 
 
 def read(path):

@@ -74,6 +74,21 @@ class TestDigest:
         assert one.summary()["digest"] != other.summary()["digest"]
 
 
+class TestWatching:
+    @pytest.mark.parametrize("name", ["positions_m", "velocities_mps", "in_safe_mode", "airtime_s"])
+    def test_what_was_told_stays_and_what_is_done_to_it_changes_nothing(self, name):
+        run = ran(3.0, robots=9, defence="none")
+        told = getattr(run, name)
+        before = told.copy()
+        run.advance(6.0)
+        run.world.safe[:] = 1
+        np.testing.assert_array_equal(told, before)
+        now = getattr(run, name).copy()
+        assert not np.array_equal(now, before)
+        getattr(run, name)[:] = 0
+        np.testing.assert_array_equal(getattr(run, name), now)
+
+
 class TestEnd:
     def test_half_a_second_is_a_run_too(self):
         run = ran(0.5, robots=4)

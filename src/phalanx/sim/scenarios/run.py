@@ -149,23 +149,23 @@ class Run:
 
     @property
     def positions_m(self) -> NDArray[np.float64]:
-        """(N, 2), world frame."""
-        return self.world.pos
+        """(N, 2), world frame, as they are now; a copy, as all that is told here: it stays while the world goes on."""
+        return self.world.pos.copy()
 
     @property
     def velocities_mps(self) -> NDArray[np.float64]:
-        """(N, 2), world frame."""
-        return self.world.vel
+        """(N, 2), world frame; a copy."""
+        return self.world.vel.copy()
 
     @property
     def airtime_s(self) -> NDArray[np.float64]:
-        """(N,), for how long each robot has been on the air."""
+        """(N,), for how long each robot has been on the air; a copy."""
         used: NDArray[np.float64] = self.world.air.counts[: len(self.ids), :, AIRTIME_US].sum(axis=1) / 1e6
         return used
 
     @property
     def in_safe_mode(self) -> NDArray[np.bool_]:
-        """(N,)."""
+        """(N,); a copy."""
         return self.world.safe.astype(bool)
 
     @property
