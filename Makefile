@@ -42,9 +42,10 @@ $(NEEDED):
 .venv/bin/pip: | $(NEEDED)
 	python3 -m venv .venv
 
-.venv/runtime: requirements.lock pyproject.toml $(FIRMWARE) | .venv/bin/pip
+.venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/bin/pip
 	@echo "installing Python packages, compiling the trusted nodes"
 	@$(PIP) install --require-hashes -r requirements.lock
+	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(PIP) install --require-hashes -r requirements-amqtt.lock
 	@$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@
 

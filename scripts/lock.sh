@@ -2,6 +2,8 @@
 # Pins everything again: run it after changing dependencies in pyproject.toml, and commit what it writes.
 set -eu
 cd "$(dirname "$0")/.."
-uv="uv pip compile pyproject.toml --generate-hashes --universal --python-version 3.11 --no-header --upgrade"
-$uv --group build --extra reproduce -o requirements.lock
-$uv --group build --group dev --extra reproduce -c requirements.lock -o requirements-dev.lock
+uv="uv pip compile --generate-hashes --universal --python-version 3.11 --no-header --upgrade"
+$uv pyproject.toml --group build --extra reproduce -o requirements.lock
+$uv pyproject.toml --group build --group dev --extra amqtt --extra reproduce -c requirements.lock -o requirements-dev.lock
+echo amqtt | $uv - -c requirements-dev.lock -o requirements-amqtt.lock
+$uv --group release -o requirements-release.lock

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Makes sure that commands are there: `need.sh mosquitto=mosquitto chromium=chromium`, each command=debian-package.
 # As root on Debian the missing packages are installed; elsewhere all that is missing is named at once, and nothing else
-# happens. `broker` is mosquitto where phalanx can do without it: who cannot install it is told, and goes on with amqtt.
+# happens. `broker` is mosquitto where phalanx can do without it: who cannot install it is told, and gets amqtt.
 set -eu
 PATH="$PATH:/usr/sbin"
 NODE_WANTED="20.19"

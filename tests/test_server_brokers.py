@@ -6,13 +6,14 @@ import asyncio
 import contextlib
 import gc
 import os
+import sys
 import time
 from pathlib import Path
 
 import aiomqtt
 import pytest
 
-from conftest import a_broker, a_server, bare_mosquitto, eventually, tell_until_cancelled, with_an_old_pin
+from conftest import a_broker, a_server, bare_mosquitto, eventually, run, tell_until_cancelled, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.io import ANY, Client, Login, Server
@@ -290,3 +291,23 @@ class TestBrokersThatComeAndGo:
                 writer.transport.resume_reading()
                 with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
                     await asyncio.wait_for(reader.readexactly(400 * 50_000), 10)
+
+    async def test_without_any_broker_one_line_says_how_to_get_either(self, monkeypatch):
+        monkeypatch.setitem(sys.modules, "amqtt", None)
+        async with a_broker("auto") as broker:
+            assert broker.name == "mosquitto", "amqtt is an extra"
+        monkeypatch.setattr("phalanx.io.broker.find_mosquitto", lambda: None)
+        with pytest.raises(Unavailable, match="neither mosquitto nor amqtt") as refused:
+            async with a_broker("auto"):
+                pass
+        assert "apt-get install mosquitto" in refused.value.hint
+        assert "phalanx-swarm[amqtt]" in refused.value.hint
+
+    def test_who_asks_for_amqtt_and_has_it_not_is_told_where_it_comes_from(self, tmp_path):
+        (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['amqtt'] = None\n")
+        path = f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"
+        refused = run("link", "serve", "--broker", "amqtt", env={"PYTHONPATH": path})
+        assert refused.returncode == 1
+        error, hint = refused.stderr.splitlines()
+        assert error == "phalanx: error: amqtt is not installed"
+        assert "phalanx-swarm[amqtt]" in hint

@@ -17,6 +17,7 @@ from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
 from phalanx.io import Server, parse_broker_url
+from phalanx.io.broker import BROKER_HINT, has_amqtt
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
@@ -67,7 +68,9 @@ def _broker() -> Finding:
     path = find_mosquitto()
     if path:
         return Finding("embedded broker", True, f"mosquitto at {path}")
-    return Finding("embedded broker", True, "amqtt, in this process: slower", "apt-get install mosquitto")
+    if has_amqtt():
+        return Finding("embedded broker", True, "amqtt, in this process: slower", "apt-get install mosquitto")
+    return Finding("embedded broker", False, "none: phalanx up needs --broker URL", BROKER_HINT)
 
 
 def _pages() -> Finding:

@@ -1,4 +1,4 @@
-"""amqtt in this process: the broker for machines without mosquitto. Slower, and speaks MQTT 3.1.1 only."""
+"""amqtt in this process, an extra: the broker for machines without mosquitto. Slower, and MQTT 3.1.1 only."""
 
 from __future__ import annotations
 

@@ -1,16 +1,17 @@
-"""Which broker to use: mosquitto if it is here, amqtt if not, or one that runs elsewhere."""
+"""Which broker to use: mosquitto if it is here, else amqtt if that is, or one that runs elsewhere."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib.util
 import logging
 from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 
-from .amqtt_broker import amqtt
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
 from .mosquitto import find_mosquitto, mosquitto
 from .ports import EVERYWHERE, LOOPBACK, free_port
@@ -18,6 +19,7 @@ from .ports import EVERYWHERE, LOOPBACK, free_port
 log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
+BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
 PROBE_S = 2.0
 
 
@@ -40,6 +42,11 @@ class RunningBroker:
     guessed: bool = False
 
 
+def has_amqtt() -> bool:
+    """Whether the extra `amqtt` is installed."""
+    return importlib.util.find_spec("amqtt") is not None
+
+
 @contextlib.asynccontextmanager
 async def open_broker(
     kind: str = "auto",
@@ -59,7 +66,8 @@ async def open_broker(
         ws_host: address at which an embedded broker listens for browsers; loopback unless asked.
         tcp_port: 0 for 1883 or any free one.
         ws_port: 0 for 9001 or any free one.
-    Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails.
+    Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails, or
+            is not installed.
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
@@ -72,15 +80,26 @@ async def open_broker(
     if websocket:
         raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
     name = kind if kind != "auto" else "mosquitto" if find_mosquitto() else "amqtt"
+    if name == "amqtt" and not has_amqtt():
+        raise Unavailable(
+            "amqtt is not installed" if kind == name else "neither mosquitto nor amqtt is installed", BROKER_HINT
+        )
     if name != kind:
         log.debug("broker: %s", name)
     tcp_port = tcp_port or free_port(1883)
     ws_port = ws_port or free_port(9001, ws_host)
-    run, mqtt = (mosquitto, 5) if name == "mosquitto" else (amqtt, 4)
-    async with run(tcp_port, ws_host, ws_port):
+    async with _run(name, tcp_port, ws_host, ws_port):
         reached_at = LOOPBACK if ws_host in EVERYWHERE else ws_host
         ws = str(BrokerUrl("ws", reached_at, ws_port, "/mqtt"))
-        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), ws, mqtt)
+        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), ws, 4 if name == "amqtt" else 5)
+
+
+def _run(name: str, tcp_port: int, ws_host: str, ws_port: int) -> AbstractAsyncContextManager[None]:
+    if name == "mosquitto":
+        return mosquitto(tcp_port, ws_host, ws_port)
+    from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra
+
+    return amqtt(tcp_port, ws_host, ws_port)
 
 
 async def warn_if_guessed_wrong(broker: RunningBroker) -> None:
