@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from phalanx.cli import terminal
-from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.commands.mission import mission as group
 from phalanx.errors import UsageError
 from phalanx.mission import Profile
 from phalanx.mission.authoring import survey

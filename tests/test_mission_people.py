@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Profile, Walker, build

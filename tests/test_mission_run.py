@@ -13,8 +13,8 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
-from phalanx.cli.mission.run import run_command
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
@@ -208,7 +208,7 @@ ASKED = {
 
 
 def _command(*words: str) -> tuple[int, str, BaseException | None]:
-    done = CliRunner().invoke(run_command, [*words], standalone_mode=False)
+    done = CliRunner().invoke(group, ["run", *words], standalone_mode=False)
     return (done.return_value if done.exception is None else 1), done.stdout, done.exception
 
 

@@ -9,7 +9,7 @@ import subprocess
 import pytest
 from click.testing import CliRunner
 
-from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import (
     built_in_missions,
     parse_box,

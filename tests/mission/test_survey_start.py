@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from phalanx.cli.mission.commands import mission as group
+from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.draw import draw_mission, lived
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError

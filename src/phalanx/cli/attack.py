@@ -6,80 +6,24 @@ import difflib
 from dataclasses import asdict, replace
 from typing import Any
 
-import click
-
 from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import Airtime, Stop, Trial, try_attack
 from phalanx.experiments.missions.trial import try_mission_attack
-from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks import ATTACKS
 from phalanx.robot.attacks.harm import UNEARNED
-from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
+from phalanx.robot.attacks.missions import MISSION_ATTACKS
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import DEFENCES, Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import Scenario, parse_attack
 
 from .attack_mission import options_of, show_trial
-from .sim import changed, progress, swarm_options, told
+from .sim import changed, progress, told
 from .terminal import end_status_line, print_json, print_rows
 
 DURATION_S = 60.0
 
 
-@click.group(epilog="Example: phalanx attack run spoof --defence none")
-def attack() -> None:
-    """Compromise a robot, or its mission, and see what that can do and what stops it."""
-
-
-@attack.command("list", epilog="Example: phalanx attack list --json")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def list_attacks(as_json: bool) -> None:
-    """All attacks, by robots and on missions, and what each defence makes of them."""
-    rows = [{**_row(name, kind), "robots": "f_max" if kind.crowd else 1} for name, kind in sorted(ATTACKS.items())]
-    missions = [{**_row(name, kind), "against": kind.against} for name, kind in sorted(MISSION_ATTACKS.items())]
-    if as_json:
-        print_json({"attacks": rows, "missions": missions})
-        return
-    width = max(map(len, (*ATTACKS, *MISSION_ATTACKS)))
-    _table("by robots", rows, width)
-    click.echo()
-    _table("on missions", missions, width)
-
-
-def _row(name: str, kind: type[Attack | MissionAttack]) -> dict[str, Any]:
-    return {
-        "name": name,
-        "does": kind.does,
-        "stopped_by": kind.stopped_by,
-        "verdicts": {defence: str(kind.verdicts[defence]) for defence in DEFENCES},
-    }
-
-
-def _table(title: str, rows: list[dict[str, Any]], width: int) -> None:
-    click.echo(f"{title:{width}} " + " ".join(f"{defence:12}" for defence in DEFENCES))
-    for row in rows:
-        against = f"{row['against']}: " if "against" in row else "f_max robots: " if row["robots"] == "f_max" else ""
-        words = " ".join(f"{word:12}" for word in row["verdicts"].values())
-        click.echo(f"{row['name']:{width}} {words}{against}{row['does']}")
-        click.echo(f"{'':{width + 13 * len(DEFENCES)}} {row['stopped_by']}")
-
-
-@attack.command("run", epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
-@click.argument("name", metavar="NAME[:robot=I,at=T,…]")
-@click.option(
-    "--defence",
-    type=click.Choice(DEFENCES),
-    default="bound",
-    show_default=True,
-    help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
-)
-@swarm_options
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def run(name: str, defence: Any, as_json: bool, **said: Any) -> int:
-    """Run NAME beside the same run without it: the damage, whether and when it was stopped, and the bound.
-
-    Ends with 1 if a robot that should have been stopped in time was not, if one was on the air for longer than its
-    bucket lets it, or if a mission's verdict is not what was seen.
-    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and --json.
-    """
+    """Runs an attack beside the same run without it; 1 if something did not come as declared."""
     first = parse_attack(name)
     if first.name in MISSION_ATTACKS:
         tried = try_mission_attack(first.name, defence, said.pop("seed") or 0, options_of(name, said))

@@ -21,7 +21,7 @@ from phalanx.io.broker import BROKER_HINT, has_amqtt
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
-from .options import login_option, read_login
+from .login import read_login
 from .terminal import print_json
 
 RELEASED_S = 1_767_225_600  # 2026-01-01: a clock before this is wrong
@@ -38,12 +38,8 @@ class Finding:
     fix: str = ""
 
 
-@click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
-@click.option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
-@login_option
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def doctor(broker: str | None, broker_login: Path | None, as_json: bool) -> int:
-    """Look at what is installed, which ports are free, the clock, and whether a broker is reachable."""
+    """Prints a line for each finding; 1 if something has to be mended."""
     url = parse_broker_url(broker, read_login(broker_login)) if broker else None
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:

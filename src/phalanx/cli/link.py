@@ -17,7 +17,7 @@ from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 
-from .options import broker_options, link_options, login_option, read_login
+from .login import read_login
 from .run import run
 from .terminal import plain, print_json
 
@@ -27,26 +27,6 @@ OURS = {"name", "lh2_position", "battery", "status"}
 MILLION = 1_000_000
 
 
-@click.group(epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…'")
-def link() -> None:
-    """Who may command: visit a swarm from a terminal, or serve the link alone."""
-
-
-@link.command(
-    epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' --drive Ada --left 60 --right 60 --for 2"
-)
-@click.argument("qr_url", required=False)
-@click.option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
-@click.option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
-@click.option("--root", default="/qrkey", show_default=True, help="First part of every MQTT topic.")
-@login_option
-@click.option("--drive", metavar="ROBOT", help="Drive this robot: its address or its name.")
-@click.option("--left", type=click.IntRange(-100, 100), help="Left wheel, percent.  [default: 0]")
-@click.option("--right", type=click.IntRange(-100, 100), help="Right wheel, percent.  [default: 0]")
-@click.option("--for", "for_s", type=click.FloatRange(0, 3600), help="Seconds to drive.  [default: 1.0]")
-@click.option("--watch", is_flag=True, help="Print notifications as they come, until Ctrl-C.")
-@click.option("--timeout", type=click.FloatRange(0.1, 3600), default=10.0, show_default=True, help="Seconds to wait.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def connect(
     qr_url: str | None,
     pin: str | None,
@@ -61,10 +41,7 @@ def connect(
     timeout: float,
     as_json: bool,
 ) -> None:
-    """Visit a swarm: list its robots, drive one, or watch.
-
-    QR_URL is the link under the QR code, in quotes; - reads it from standard input, where nobody else sees it.
-    """
+    """Visits a swarm: prints its robots, drives one, or prints what it says."""
     if qr_url == "-":
         qr_url = sys.stdin.readline().strip()
     login = read_login(broker_login)
@@ -183,12 +160,6 @@ async def _watch(client: Client) -> None:
         print_json(payload)
 
 
-@link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
-@link_options
-@broker_options
-@click.option("--frontend", default="", help="Page of the published kind to make the link for.")
-@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
-@click.option("--events", is_flag=True, help="Print one JSON object a line.")
 def serve(
     mode: str,  # noqa: ARG001  # one value until the session mode exists
     pin_digits: int,
@@ -202,7 +173,7 @@ def serve(
     duration: float | None,
     events: bool,
 ) -> None:
-    """Serve the link alone: answer every request with itself, tell every command to everybody."""
+    """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
     # Here, for it brings the simulator along: a visitor need not wait for that.
     from phalanx.gateway.up import for_at_most  # noqa: PLC0415
 

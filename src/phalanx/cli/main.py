@@ -21,7 +21,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 LEVELS = ("debug", "info", "warning", "error")
 # What stdout says on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-# Each is a module of this package and in it what the module is named for. The words are the first of its own help.
+# Each is a module of phalanx.cli.commands, and in it what the module is named for. The words are those of its help.
 ABOUT = {
     "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
     "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
@@ -40,7 +40,7 @@ class _OnUse(UserDict[str, click.Command]):
     def __getitem__(self, name: str) -> click.Command:
         if name not in self.data:
             raise KeyError(name)
-        command: click.Command = getattr(import_module(f"phalanx.cli.{name}"), name)
+        command: click.Command = getattr(import_module(f"phalanx.cli.commands.{name}"), name)
         _finite_numbers(command)
         _whole_sentences(command)
         return command
@@ -88,16 +88,8 @@ class _Group(click.Group):
 @click.option(
     "--log-level", type=click.Choice(LEVELS), default="warning", show_default=True, help="How much to tell on stderr."
 )
-@click.pass_context
-def phalanx(context: click.Context, log_level: str) -> None:
+def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
-    # The command that follows can run robots; `up`, which gets them ready before it begins, tells of that itself.
-    if "numba" in sys.modules and context.invoked_subcommand != "up":
-        from phalanx.sim.compiling import telling_of_compiling  # noqa: PLC0415 - others need not wait for numba
-
-        from .terminal import talk  # noqa: PLC0415
-
-        context.with_resource(telling_of_compiling(talk))
     logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
 
 

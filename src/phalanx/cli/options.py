@@ -1,8 +1,7 @@
-"""Options that several commands share, and the environment: only this package reads it."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -10,8 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from phalanx.config import LinkConfig
-from phalanx.errors import UsageError
-from phalanx.io import Login
+from phalanx.config.defence import DEFENCES
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
@@ -73,21 +71,45 @@ def login_option(command: Command) -> Command:
     )(command)
 
 
-def read_login(path: Path | None) -> Login | None:
-    """The broker's login from a file or the environment, or None.
+def swarm_options(command: Command) -> Command:
+    """--robots, --spacing, --duration, --f-max, --t-audit, --t-val, --seed: what people change of a scenario."""
+    for option in reversed(
+        (
+            click.option("--robots", type=int, metavar="N", help="How many, on a square grid."),
+            click.option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
+            click.option("--duration", type=float, metavar="S", help="Simulated seconds."),
+            click.option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
+            click.option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
+            click.option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
+            click.option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
+        )
+    ):
+        command = option(command)
+    return command
 
-    Raises: UsageError: the file cannot be read or holds no user:password. Never repeats what is in it.
-    """
-    if path is not None:
-        try:
-            with path.open() as file:  # not more of it than a login has: it may be a device
-                lines = file.read(4096).splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "not text"
-            raise UsageError(f"cannot read {path}: {reason}", "a file with one line user:password") from error
-        username, colon, password = lines[0].partition(":") if lines else ("", "", "")
-        if not (username and colon):
-            raise UsageError(f"{path} does not hold user:password", "one line, the name first")
-        return Login(username, password)
-    username = os.environ.get("PHALANX_BROKER_USERNAME", "")
-    return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", "")) if username else None
+
+def defence_option(**more: Any) -> Callable[[Command], Command]:
+    """--defence, in words of the command's own."""
+    return click.option("--defence", type=click.Choice(DEFENCES), **more)
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+record_option = click.option(
+    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
+)
+out_folder_option = click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("out"),
+    show_default=True,
+    help="Folder for the CSV and the figure.",
+)
+duration_option = click.option(
+    "--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds."
+)
+furnish_option = click.option(
+    "--furnish",
+    metavar="MISSION.yaml|BUILTIN",
+    help="What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
+    " its actions, and puts them where its parts begin.",
+)

@@ -13,7 +13,9 @@ from phalanx.experiments.link.fig4 import CSV_NAME, PAPER, Config, measure
 from phalanx.experiments.link.fig4_plot import draw
 from phalanx.experiments.link.fig4_table import KINDS, read_table, summarize
 
-from .options import login_option, read_login
+from .commands.runs import tell_of_compiling
+from .login import read_login
+from .options import login_option
 from .reproduce_bti import bti_fig8_command, bti_fig9_command
 from .reproduce_mission import MISSION_COMMANDS
 from .run import run
@@ -37,6 +39,7 @@ METRICS = {
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
 def reproduce() -> None:
     """Measure a figure of one of the papers and draw ours beside it."""
+    tell_of_compiling()
 
 
 reproduce.add_command(bti_fig8_command)

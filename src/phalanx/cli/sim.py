@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,12 +11,12 @@ import click
 
 from phalanx.errors import UsageError
 from phalanx.sim.audited.setup import audits_share
-from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import DEFENCES, Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import Scenario, parse_attack
 
-from .terminal import Progress, beside, counted, end_status_line, print_json, print_rows
+from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 # What people typed, for what a scenario calls otherwise.
@@ -33,23 +32,6 @@ TYPED = {
 }
 # Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
 MOST_AUDITS = 0.45
-
-
-def swarm_options(command: Command) -> Command:
-    """--robots, --spacing, --duration, --f-max, --t-audit, --t-val, --seed: what people change of a scenario."""
-    for option in reversed(
-        (
-            click.option("--robots", type=int, metavar="N", help="How many, on a square grid."),
-            click.option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
-            click.option("--duration", type=float, metavar="S", help="Simulated seconds."),
-            click.option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
-            click.option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
-            click.option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
-            click.option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
-        )
-    ):
-        command = option(command)
-    return command
 
 
 def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
@@ -73,34 +55,8 @@ def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
         raise UsageError(said_as, error.hint) from error
 
 
-@click.group(epilog="Example: phalanx sim run bti-fig9 --record fig9.mcap")
-def sim() -> None:
-    """What is really done: a simulated swarm whose robots audit each other."""
-
-
-@sim.command(
-    epilog="Example: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
-    "docs/scenarios.md says what a file may hold"
-)
-@click.argument("scenario")
-@swarm_options
-@click.option("--defence", type=click.Choice(DEFENCES), help="none, the paper's as printed, or ours.")
-@click.option(
-    "--attack",
-    "attacks",
-    multiple=True,
-    metavar="NAME[:robot=I,at=T,…]",
-    help="Instead of the scenario's own; again for a further robot.",
-)
-@click.option(
-    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | None, as_json: bool, **said: Any) -> int:
-    """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
-
-    The same scenario and seed give the same digest.
-    """
+    """Runs a scenario and sums it up on stdout."""
     chosen = changed(
         find_scenario(scenario), said, defence=defence, attacks=tuple(map(parse_attack, attacks)) if attacks else None
     )
@@ -125,36 +81,6 @@ def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | No
 def _written(record: Path | None) -> int:
     """When the recording was written last, ns; 0 if it is not there: robots may be stopped while they are compiled."""
     return record.stat().st_mtime_ns if record and record.exists() else 0
-
-
-@sim.command("list", epilog="Example: phalanx sim list --json")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def list_scenarios(as_json: bool) -> None:
-    """The scenarios that come with phalanx."""
-    found = [find_scenario(name) for name in built_in_names()]
-    if as_json:
-        rows = [
-            {
-                "name": each.name,
-                "about": each.about,
-                "robots": each.robots,
-                "duration_s": each.duration_s,
-                "defence": each.defence,
-                "attacks": [attack.name for attack in each.attacks],
-            }
-            for each in found
-        ]
-        print_json({"scenarios": rows})
-        return
-    for each in found:
-        head = f"{each.name:12} {each.robots:4} robots {each.duration_s:5g} s  {each.defence:6} "
-        click.echo(beside(head, each.about))
-
-
-@sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
-def schema() -> None:
-    """The JSON schema of scenario files, for editors."""
-    click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
 
 
 def warn_if_crowded(scenario: Scenario) -> None:

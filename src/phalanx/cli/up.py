@@ -15,7 +15,7 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
-from phalanx.gateway.simulated import DEFENCES, mission_swarm
+from phalanx.gateway.simulated import mission_swarm
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build, check_signature
@@ -23,60 +23,15 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
-from phalanx.sim.swarms.mission import DEFAULT_ROBOTS
 
-from .mission.files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
-from .options import broker_options, link_options, read_login
+from .commands.up import ROBOTS, ROBOTS_ON_MISSION
+from .login import read_login
+from .mission.files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
+from .qr import qr_text
 from .run import run
-from .terminal import EventLines, end_status_line, plain, qr_text, status_line
-
-ROBOTS = 12
+from .terminal import EventLines, end_status_line, plain, status_line
 
 
-@click.command(epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office")
-@link_options
-@click.option("--robots", type=int, help=f"Simulated robots.  [default: {ROBOTS}; on a mission {DEFAULT_ROBOTS}]")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
-@click.option(
-    "--mission",
-    "missions",
-    multiple=True,
-    metavar="FILE|BUILTIN",
-    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
-    " Repeatable, for the FILEs of its parts.",
-)
-@click.option("--furnish", metavar=FURNISH_METAVAR, help=FURNISH_HELP)
-@click.option(
-    "--world",
-    metavar="NAME|FILE",
-    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
-)
-@click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")
-@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
-@click.option(
-    "--defence",
-    type=click.Choice(DEFENCES),
-    help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
-    "  [default: bound, for up to 100 robots]",
-)
-@click.option(
-    "--f-max",
-    type=click.IntRange(1, 15),
-    help="Liars that are tolerated at a time.  [default: 3, or what so few robots allow]",
-)
-@broker_options
-@click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
-)
-@click.option("--port", type=click.IntRange(0, 65535), help="Of the visitors' page.  [default: 8080, or any free one]")
-@click.option("--page-url", default="", help="Where visitors find our page, if not here: behind an https proxy, say.")
-@click.option("--frontend", default="", help="Send visitors to this page of the published kind instead of ours.")
-@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds.")
-@click.option(
-    "--events",
-    is_flag=True,
-    help="Print a JSON object a line instead of a QR code; the first is 'ready' ('waiting' while there is no broker).",
-)
 def up(
     mode: str,  # noqa: ARG001  # one value until the session mode exists
     pin_digits: int,
@@ -102,16 +57,13 @@ def up(
     duration: float | None,
     events: bool,
 ) -> None:
-    """Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.
-
-    Ctrl-C ends it.
-    """
+    """Runs a gateway until it is stopped."""
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     if on_mission and (defence not in (None, "none") or f_max is not None):
         raise UsageError("robots on a mission do not audit each other", "leave --defence and --f-max away")
-    count = robots if robots is not None else DEFAULT_ROBOTS if on_mission else ROBOTS
+    count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     options = UpOptions(
         robots=count,
         seed=seed,

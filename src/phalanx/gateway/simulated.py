@@ -17,7 +17,6 @@ from phalanx.sim.signals import handled_by
 from phalanx.sim.swarms.mission import MissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
-DEFENCES = ("none", "paper", "bound")
 DEFAULT_F_MAX = 3
 # Long enough for a round of audits, for attacks to be refused, and for the robots to be stopped.
 REHEARSAL_S = 12.0
@@ -39,7 +38,7 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pr
 
     Args:
         robots: how many.
-        defence: one of DEFENCES; None for the best there is.
+        defence: none, paper or bound; None for the best there is.
         f_max: compromised robots to be tolerated; None for 3, or what so few robots allow.
     Raises: UsageError: not what was asked for.
     Source: docs/spec/rebound.md (P2).

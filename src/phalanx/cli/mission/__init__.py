@@ -1,5 +1,1 @@
-"""`phalanx mission`: encode, inspect, run, draw, audit and crack missions."""
-
-from .commands import mission
-
-__all__ = ["mission"]
+"""What `phalanx mission` does, once it is asked to."""

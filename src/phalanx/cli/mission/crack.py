@@ -29,14 +29,8 @@ def span(seconds: float) -> str:
     return f"{seconds * 1e6:.3g} µs"
 
 
-@click.command(epilog="Example: phalanx mission crack office.phxm --box 0,0,40,40 --budget 60")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--key", type=click.Path(path_type=Path), help="The start key, captured too (sealed profile).")
-@click.option("--box", metavar="X0,Y0,X1,Y1", default="0,0,40,40", show_default=True, help="Where to look, metres.")
-@click.option("--budget", type=click.FloatRange(min=0.1), default=30.0, show_default=True, help="Seconds to go on.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def crack(file: Path, key: Path | None, box: str, budget: float, as_json: bool) -> int:
-    """Try to read a captured mission by brute force: for real, as long as the budget lasts. Exit 1 if nothing gave."""
+    """Tries to read a captured mission by brute force, for `budget` seconds; 1 if nothing gave."""
     encoded, area = read_encoded(file), parse_box(box)
     started = time.perf_counter()
     tries, of = 0, 0

@@ -24,11 +24,6 @@ Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
 ENDING = ".phxm"
-FURNISH_METAVAR = "MISSION.yaml|BUILTIN"
-FURNISH_HELP = (
-    "What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
-    " its actions, and puts them where its parts begin."
-)
 SEVERAL = ("several missions", "one that is not encoded, or the encoded files of all its parts")
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is

@@ -24,52 +24,10 @@ from phalanx.sim.missions.recording import write_recording
 from phalanx.sim.missions.robot import Report
 from phalanx.sim.missions.run import MissionRun, run_mission, summary
 
-from .files import FURNISH_HELP, FURNISH_METAVAR, SEVERAL, is_encoded, read_files, read_plain, read_trusted
+from .files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
 
 
-@click.command(
-    "run",
-    epilog="Examples: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage; "
-    "phalanx mission run two-a.phxm two-b.phxm --furnish inspection",
-)
-@click.argument("sources", nargs=-1, required=True, metavar="FILE...|BUILTIN")
-@click.option("--world", "world", metavar="NAME|FILE", help="The building; without, the one the mission names.")
-@click.option("--furnish", metavar=FURNISH_METAVAR, help=FURNISH_HELP)
-@click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
-@click.option(
-    "--noise",
-    default="0.03,0.05",
-    show_default=True,
-    metavar="SIGMA_T,SIGMA_R[,stage|fixed|step]",
-    help="Of the odometry: for way and turns, and where the factor comes from.",
-)
-@click.option(
-    "--profile",
-    type=click.Choice([profile.name.lower() for profile in Profile]),
-    default="sealed",
-    show_default=True,
-    help="In which a plain mission is encoded first.",
-)
-@click.option("--key", type=click.Path(path_type=Path), help="Start key of one sealed FILE; without, FILE.key.")
-@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
-@click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
-@click.option(
-    "--start",
-    "said_start",
-    metavar="X,Y[,DEGREES]",
-    help="Where robots are put; without, where the mission or the map says.",
-)
-@click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
-@click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
-@click.option(
-    "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Of everything that is drawn.")
-@click.option(
-    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def run_command(
+def run(
     sources: tuple[str, ...],
     world: str | None,
     furnish: str | None,
@@ -87,12 +45,7 @@ def run_command(
     record: Path | None,
     as_json: bool,
 ) -> int:
-    """Run a mission; exit 1 if a robot did not complete it.
-
-    A plain mission is encoded first, from the seed. The same mission, options and seed give the same digest. Of encoded
-    files each robot gets one, in turn. A file says neither which codes hang on the walls nor what robots can do nor
-    where they begin: --furnish does.
-    """
+    """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     trusted = [read_trusted(word) for word in trust] or None
     files, plain = _missions(sources, key, furnish, trusted, profile, seed)
     start = parse_start(said_start) if said_start else None
@@ -104,7 +57,7 @@ def run_command(
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, trusted, len(range(i, count, len(files))), begin_s)
-    run = MissionRun(
+    setting = MissionRun(
         plan=orders.plan,
         parts=orders.parts,
         robots=count,
@@ -121,7 +74,7 @@ def run_command(
     progress = Progress()
     try:
         reports = run_mission(
-            run, os.cpu_count() or 1, lambda share: progress.tell(_so_far(share, run.duration_s), share)
+            setting, os.cpu_count() or 1, lambda share: progress.tell(_so_far(share, setting.duration_s), share)
         )
     except KeyboardInterrupt:
         end_status_line()
@@ -133,7 +86,7 @@ def run_command(
         click.echo(f"recorded: {record}", err=True)
     for line in _lacking(reports):
         talk(line)
-    told = summary(run, reports)
+    told = summary(setting, reports)
     if as_json:
         print_json(told)
     else:

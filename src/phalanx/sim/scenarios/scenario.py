@@ -7,19 +7,17 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
+from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import ATTACKS, check_options
-from phalanx.robot.attacks.attack import Defence
 
-DEFENCES: tuple[Defence, ...] = get_args(Defence)
 CONTROLLERS = ("flock",)
 MOST_ROBOTS = 65_535
 LONGEST_S = 7 * 86_400.0

@@ -32,7 +32,6 @@ from .dotbots import COLOURS, robot_name
 
 log = logging.getLogger(__name__)
 
-DEFAULT_ROBOTS = 4
 # As many as two cores carry in real time, with a gateway beside them.
 MOST_ROBOTS = 16
 WALLS_MAX = 20_000

@@ -1,4 +1,4 @@
-"""`phalanx mission`: encode missions, look at them, and find out what they are worth."""
+"""What an author does with missions: encode them, look at them, draw them, and find out what they are worth."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
 from phalanx.sim.building.floorplan import load_floorplan
 
-from .crack import crack, span
+from .crack import span
 from .draw import check_drawable, draw_mission, lived
 from .files import (
     built_in_missions,
@@ -36,42 +36,18 @@ from .files import (
     read_trusted,
     write_file,
 )
-from .run import parse_start, run_command
+from .run import parse_start
 
 SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
 WARNINGS = 10  # told by build
 TELL_LOCKS = 16  # from one word of progress to the next
 # What a header that is silent about these says.
 UNLIMITED = {"robots": "anybody", "valid_to_s": "for ever", "signer": "nobody", "flags": "none"}
-PROFILES = click.Choice([profile.name.lower() for profile in Profile])
-profile_option = click.option(
-    "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
-)
-START_HELP = "Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place."
-start_option = click.option("--start", metavar="X,Y[,DEGREES]", help=START_HELP)
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 FLAGS = ((REPEATABLE, "repeatable"), (ROAM, "roam"), (OPEN_START, "open start"))
 NODE_FLAGS = ((START, "start"), (FINAL, "final"), (JOIN, "join"))
 
 
-@click.group(epilog="Example: phalanx mission build office --out office.phxm")
-def mission() -> None:
-    """What may be done: missions that a robot can only read by living them."""
-
-
-@mission.command("build", epilog="Example: phalanx mission build office --out office.phxm --sign-key operator.pem")
-@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
-@profile_option
-@click.option("--map", "plan", metavar="MAP", help="Floor plan: explore it, or check the mission against it.")
-@start_option
-@click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
-@click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
-@click.option("--valid", metavar="FROM/TO", default="/", help="When: seconds or dates; either may be empty.")
-@click.option("--open-start", is_flag=True, help="Put the start key into the file: anybody may begin.")
-@click.option("--seed", type=int, help="Same bytes again; the secrets can be guessed, so never in earnest.")
-@json_option
-def build_command(
+def build_files(
     source: str | None,
     out: Path,
     profile: str,
@@ -84,10 +60,7 @@ def build_command(
     seed: int | None,
     as_json: bool,
 ) -> None:
-    """Encode a mission; its start key goes into OUT.key.
-
-    Without a mission, --map MAP makes one: to find every landmark of the map. A mission in parts gives a file for each.
-    """
+    """Writes the encoded mission, a file for each of its parts, and their start keys beside them."""
     begin, end = parse_window(valid)
     options = BuildOptions(
         profile=Profile[profile.upper()],
@@ -219,11 +192,8 @@ def _summary(encoded: EncodedMission) -> dict[str, Any]:
     }
 
 
-@mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
-@click.argument("file", type=click.Path(path_type=Path))
-@json_option
 def inspect(file: Path, as_json: bool) -> None:
-    """Show what anybody can read in an encoded mission: header, nodes, and which way leads where."""
+    """Prints what anybody can read in an encoded mission."""
     encoded = read_encoded(file)
     nodes: list[dict[str, Any]] = [
         {
@@ -247,16 +217,10 @@ def inspect(file: Path, as_json: bool) -> None:
         click.echo(f"{node['node']:6}  {node['hash'][:16]}…  {' '.join(node['flags']):12}  -> {ways}")
 
 
-@mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--trust", multiple=True, metavar="KEY", help="Public key: 64 hex digits or a PEM file; repeatable.")
-@click.option("--robot", type=click.IntRange(0, 65_535), help="Whether this robot may run it.")
-@click.option("--at", "now_s", type=float, help="When, in seconds on the mission's clock; now without.")
-@json_option
 def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float | None, as_json: bool) -> int:
-    """Check that a mission is whole and signed; exit 1 and the reason if not.
+    """Checks that a mission is whole and signed, and prints by whom.
 
-    Without --trust any signature will do: it proves that nothing was altered since, not who wrote it.
+    Raises: PeerError: it is not.
     """
     trusted = [read_trusted(key) for key in trust] or None
     try:
@@ -281,19 +245,10 @@ def _for_anybody(encoded: EncodedMission) -> EncodedMission:
     return replace(encoded, header=replace(encoded.header, robots=()))
 
 
-@mission.command("audit", epilog="Example: phalanx mission audit office --profile paper")
-@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
-@profile_option
-@click.option(
-    "--map", "plan", metavar="MAP", help="The mission that build makes of this map, or what to check against."
-)
-@start_option
-@click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
-@json_option
-def audit_command(
+def tell_worth(
     source: str | None, profile: str, plan: str | None, start: str | None, open_start: bool, as_json: bool
 ) -> None:
-    """Tell what a captured file is worth: what an attacker must try, what the robot must, and what looks wrong."""
+    """Prints what an attacker must try, what the robot must, and what looks wrong."""
     rates = Rates()
     told = _explored(plan, start, "audit") if source is None else _mission(source, plan, start)
     report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates)
@@ -316,23 +271,8 @@ def audit_command(
     )
 
 
-@mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
-@click.argument("source", required=False, metavar="[MISSION.yaml|BUILTIN]")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="A .png or .svg file.")
-@click.option(
-    "--map",
-    "plan",
-    metavar="MAP",
-    help="Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.",
-)
-@start_option
-@click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
-    """Draw a mission's landmarks and ways on its map.
-
-    With --run also where a robot went, where it believed to be, and where odometry alone would have put it.
-    """
+    """Writes a picture of a mission; also of a run of it, if `simulate`."""
     check_drawable(out)
     told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
     name = plan or told.floor_plan
@@ -345,7 +285,3 @@ def draw(source: str | None, out: Path, plan: str | None, start: str | None, sim
         end = "completed it" if report.done else f"stopped: {report.not_validated[-1][1]}"
         click.echo(f"robot {report.robot + 1}: {len(report.decoded)} nodes, {report.t_s:.0f} s, {end}", err=True)
     click.echo(f"drawn: {out}", err=True)
-
-
-mission.add_command(crack)
-mission.add_command(run_command)

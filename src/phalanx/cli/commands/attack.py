@@ -1,0 +1,40 @@
+"""`phalanx attack`: the ways a robot can lie, and what each defence makes of them."""
+
+from __future__ import annotations
+
+import click
+
+from phalanx.cli.options import defence_option, json_option, swarm_options
+
+from .runs import runs
+
+
+@click.group(epilog="Example: phalanx attack run spoof --defence none")
+def attack() -> None:
+    """Compromise a robot, or its mission, and see what that can do and what stops it."""
+
+
+@attack.command("list", epilog="Example: phalanx attack list --json")
+@json_option
+@runs("lists", "list_attacks")
+def list_attacks() -> None:
+    """All attacks, by robots and on missions, and what each defence makes of them."""
+
+
+@attack.command(epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
+@click.argument("name", metavar="NAME[:robot=I,at=T,…]")
+@defence_option(
+    default="bound",
+    show_default=True,
+    help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
+)
+@swarm_options
+@json_option
+@runs("attack", "run")
+def run() -> None:
+    """Run NAME beside the same run without it: the damage, whether and when it was stopped, and the bound.
+
+    Ends with 1 if a robot that should have been stopped in time was not, if one was on the air for longer than its
+    bucket lets it, or if a mission's verdict is not what was seen.
+    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and --json.
+    """

@@ -1,0 +1,18 @@
+"""`phalanx doctor`: what is here, what is missing, what to do about it."""
+
+from __future__ import annotations
+
+import click
+
+from phalanx.cli.options import json_option, login_option
+
+from .runs import runs
+
+
+@click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
+@click.option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
+@login_option
+@json_option
+@runs("doctor", "doctor")
+def doctor() -> None:
+    """Look at what is installed, which ports are free, the clock, and whether a broker is reachable."""

@@ -1,0 +1,43 @@
+"""How a command finds what it does."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import click
+
+from phalanx.cli.terminal import talk
+
+
+def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
+    """The command calls `function` of `phalanx.cli.MODULE` with its options by name, and imports that only then.
+
+    What is decorated says in its docstring what the command does, for its help. While the function runs, people are
+    told of kernels that have to be compiled.
+    """
+
+    def declared(words: Callable[[], None]) -> Callable[..., Any]:
+        @functools.wraps(words)
+        def run(**said: Any) -> Any:
+            body = getattr(import_module(f"phalanx.cli.{module}"), function)
+            tell_of_compiling()
+            return body(**said)
+
+        run.runs = module, function  # type: ignore[attr-defined]
+        return run
+
+    return declared
+
+
+def tell_of_compiling() -> None:
+    """From now on to the end of the command, people are told of kernels that have to be compiled."""
+    context = click.get_current_context()
+    # `up` gets robots ready before it begins, and tells of that itself.
+    if "numba" in sys.modules and context.info_name != "up":
+        from phalanx.sim.compiling import telling_of_compiling  # noqa: PLC0415 - others need not wait for numba
+
+        context.with_resource(telling_of_compiling(talk))

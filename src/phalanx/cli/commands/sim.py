@@ -1,0 +1,51 @@
+"""`phalanx sim`: run a scenario, list those that come with it, print the schema of their files."""
+
+from __future__ import annotations
+
+import click
+
+from phalanx.cli.options import defence_option, json_option, record_option, swarm_options
+
+from .runs import runs
+
+
+@click.group(epilog="Example: phalanx sim run bti-fig9 --record fig9.mcap")
+def sim() -> None:
+    """What is really done: a simulated swarm whose robots audit each other."""
+
+
+@sim.command(
+    epilog="Example: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
+    "docs/scenarios.md says what a file may hold"
+)
+@click.argument("scenario")
+@swarm_options
+@defence_option(help="none, the paper's as printed, or ours.")
+@click.option(
+    "--attack",
+    "attacks",
+    multiple=True,
+    metavar="NAME[:robot=I,at=T,…]",
+    help="Instead of the scenario's own; again for a further robot.",
+)
+@record_option
+@json_option
+@runs("sim", "run")
+def run() -> None:
+    """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
+
+    The same scenario and seed give the same digest.
+    """
+
+
+@sim.command("list", epilog="Example: phalanx sim list --json")
+@json_option
+@runs("lists", "list_scenarios")
+def list_scenarios() -> None:
+    """The scenarios that come with phalanx."""
+
+
+@sim.command(epilog="Example: phalanx sim schema > scenario.schema.json")
+@runs("lists", "print_schema")
+def schema() -> None:
+    """The JSON schema of scenario files, for editors."""

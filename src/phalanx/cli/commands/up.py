@@ -1,0 +1,69 @@
+"""`phalanx up`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from phalanx.cli.options import (
+    broker_options,
+    defence_option,
+    duration_option,
+    furnish_option,
+    link_options,
+)
+
+from .runs import runs
+
+ROBOTS, ROBOTS_ON_MISSION = 12, 4
+
+
+@click.command(epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office")
+@link_options
+@click.option("--robots", type=int, help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
+@click.option(
+    "--mission",
+    "missions",
+    multiple=True,
+    metavar="FILE|BUILTIN",
+    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
+    " Repeatable, for the FILEs of its parts.",
+)
+@furnish_option
+@click.option(
+    "--world",
+    metavar="NAME|FILE",
+    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
+)
+@click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")
+@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
+@defence_option(
+    help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
+    "  [default: bound, for up to 100 robots]"
+)
+@click.option(
+    "--f-max",
+    type=click.IntRange(1, 15),
+    help="Liars that are tolerated at a time.  [default: 3, or what so few robots allow]",
+)
+@broker_options
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
+)
+@click.option("--port", type=click.IntRange(0, 65535), help="Of the visitors' page.  [default: 8080, or any free one]")
+@click.option("--page-url", default="", help="Where visitors find our page, if not here: behind an https proxy, say.")
+@click.option("--frontend", default="", help="Send visitors to this page of the published kind instead of ours.")
+@duration_option
+@click.option(
+    "--events",
+    is_flag=True,
+    help="Print a JSON object a line instead of a QR code; the first is 'ready' ('waiting' while there is no broker).",
+)
+@runs("up", "up")
+def up() -> None:
+    """Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.
+
+    Ctrl-C ends it.
+    """

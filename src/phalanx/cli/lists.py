@@ -1,0 +1,73 @@
+"""The lists that commands print of what there is."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from phalanx.config.defence import DEFENCES
+from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
+from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+
+from .terminal import beside, print_json
+
+
+def list_scenarios(as_json: bool) -> None:
+    """Prints the scenarios that come with phalanx."""
+    found = [find_scenario(name) for name in built_in_names()]
+    if as_json:
+        rows = [
+            {
+                "name": each.name,
+                "about": each.about,
+                "robots": each.robots,
+                "duration_s": each.duration_s,
+                "defence": each.defence,
+                "attacks": [attack.name for attack in each.attacks],
+            }
+            for each in found
+        ]
+        print_json({"scenarios": rows})
+        return
+    for each in found:
+        head = f"{each.name:12} {each.robots:4} robots {each.duration_s:5g} s  {each.defence:6} "
+        click.echo(beside(head, each.about))
+
+
+def print_schema() -> None:
+    """Prints the JSON schema of scenario files."""
+    click.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+
+
+def list_attacks(as_json: bool) -> None:
+    """Prints all attacks, by robots and on missions, and what each defence makes of them."""
+    rows = [{**_row(name, kind), "robots": "f_max" if kind.crowd else 1} for name, kind in sorted(ATTACKS.items())]
+    missions = [{**_row(name, kind), "against": kind.against} for name, kind in sorted(MISSION_ATTACKS.items())]
+    if as_json:
+        print_json({"attacks": rows, "missions": missions})
+        return
+    width = max(map(len, (*ATTACKS, *MISSION_ATTACKS)))
+    _table("by robots", rows, width)
+    click.echo()
+    _table("on missions", missions, width)
+
+
+def _row(name: str, kind: type[Attack | MissionAttack]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "does": kind.does,
+        "stopped_by": kind.stopped_by,
+        "verdicts": {defence: str(kind.verdicts[defence]) for defence in DEFENCES},
+    }
+
+
+def _table(title: str, rows: list[dict[str, Any]], width: int) -> None:
+    click.echo(f"{title:{width}} " + " ".join(f"{defence:12}" for defence in DEFENCES))
+    for row in rows:
+        against = f"{row['against']}: " if "against" in row else "f_max robots: " if row["robots"] == "f_max" else ""
+        words = " ".join(f"{word:12}" for word in row["verdicts"].values())
+        click.echo(f"{row['name']:{width}} {words}{against}{row['does']}")
+        click.echo(f"{'':{width + 13 * len(DEFENCES)}} {row['stopped_by']}")

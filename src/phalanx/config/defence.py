@@ -1,0 +1,9 @@
+"""What robots do about liars among them."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+# Nothing; RoboRebound as printed; RoboRebound as docs/spec/rebound.md bounds it.
+Defence = Literal["none", "paper", "bound"]
+DEFENCES: tuple[Defence, ...] = get_args(Defence)
