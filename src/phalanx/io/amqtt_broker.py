@@ -16,7 +16,7 @@ from amqtt.errors import BrokerError
 
 from phalanx.errors import Unavailable
 
-from .connection import MAX_PACKET_BYTES
+from .packets import MAX_PACKET_BYTES
 from .ports import LOOPBACK
 
 # Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.

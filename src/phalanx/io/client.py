@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from phalanx.config import LinkConfig
-from phalanx.errors import OpenError, Overrun, Stale, Unavailable, UsageError
+from phalanx.errors import OpenError, PeerError, Stale, Unavailable, UsageError
 from phalanx.link.client_side import ClientSide
 from phalanx.link.messages import Moved, Notification, Rejected, Reply, ReplyPart
 from phalanx.link.qrurl import QrUrl, parse_qr_url
@@ -91,7 +91,7 @@ class Client:
             self._on_message,
             self._on_connect,
             self.qr.mqtt,
-            self._on_overrun,
+            self._on_dropped,
         )
         self._running = self._link.start()
         try:
@@ -163,8 +163,8 @@ class Client:
             raise UsageError("the client is not entered", "async with client: …")
         return self._link
 
-    def _on_overrun(self) -> None:
-        self._side.reject(Overrun("arrived faster than they were read; dropped unread"))
+    def _on_dropped(self, error: PeerError) -> None:
+        self._side.reject(error)
 
     async def _on_connect(self, again: bool) -> None:
         log.debug("%s: %s", self.client_id, "reconnected" if again else "connected")

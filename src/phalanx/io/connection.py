@@ -22,10 +22,11 @@ from aiomqtt.client import ProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from phalanx.errors import Unavailable
+from phalanx.errors import Overrun, PeerError, Unavailable
 from phalanx.link.messages import Ask, Publish, Subscribe
 
 from .broker_url import BrokerUrl
+from .packets import MAX_PACKET_BYTES, CheckedClient, Emptied
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
@@ -38,7 +39,6 @@ CONNECT_TIMEOUT_S = 5.0
 # What may wait to be read: room for a burst of small messages, and no more memory than a small machine has.
 INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale news and late commands
 INCOMING_BYTES = 64 * 1024 * 1024
-MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
@@ -54,6 +54,7 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
 
     Args:
         on_overrun: called for every message that is dropped.
+        emptied: tells since when a message that comes now may have waited.
         on_read: called for every message that is read, with the seconds it has waited here.
         maxsize: most messages.
         max_bytes: most bytes.
@@ -62,11 +63,13 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
     def __init__(
         self,
         on_overrun: Callable[[], None],
-        on_read: Callable[[float], None] = lambda _: None,
+        emptied: Emptied,
+        on_read: Callable[[float], None],
         maxsize: int = INCOMING_MESSAGES,
         max_bytes: int = INCOMING_BYTES,
     ) -> None:
         super().__init__(maxsize)
+        self._emptied = emptied
         self._on_read = on_read
         self._since_s: deque[float] = deque()
         self._on_overrun = on_overrun
@@ -74,8 +77,6 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
 
     def put_nowait(self, message: aiomqtt.Message) -> None:
         """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message."""
-        # The user properties of MQTT 5 are the sender's too, as long as a packet may be, and read by nobody.
-        message.properties = None
         if self.full() or _size_bytes(message) > self._room_bytes:
             self._on_overrun()
         else:
@@ -83,7 +84,7 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
 
     def _put(self, message: aiomqtt.Message) -> None:
         self._room_bytes -= _size_bytes(message)
-        self._since_s.append(time.monotonic())
+        self._since_s.append(self._emptied.at_s)
         super()._put(message)
 
     def _get(self) -> aiomqtt.Message:
@@ -107,7 +108,7 @@ class Connection:
         on_message: awaited with each message's topic and payload, in order.
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
-        on_overrun: called for every message that came faster than they were read, and was dropped.
+        on_dropped: called for every message that was dropped unread: too large, or come faster than they were read.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class Connection:
         on_message: Callable[[str, bytes], Awaitable[None]],
         on_connect: Callable[[bool], Awaitable[None]],
         mqtt: int = 5,
-        on_overrun: Callable[[], None] = lambda: None,
+        on_dropped: Callable[[PeerError], None] = lambda _: None,
     ) -> None:
         self.broker = broker
         self.mqtt = mqtt
@@ -130,7 +131,7 @@ class Connection:
         self._subscriptions = subscriptions
         self._on_message = on_message
         self._on_connect = on_connect
-        self._on_overrun = on_overrun
+        self._on_dropped = on_dropped
         self._running: asyncio.Task[None] | None = None
         self._client: aiomqtt.Client | None = None
         self._cut: BaseException | None = None
@@ -212,7 +213,8 @@ class Connection:
         return True
 
     async def _live(self) -> None:
-        client = aiomqtt.Client(
+        emptied = Emptied()
+        client = CheckedClient(
             self.broker.host,
             self.broker.port,
             identifier=f"phalanx{os.urandom(8).hex()}",
@@ -226,14 +228,13 @@ class Connection:
             timeout=CONNECT_TIMEOUT_S,
             max_queued_incoming_messages=INCOMING_MESSAGES,
             queue_type=cast(
-                "type[asyncio.Queue[aiomqtt.Message]]", partial(Incoming, self._on_overrun, self._note_wait)
+                "type[asyncio.Queue[aiomqtt.Message]]", partial(Incoming, self._overrun, emptied, self._note_wait)
             ),
             properties=_connect_properties() if self.mqtt == 5 else None,
             logger=_SILENT,
+            on_dropped=self._on_dropped,
+            emptied=emptied,
         )
-        # A broker can send a topic that aiomqtt raises on. Unsuppressed, paho would read the same packet again for
-        # ever, and log it each time, escape sequences included.
-        client._client.suppress_exceptions = True  # noqa: SLF001
         # paho connects in a thread that nothing can stop: an unreachable host would block Ctrl-C.
         await self._reach()
         async with client, asyncio.timeout(None) as self._lifetime:
@@ -247,13 +248,18 @@ class Connection:
             log.info("connected to %s, MQTT %s", self.broker, "5" if self.mqtt == 5 else "3.1.1")
             self.connected.set()
             again, self._ever = self._ever, True
+            watching = asyncio.create_task(emptied.watch())
             try:
                 await self._on_connect(again)
                 async for message in client.messages:
                     payload = message.payload
                     await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
             finally:
+                watching.cancel()
                 self._client = None
+
+    def _overrun(self) -> None:
+        self._on_dropped(Overrun("arrived faster than they were read; dropped unread"))
 
     def _note_wait(self, waited_s: float) -> None:
         self.waited_s = waited_s

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from phalanx.config import LinkConfig
-from phalanx.errors import HandlerFailed, Overrun, PeerError, Unknown, UsageError
+from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
 from phalanx.link.keys import Epoch
 from phalanx.link.messages import Ask, Command, Knock, Rejected, Request
 from phalanx.link.pin import Pin
@@ -154,7 +154,7 @@ class Server:
             self._on_message,
             self._on_connect,
             self._mqtt,
-            self._on_overrun,
+            self._on_dropped,
         )
         self._tasks = [self._link.start(), asyncio.create_task(self._rotate())]
         return self
@@ -207,8 +207,8 @@ class Server:
             self._side.restart_clock(time.monotonic())
             self._reached.set()
 
-    def _on_overrun(self) -> None:
-        self._report(self._side.reject(Overrun("arrived faster than they were read; dropped unread")))
+    def _on_dropped(self, error: PeerError) -> None:
+        self._report(self._side.reject(error))
 
     async def _rotate(self) -> None:
         await self._reached.wait()
