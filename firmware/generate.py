@@ -1,7 +1,7 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
-That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md between `<!-- NAME:begin -->` and
-`<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
+That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md and docs/spec/rebound.md between
+`<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from phalanx.wire import Record, table
 
 HERE = Path(__file__).parent
 HEADER = HERE / "include" / "phx_wire.h"
-PAGE = HERE.parent / "docs" / "spec" / "rebound-nodes.md"
+SPEC = HERE.parent / "docs" / "spec"
 
 SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
 CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
@@ -37,9 +37,9 @@ def c_header() -> str:
             f"#define {name} 0x{record.tag:02x}u",
             f"#define {name}_BYTES {record.size}u",
         ]
-        lines += [f"#define {name}_{field.name.upper()} {record.offset(field.name)}u" for field in record.fields]
+        lines += [f"#define {name}_{field.name.upper()} {record.at(field.name)}u" for field in record.fields]
     lines += ["", "/* frames with the AUDIT bit */"]
-    lines += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.offset(name)}u" for name in ("src", "dst")]
+    lines += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.at(name)}u" for name in ("src", "dst")]
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -64,16 +64,25 @@ def errors() -> str:
 
 
 BLOCKS = {
-    "entries": markdown([table.ENTRY]),
-    "payloads": markdown(table.PAYLOADS),
-    "maced": markdown(table.MACED),
-    "errors": errors(),
+    "rebound-nodes.md": {
+        "entries": markdown([table.ENTRY]),
+        "payloads": markdown(table.PAYLOADS),
+        "maced": markdown(table.MACED),
+        "handed_out": markdown(table.HANDED_OUT),
+        "errors": errors(),
+    },
+    "rebound.md": {
+        "logged": markdown(table.LOGGED),
+        "shown": markdown(table.SHOWN),
+        "remembered": markdown(table.REMEMBERED),
+    },
 }
 
 
-def page(text: str) -> str:
-    """`text` with its tables made anew."""
-    for name, block in BLOCKS.items():
+def page(path: Path) -> str:
+    """What a page of the specification holds with its tables made anew."""
+    text = path.read_text()
+    for name, block in BLOCKS[path.name].items():
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
         text, found = re.subn(
             f"{begin}.*?{end}", lambda _, b=begin, e=end, x=block: f"{b}\n\n{x}\n\n{e}", text, flags=re.DOTALL
@@ -85,4 +94,5 @@ def page(text: str) -> str:
 
 if __name__ == "__main__":
     HEADER.write_text(c_header())
-    PAGE.write_text(page(PAGE.read_text()))
+    for each in BLOCKS:
+        (SPEC / each).write_text(page(SPEC / each))

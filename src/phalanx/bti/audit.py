@@ -16,17 +16,27 @@ from numpy.typing import NDArray
 from phalanx.bundle import pack, reference
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
-from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u32, same
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_HEADER_BYTES, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
+from phalanx.wire import table
+from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
+from phalanx.wire.table import (
+    ENTRY_ACMD,
+    ENTRY_HEADER_BYTES,
+    ENTRY_INPUT,
+    ENTRY_RECV,
+    ENTRY_SEND,
+    HASH_BYTES,
+    MAC_BYTES,
+)
 
 from . import trusted
 from .fleet import BOUND, PAPER, Fleet, records
-from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, FLUSH_A, FLUSH_S, MARK
+from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
 from .request import (
     AT_AUTH_A,
     AT_AUTH_S,
     AT_CHECKPOINT_LEN,
+    AT_FLAGS,
     AT_HCKPT,
     AT_SEGMENT_LEN,
     AT_T,
@@ -37,15 +47,19 @@ from .request import (
     AT_TREQ_MAC,
     HEAD_BYTES,
     TOKEN_BYTES,
+    TOKEN_MAC,
+    TOKEN_T,
+    TOKEN_TOR,
     VERSION,
 )
-from .rounds import phase_of
+from .rounds import AT_A_TOP, AT_DUE, AT_S_TOP, AT_STEP, AT_T_KEY, BOOTED_BYTES, CHECKPOINT_BYTES, phase_of
 
 INPUT, RECV, SEND, ACMD = ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, ENTRY_ACMD
 END = 0
 ENTRY_HEAD_BYTES = ENTRY_HEADER_BYTES
-# An expected output waits as: type u8, length u16, the cause's t as 4 bytes, payload.
-WAITING_HEAD_BYTES = 7
+ENTRY_T, ENTRY_LENGTH = map(table.ENTRY.at, ("t", "payload"))
+OUTPUT_LENGTH = table.OUTPUT.at("payload")
+OUTPUT_HEAD_BYTES = table.OUTPUT.size
 
 CASE = np.dtype(
     [
@@ -75,9 +89,9 @@ class Work(NamedTuple):
         case: (1,) CASE, how far the audit is.
         batch_s, batch_a: entries not hashed yet.
         tops: (4, 20): s- and a-chain while they are re-hashed, and at the checkpoint.
-        state: the replayed controller's state, behind 48 bytes for the rest of a checkpoint.
+        state: the replayed controller's state, behind room for the rest of a checkpoint.
         out: outputs of one step of the controller.
-        waiting: outputs that the log still has to show.
+        waiting: outputs that the log still has to show, as entries of their cause's time.
         evidence: what the log keeps beside the INPUT; as long as the longest that is read, 0 where there is none.
         small: (4, 32): token requests, authenticators, hashes.
         frame, entry: a radio frame and a chained entry.
@@ -113,12 +127,12 @@ def make_work(config: BtiConfig) -> Work:
         case=records(1, CASE),
         batch_s=np.zeros(config.batch_size * entry, np.uint8),
         batch_a=np.zeros(config.batch_size * entry, np.uint8),
-        tops=np.zeros((4, 20), np.uint8),
-        state=np.zeros(config.checkpoint_capacity_bytes + 48, np.uint8),
+        tops=np.zeros((4, HASH_BYTES), np.uint8),
+        state=np.zeros(config.checkpoint_capacity_bytes + CHECKPOINT_BYTES, np.uint8),
         out=np.zeros(2 * entry, np.uint8),
         waiting=np.zeros(4 * entry, np.uint8),
         evidence=np.zeros(config.evidence_max_bytes, np.uint8),
-        small=np.zeros((4, 32), np.uint8),
+        small=np.zeros((4, table.TOKEN_REQUEST.size), np.uint8),
         frame=np.zeros(entry, np.uint8),
         entry=np.zeros(entry, np.uint8),
         told=np.zeros(8, np.int64),
@@ -129,7 +143,7 @@ def make_work(config: BtiConfig) -> Work:
 @kernel
 def open_request(w: Work, q: Row, length: int) -> int:
     """The request's parts are found and fill it exactly; `w.case` is set. Source: docs/spec/rebound.md."""
-    if length < HEAD_BYTES or q[0] != VERSION or q[1] > 1:
+    if length < HEAD_BYTES or q[0] != VERSION or q[AT_FLAGS] > 1:
         return Refusal.MALFORMED
     c = w.case[0]
     c.tee = get_u16(q, AT_TEE)
@@ -143,9 +157,9 @@ def open_request(w: Work, q: Row, length: int) -> int:
     c.waiting = 0
     if c.end != length or c.tee == 0:
         return Refusal.MALFORMED
-    if q[1] == 1 and (c.start_len != 4 or c.tokens != 0):
+    if q[AT_FLAGS] == 1 and (c.start_len != BOOTED_BYTES or c.tokens != 0):
         return Refusal.MALFORMED
-    if q[1] == 0 and (c.start_len < 48 or c.start_len > w.state.shape[0]):
+    if q[AT_FLAGS] == 0 and (c.start_len < CHECKPOINT_BYTES or c.start_len > w.state.shape[0]):
         return Refusal.MALFORMED
     return 0
 
@@ -154,12 +168,13 @@ def open_request(w: Work, q: Row, length: int) -> int:
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
-    if q[1] == 1:
+    if q[AT_FLAGS] == 1:
         c.step = 0
         # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
-        if get_u32(q, c.start_at) > c.t:
+        t_key = get_u32(q, c.start_at + AT_T_KEY)
+        if t_key > c.t:
             return Refusal.OUT_OF_ORDER
-        c.due = get_u32(q, c.start_at) + phase_of(s.mission_seed, c.tee, s.t_control)
+        c.due = t_key + phase_of(s.mission_seed, c.tee, s.t_control)
         w.tops[0:2] = 0
         return 0
     if c.tokens < s.f_max + 1:
@@ -171,17 +186,17 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     trusted.sha1(w.state, c.start_len, hckpt)
     for k in range(c.tokens):
         at = HEAD_BYTES + k * TOKEN_BYTES
-        tor = get_u16(q, at)
+        tor = get_u16(q, at + TOKEN_TOR)
         for other in range(k):
-            if get_u16(q, HEAD_BYTES + other * TOKEN_BYTES) == tor:
+            if get_u16(q, HEAD_BYTES + other * TOKEN_BYTES + TOKEN_TOR) == tor:
                 return Refusal.TOKEN_TWICE
-        t = get_u32(q, at + 2)
-        if trusted.anode_check_token(s.profile, f.anode[i], tor, c.tee, t, hckpt, q[at + 6 : at + 14]) != 0:
+        t, mac = get_u32(q, at + TOKEN_T), q[at + TOKEN_MAC : at + TOKEN_BYTES]
+        if trusted.anode_check_token(s.profile, f.anode[i], tor, c.tee, t, hckpt, mac) != 0:
             return Refusal.TOKEN_INVALID
-    c.due = get_u32(q, c.start_at)
-    c.step = get_u32(q, c.start_at + 4)
-    copy(w.tops[0], 0, q, c.start_at + 8, 20)
-    copy(w.tops[1], 0, q, c.start_at + 28, 20)
+    c.due = get_u32(q, c.start_at + AT_DUE)
+    c.step = get_u32(q, c.start_at + AT_STEP)
+    copy(w.tops[0], 0, q, c.start_at + AT_S_TOP, HASH_BYTES)
+    copy(w.tops[1], 0, q, c.start_at + AT_A_TOP, HASH_BYTES)
     return 0
 
 
@@ -192,12 +207,12 @@ def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
     tee, s = w.case[0].tee, f.settings[0]
-    nonce = q[AT_TREQ_MAC : AT_TREQ_MAC + 8]
-    top, mac = q[AT_TOP_S : AT_TOP_S + 20], q[AT_AUTH_S : AT_AUTH_S + 8]
+    nonce = q[AT_TREQ_MAC : AT_TREQ_MAC + MAC_BYTES]
+    top, mac = q[AT_TOP_S : AT_TOP_S + HASH_BYTES], q[AT_AUTH_S : AT_AUTH_S + MAC_BYTES]
     if trusted.snode_check_auth(s.profile, f.snode[i], top, tee, nonce, mac) != 0:
         return Refusal.AUTHENTICATOR_INVALID
     if s.profile == PAPER:
-        top, mac = q[AT_TOP_A : AT_TOP_A + 20], q[AT_AUTH_A : AT_AUTH_A + 8]
+        top, mac = q[AT_TOP_A : AT_TOP_A + HASH_BYTES], q[AT_AUTH_A : AT_AUTH_A + MAC_BYTES]
         if trusted.snode_check_auth_a(s.profile, f.snode[i], top, tee, mac) != 0:
             return Refusal.AUTHENTICATOR_INVALID
     return 0
@@ -219,15 +234,15 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
     bound = s.profile == BOUND
     s_n, s_len, a_n, a_len = 0, 0, 0, 0
     at, newest, due, checkpoints = c.at, -1, c.due, 0
-    if q[1] == 1:
+    if q[AT_FLAGS] == 1:
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
-        newest = get_u32(q, c.start_at)
+        newest = get_u32(q, c.start_at + AT_T_KEY)
     longest = ENTRY_HEAD_BYTES + s.frame_max
     after_input = False
     while at < c.end:
         kind = q[at]
         if kind == EVIDENCE:
-            size = get_u16(q, at + 1) if after_input and at + EVIDENCE_HEAD_BYTES <= c.end else 0
+            size = get_u16(q, at + EVIDENCE_LENGTH) if after_input and at + EVIDENCE_HEAD_BYTES <= c.end else 0
             if size == 0 or size > w.evidence.shape[0] or at + EVIDENCE_HEAD_BYTES + size > c.end:
                 return Refusal.ENTRY_MALFORMED
             after_input = False
@@ -247,16 +262,16 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
                 if s_len + a_len > 0:
                     return Refusal.CHECKPOINT_NOT_FLUSHED
                 checkpoints += 1
-                copy(w.tops[2], 0, w.tops[0], 0, 20)
-                copy(w.tops[3], 0, w.tops[1], 0, 20)
+                copy(w.tops[2], 0, w.tops[0], 0, HASH_BYTES)
+                copy(w.tops[3], 0, w.tops[1], 0, HASH_BYTES)
             else:
                 return Refusal.ENTRY_MALFORMED
             at += 1
             continue
         if at + ENTRY_HEAD_BYTES > c.end or kind < INPUT or kind > ACMD:
             return Refusal.ENTRY_MALFORMED
-        t = get_u32(q, at + 1)
-        length = ENTRY_HEAD_BYTES + get_u16(q, at + 5)
+        t = get_u32(q, at + ENTRY_T)
+        length = ENTRY_HEAD_BYTES + get_u16(q, at + ENTRY_LENGTH)
         if at + length > c.end or length > longest or length == ENTRY_HEAD_BYTES:
             return Refusal.ENTRY_MALFORMED
         if bound:
@@ -285,9 +300,9 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
         return Refusal.INPUT_MISSING
     if checkpoints != 1:
         return Refusal.CHECKPOINT_MISSING
-    if s_len > 0 or not same(w.tops[0], 0, q, AT_TOP_S, 20):
+    if s_len > 0 or not same(w.tops[0], 0, q, AT_TOP_S, HASH_BYTES):
         return Refusal.S_CHAIN
-    if a_len > 0 or not same(w.tops[1], 0, q, AT_TOP_A, 20):
+    if a_len > 0 or not same(w.tops[1], 0, q, AT_TOP_A, HASH_BYTES):
         return Refusal.A_CHAIN
     return 0
 
@@ -308,23 +323,23 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:
             if kind == CHECKPOINT:
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT
             continue
-        c.entry_t = get_u32(q, c.at + 1)
+        c.entry_t = get_u32(q, c.at + ENTRY_T)
         c.payload_at = c.at + ENTRY_HEAD_BYTES
-        c.payload_len = get_u16(q, c.at + 5)
+        c.payload_len = get_u16(q, c.at + ENTRY_LENGTH)
         c.at = c.payload_at + c.payload_len
         c.evidence_len = 0
         if kind == INPUT and c.at < c.end and q[c.at] == EVIDENCE:
-            c.evidence_len = get_u16(q, c.at + 1)
+            c.evidence_len = get_u16(q, c.at + EVIDENCE_LENGTH)
             copy(w.evidence, 0, q, c.at + EVIDENCE_HEAD_BYTES, c.evidence_len)
             c.at += EVIDENCE_HEAD_BYTES + c.evidence_len
-        if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, 3) + s.delta:
+        if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
             return -Refusal.OUTPUT_LATE
         if kind <= RECV:
             return int(kind)
         refused = _compare(w, q, kind)
         if refused:
             return -refused
-    if c.waiting > 0 and (s.profile == PAPER or c.t > get_u32(w.waiting, 3) + s.delta):
+    if c.waiting > 0 and (s.profile == PAPER or c.t > get_u32(w.waiting, ENTRY_T) + s.delta):
         return -Refusal.OUTPUT_MISSING
     return END
 
@@ -335,12 +350,12 @@ def _compare(w: Work, q: Row, kind: int) -> int:
     c = w.case[0]
     if c.waiting == 0:
         return Refusal.OUTPUT_UNCALLED
-    length = get_u16(w.waiting, 1)
+    length = get_u16(w.waiting, ENTRY_LENGTH)
     if w.waiting[0] != kind or length != c.payload_len:
         return Refusal.OUTPUT_WRONG
-    if not same(w.waiting, WAITING_HEAD_BYTES, q, c.payload_at, length):
+    if not same(w.waiting, ENTRY_HEAD_BYTES, q, c.payload_at, length):
         return Refusal.OUTPUT_WRONG
-    used = WAITING_HEAD_BYTES + length
+    used = ENTRY_HEAD_BYTES + length
     copy(w.waiting, 0, w.waiting, used, c.waiting - used)
     c.waiting -= used
     return 0
@@ -354,28 +369,28 @@ def expect(f: Fleet, w: Work, length: int) -> int:
     c.due += f.settings[0].t_control
     at = 0
     while at < length:
-        size = get_u16(w.out, at + 1)
-        if c.waiting + WAITING_HEAD_BYTES + size > w.waiting.shape[0]:
+        size = get_u16(w.out, at + OUTPUT_LENGTH)
+        if c.waiting + ENTRY_HEAD_BYTES + size > w.waiting.shape[0]:
             return Refusal.OUTPUT_MISSING
         w.waiting[c.waiting] = w.out[at]
-        copy(w.waiting, c.waiting + 1, w.out, at + 1, 2)
-        put_u32(w.waiting, c.waiting + 3, c.entry_t)
-        copy(w.waiting, c.waiting + WAITING_HEAD_BYTES, w.out, at + 3, size)
-        c.waiting += WAITING_HEAD_BYTES + size
-        at += 3 + size
+        put_u32(w.waiting, c.waiting + ENTRY_T, c.entry_t)
+        put_u16(w.waiting, c.waiting + ENTRY_LENGTH, size)
+        copy(w.waiting, c.waiting + ENTRY_HEAD_BYTES, w.out, at + OUTPUT_HEAD_BYTES, size)
+        c.waiting += ENTRY_HEAD_BYTES + size
+        at += OUTPUT_HEAD_BYTES + size
     return 0
 
 
 @kernel
 def check_state(w: Work, q: Row, state_len: int) -> int:
-    """The replayed state, `w.state[48:48 + state_len]`, is what the claimed hash covers. Source: RoboRebound §3.7."""
+    """The replayed state, of so many bytes in `w.state`, is what the claimed hash covers. Source: RoboRebound §3.7."""
     c = w.case[0]
-    put_u32(w.state, 0, c.due)
-    put_u32(w.state, 4, c.step)
-    copy(w.state, 8, w.tops[2], 0, 20)
-    copy(w.state, 28, w.tops[3], 0, 20)
+    put_u32(w.state, AT_DUE, c.due)
+    put_u32(w.state, AT_STEP, c.step)
+    copy(w.state, AT_S_TOP, w.tops[2], 0, HASH_BYTES)
+    copy(w.state, AT_A_TOP, w.tops[3], 0, HASH_BYTES)
     hckpt = w.small[3]
-    trusted.sha1(w.state, 48 + state_len, hckpt)
-    if not same(hckpt, 0, q, AT_HCKPT, 20):
+    trusted.sha1(w.state, CHECKPOINT_BYTES + state_len, hckpt)
+    if not same(hckpt, 0, q, AT_HCKPT, HASH_BYTES):
         return Refusal.CHECKPOINT_WRONG
     return 0

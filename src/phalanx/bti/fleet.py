@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from phalanx.bundle import pack, reference
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
+from phalanx.wire import table
+from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
 BOUND, PAPER, PLAIN = 0, 1, 2
@@ -34,7 +36,7 @@ ROBOT = np.dtype(
         ("start_no", "i8"),  # of the one at which the log begins
         ("checkpoint_at", "i8"),  # where in the log the pending checkpoint's mark stands, -1 if there is none
         ("state_len", "i8"),
-        ("start_len", "i8"),  # of the checkpoint at which the log begins; 4 at boot
+        ("start_len", "i8"),  # of what the log begins with: a checkpoint, or `booted`
         ("pending_len", "i8"),
         ("booted", "u1"),  # the log begins at boot, not at a checkpoint
         ("round_no", "i8"),  # not `round`: uncompiled, that is a method of any record
@@ -58,7 +60,7 @@ ROBOT = np.dtype(
     ],
     align=True,
 )
-TOKEN = np.dtype([("tor", "i8"), ("t", "i8"), ("mac", "u1", (8,))], align=True)
+TOKEN = np.dtype([("tor", "i8"), ("t", "i8"), ("mac", "u1", (MAC_BYTES,))], align=True)
 PEER = np.dtype(
     [
         ("id", "i8"),
@@ -189,8 +191,8 @@ def make_fleet(
         anode=anode,
         log=np.zeros((n, log_bytes), np.uint8),
         state=np.zeros((n, state_bytes), np.uint8),
-        checkpoint=np.zeros((n, 2, state_bytes + 48), np.uint8),
-        hckpt=np.zeros((n, 2, 20), np.uint8),
+        checkpoint=np.zeros((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
+        hckpt=np.zeros((n, 2, HASH_BYTES), np.uint8),
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
         request=np.zeros((n, requests), np.uint8),

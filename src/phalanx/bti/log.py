@@ -1,20 +1,23 @@
 """The c-node's log: entries exactly as the trusted nodes chained them, in the order of processing, and marks.
 
-An entry is `type u8 ‖ t u32 ‖ len u16 ‖ payload` (docs/spec/rebound.md). A mark is one byte, is in no chain, and tells
-the auditor where a chain was flushed before its batch was full, and where the checkpoint was taken. Behind an INPUT
-there may be evidence, `0x84 ‖ len u16 ‖ bytes`: in no chain either, but a chained INPUT has the hash of what it shows.
+A mark is one byte, is in no chain, and tells the auditor where a chain was flushed before its batch was full, and where
+the checkpoint was taken. Behind an INPUT there may be evidence: in no chain either, but a chained INPUT has the hash of
+what it shows (docs/spec/rebound.md).
 """
 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
+from phalanx.wire import table
 from phalanx.wire.fields import Row, copy
 
 from .fleet import Fleet
 
-MARK = 0x80
-FLUSH_S, FLUSH_A, CHECKPOINT, EVIDENCE = 0x81, 0x82, 0x83, 0x84
-EVIDENCE_HEAD_BYTES = 3
+MARK = table.MARK
+FLUSH_S, FLUSH_A, CHECKPOINT = table.MARK_FLUSH_S, table.MARK_FLUSH_A, table.MARK_CHECKPOINT
+EVIDENCE = table.MARK_EVIDENCE
+EVIDENCE_HEAD_BYTES = table.EVIDENCE.size
+EVIDENCE_LENGTH = table.EVIDENCE.at("bytes")
 
 
 @kernel

@@ -238,7 +238,7 @@ class Nodes:
         return bytes(entry[: _checked(function(self.profile, node, now, _row(payload), len(payload), entry))])
 
     def make_auth(self, i: int, nonce: bytes) -> bytes:
-        """`top ‖ id u16 ‖ mac` of the s-chain. Source: RoboRebound Alg. 2."""
+        """The record `authenticator` of the s-chain. Source: RoboRebound Alg. 2."""
         out = np.zeros(trusted.AUTH_BYTES, np.uint8)
         _checked(trusted.snode_make_auth(self.profile, self.snode[i], _row(nonce), out))
         return out.tobytes()
@@ -249,7 +249,7 @@ class Nodes:
         _checked(trusted.snode_check_auth(self.profile, self.snode[i], *rows))
 
     def make_auth_a(self, i: int) -> bytes:
-        """`paper` only: `top ‖ id u16 ‖ mac` of the a-chain. Source: RoboRebound Alg. 2."""
+        """`paper` only: the record `authenticator` of the a-chain. Source: RoboRebound Alg. 2."""
         out = np.zeros(trusted.AUTH_BYTES, np.uint8)
         _checked(trusted.anode_make_auth(self.profile, self.anode[i], out))
         return out.tobytes()
@@ -259,7 +259,7 @@ class Nodes:
         _checked(trusted.snode_check_auth_a(self.profile, self.snode[i], _row(top), robot_id, _row(mac)))
 
     def token_request(self, i: int, now: int, tor: int) -> bytes:
-        """`t u32 ‖ top of the a-chain ‖ mac`. Source: RoboRebound Alg. 4."""
+        """The record `token_request`. Source: RoboRebound Alg. 4."""
         out = np.zeros(trusted.TREQ_BYTES, np.uint8)
         _checked(trusted.anode_token_request(self.profile, self.anode[i], now, tor, out))
         return out.tobytes()

@@ -1,11 +1,7 @@
 """The audit request: what an auditee shows, and its way through radio frames of bounded length.
 
-    version u8 ‖ flags u8 ‖ tee u16 ‖ t u32 ‖ top_a 20 ‖ treq mac 8 ‖ top_s 20 ‖ auth_s mac 8 ‖ auth_a mac 8
-    ‖ hckpt 20 ‖ tokens u8 ‖ checkpoint length u16 ‖ segment length u32
-    ‖ tokens times (tor u16 ‖ t u32 ‖ mac 8) ‖ start checkpoint ‖ segment
-
-Flag 1: the log begins at boot, and the start checkpoint is `t_key u32`. A longer or shorter request is malformed.
-Source: RoboRebound §3.7; docs/spec/rebound.md.
+The record `request` of phalanx.wire.table, then its tokens, the start and the segment of the log; a longer or shorter
+one is malformed. Source: RoboRebound §3.7; docs/spec/rebound.md.
 """
 
 from __future__ import annotations
@@ -14,20 +10,30 @@ from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
+from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from .fleet import PENDING, START, Fleet
 from .rounds import flush_marks, next_candidate, peer_at
 
-VERSION = 1
-AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC, AT_TOP_S, AT_AUTH_S, AT_AUTH_A = 2, 4, 8, 28, 36, 56, 64
-AT_HCKPT, AT_TOKENS, AT_CHECKPOINT_LEN, AT_SEGMENT_LEN, HEAD_BYTES = 72, 92, 93, 95, 99
-TOKEN_BYTES = 14
+VERSION = table.REQUEST_VERSION
+AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
+AT_TOP_S, AT_AUTH_S, AT_AUTH_A = map(table.REQUEST.at, ("top_s", "auth_s_mac", "auth_a_mac"))
+AT_HCKPT, AT_TOKENS = map(table.REQUEST.at, ("hckpt", "tokens"))
+AT_CHECKPOINT_LEN, AT_SEGMENT_LEN = map(table.REQUEST.at, ("start_length", "segment_length"))
+HEAD_BYTES = table.REQUEST.size
+TOKEN_TOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("tor", "t", "mac"))
+TOKEN_BYTES = table.COVERING_TOKEN.size
 
 AUDIT = table.KIND_AUDIT
 HELLO, FRAGMENT, TOKEN = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY
 AUDIT_HEAD_BYTES = table.AUDIT_HEADER_BYTES
 FRAGMENT_HEAD_BYTES = table.AUDIT_FRAGMENT.size
 TOKEN_FRAME_BYTES = table.AUDIT_TOKEN.size
+AT_SRC, AT_DST, AT_SUB = map(table.AUDIT_HELLO.at, ("src", "dst", "sub"))
+AT_REQUEST, AT_INDEX, AT_COUNT = map(table.AUDIT_FRAGMENT.at, ("request", "index", "count"))
+REPLY_T, REPLY_MAC = map(table.AUDIT_TOKEN.at, ("t", "mac"))
+AUTH_MAC = table.AUTHENTICATOR.at("mac")
+TREQ_BYTES = table.TOKEN_REQUEST.size
 
 
 @kernel
@@ -69,22 +75,22 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
     if length > out.shape[0]:
         return 0
     out[0] = VERSION
-    out[1] = r.booted
+    out[AT_FLAGS] = r.booted
     put_u16(out, AT_TEE, r.id)
-    copy(out, AT_T, treq, 0, 32)
-    copy(out, AT_TOP_S, auth_s, 0, 20)
-    copy(out, AT_AUTH_S, auth_s, 22, 8)
-    copy(out, AT_AUTH_A, auth_a, 22, 8)
-    copy(out, AT_HCKPT, f.hckpt[i, PENDING], 0, 20)
+    copy(out, AT_T, treq, 0, TREQ_BYTES)  # they agree from t to the MAC
+    copy(out, AT_TOP_S, auth_s, 0, HASH_BYTES)
+    copy(out, AT_AUTH_S, auth_s, AUTH_MAC, MAC_BYTES)
+    copy(out, AT_AUTH_A, auth_a, AUTH_MAC, MAC_BYTES)
+    copy(out, AT_HCKPT, f.hckpt[i, PENDING], 0, HASH_BYTES)
     out[AT_TOKENS] = tokens
     put_u16(out, AT_CHECKPOINT_LEN, r.start_len)
     put_u32(out, AT_SEGMENT_LEN, r.log_len)
     at = HEAD_BYTES
     for k in range(tokens):
         token = f.token[i, START, k]
-        put_u16(out, at, token.tor)
-        put_u32(out, at + 2, token.t)
-        copy(out, at + 6, token.mac, 0, 8)
+        put_u16(out, at + TOKEN_TOR, token.tor)
+        put_u32(out, at + TOKEN_T, token.t)
+        copy(out, at + TOKEN_MAC, token.mac, 0, MAC_BYTES)
         at += TOKEN_BYTES
     copy(out, at, f.checkpoint[i, START], 0, r.start_len)
     copy(out, at + r.start_len, f.log[i], 0, r.log_len)
@@ -93,11 +99,11 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
 
 @kernel
 def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
-    """`AUDIT ‖ src u16 ‖ dst u16 (0 all) ‖ sub u8` written. Source: docs/spec/rebound.md."""
+    """What every AUDIT frame begins with is written; `dst` 0 is all. Source: docs/spec/rebound.md."""
     frame[0] = AUDIT
-    put_u16(frame, 1, src)
-    put_u16(frame, 3, dst)
-    frame[5] = sub
+    put_u16(frame, AT_SRC, src)
+    put_u16(frame, AT_DST, dst)
+    frame[AT_SUB] = sub
 
 
 @kernel
@@ -110,9 +116,9 @@ def next_fragment(f: Fleet, i: int, frame: Row) -> int:
         r.request_len = 0
         return 0
     audit_head(frame, r.id, r.request_to, FRAGMENT)
-    put_u16(frame, 6, r.request_no)
-    frame[8] = r.request_next
-    frame[9] = count
+    put_u16(frame, AT_REQUEST, r.request_no)
+    frame[AT_INDEX] = r.request_next
+    frame[AT_COUNT] = count
     begin = r.request_next * body
     length = min(body, r.request_len - begin)
     copy(frame, FRAGMENT_HEAD_BYTES, f.request[i], begin, length)
@@ -129,7 +135,8 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     """
     if length < FRAGMENT_HEAD_BYTES + 1:
         return -1
-    src, no, index, count = get_u16(frame, 1), get_u16(frame, 6), int(frame[8]), int(frame[9])
+    src, no = get_u16(frame, AT_SRC), get_u16(frame, AT_REQUEST)
+    index, count = int(frame[AT_INDEX]), int(frame[AT_COUNT])
     body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
     size = length - FRAGMENT_HEAD_BYTES
     if (

@@ -6,11 +6,19 @@ Source: RoboRebound §3.5-3.7; docs/spec/rebound.md.
 from __future__ import annotations
 
 from phalanx.kernel import kernel
+from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, put_u32
+from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
 from .fleet import PAPER, PENDING, START, Fleet
-from .log import CHECKPOINT, mark, truncate
+from .log import CHECKPOINT, FLUSH_A, FLUSH_S, mark, truncate
+
+CHECKPOINT_BYTES = table.CHECKPOINT.size  # without the controller's state
+AT_DUE, AT_STEP, AT_S_TOP, AT_A_TOP = map(table.CHECKPOINT.at, ("t", "step", "top_s", "top_a"))
+BOOTED_BYTES = table.BOOTED.size
+AT_T_KEY = table.BOOTED.at("t_key")
+TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
 
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
@@ -164,17 +172,16 @@ def retry(f: Fleet, i: int) -> int:
 def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
     """The state now, right after both chains were flushed with no output pending, is the pending checkpoint.
 
-    `t u32 ‖ step u32 ‖ top of the s-chain ‖ top of the a-chain ‖ the controller's state`; t is when the next INPUT is
-    due, from which an auditor knows the grid. Source: RoboRebound §3.6, §5.2 (66 + 26 n bytes).
+    Source: RoboRebound §3.6, §5.2 (66 + 26 n bytes).
     """
     r = f.robot[i]
     c = f.checkpoint[i, PENDING]
-    put_u32(c, 0, grid(f, i, r.step))
-    put_u32(c, 4, r.step)
-    copy(c, 8, s_top, 0, 20)
-    copy(c, 28, a_top, 0, 20)
-    copy(c, 48, f.state[i], 0, r.state_len)
-    r.pending_len = 48 + r.state_len
+    put_u32(c, AT_DUE, grid(f, i, r.step))
+    put_u32(c, AT_STEP, r.step)
+    copy(c, AT_S_TOP, s_top, 0, HASH_BYTES)
+    copy(c, AT_A_TOP, a_top, 0, HASH_BYTES)
+    copy(c, CHECKPOINT_BYTES, f.state[i], 0, r.state_len)
+    r.pending_len = CHECKPOINT_BYTES + r.state_len
     trusted.sha1(c, r.pending_len, f.hckpt[i, PENDING])
     r.tokens_pending = 0
     r.checkpoint_no += 1
@@ -186,8 +193,8 @@ def write_checkpoint(f: Fleet, i: int, s_top: Row, a_top: Row) -> None:
 def forget_checkpoint(f: Fleet, i: int) -> None:
     """The log begins at boot: zero tops, no tokens. Source: RoboRebound §3.6 (a)."""
     r = f.robot[i]
-    put_u32(f.checkpoint[i, START], 0, r.t_key)
-    r.start_len = 4
+    put_u32(f.checkpoint[i, START], AT_T_KEY, r.t_key)
+    r.start_len = BOOTED_BYTES
     r.booted = 1
     r.tokens_start = 0
     r.tokens_pending = 0
@@ -252,7 +259,7 @@ def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
         return
     f.token[i, which, at].tor = tor
     f.token[i, which, at].t = t
-    copy(f.token[i, which, at].mac, 0, mac, 0, 8)
+    copy(f.token[i, which, at].mac, 0, mac, 0, MAC_BYTES)
     if at == n:
         if which == START:
             r.tokens_start = n + 1
@@ -264,14 +271,14 @@ def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
 def _promote(f: Fleet, i: int) -> None:
     r = f.robot[i]
     copy(f.checkpoint[i, START], 0, f.checkpoint[i, PENDING], 0, r.pending_len)
-    copy(f.hckpt[i, START], 0, f.hckpt[i, PENDING], 0, 20)
+    copy(f.hckpt[i, START], 0, f.hckpt[i, PENDING], 0, HASH_BYTES)
     r.start_len = r.pending_len
     r.start_no = r.checkpoint_no
     r.booted = 0
     for k in range(r.tokens_pending):
         f.token[i, START, k].tor = f.token[i, PENDING, k].tor
         f.token[i, START, k].t = f.token[i, PENDING, k].t
-        copy(f.token[i, START, k].mac, 0, f.token[i, PENDING, k].mac, 0, 8)
+        copy(f.token[i, START, k].mac, 0, f.token[i, PENDING, k].mac, 0, MAC_BYTES)
     r.tokens_start = r.tokens_pending
     r.tokens_pending = 0
     truncate(f, i)
@@ -281,8 +288,8 @@ def _promote(f: Fleet, i: int) -> None:
 def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int, now: int) -> int:
     """A token request and the authenticators that go with it, both chains flushed for them and marked so.
 
-    `treq` (32,) gets `t u32 ‖ top of the a-chain ‖ mac`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get
-    `top ‖ id u16 ‖ mac`.
+    `treq` (32,) gets a `token_request`; `auth_s` and, in profile `paper` only, `auth_a` (30,) get an `authenticator`
+    (phalanx.wire.table).
     Returns: 0, or the a-node's error: the leaky bucket is empty, or there is no key.
     Source: RoboRebound Alg. 2, Alg. 4; docs/spec/rebound.md (stale log).
     """
@@ -294,12 +301,12 @@ def flush_marks(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row, tor: int,
         code = trusted.anode_make_auth(s.profile, f.anode[i], auth_a)
         if code < 0:
             return int(code)
-        copy(treq, 4, auth_a, 0, 20)
-    mark(f, i, 0x82)
-    code = trusted.snode_make_auth(s.profile, f.snode[i], treq[24:32], auth_s)
+        copy(treq, TREQ_TOP, auth_a, 0, HASH_BYTES)
+    mark(f, i, FLUSH_A)
+    code = trusted.snode_make_auth(s.profile, f.snode[i], treq[TREQ_MAC : TREQ_MAC + MAC_BYTES], auth_s)
     if code < 0:
         return int(code)
-    mark(f, i, 0x81)
+    mark(f, i, FLUSH_S)
     if r.checkpoint_at < 0:
-        write_checkpoint(f, i, auth_s, treq[4:24])
+        write_checkpoint(f, i, auth_s, treq[TREQ_TOP : TREQ_TOP + HASH_BYTES])
     return 0

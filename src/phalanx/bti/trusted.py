@@ -21,12 +21,21 @@ from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, HASH_BYTES, MAC_BYTES, NONCE_BYTES
+from phalanx.wire.table import (
+    AUTHENTICATOR,
+    ENTRY_HEADER_BYTES,
+    FRAME_MAX,
+    HASH_BYTES,
+    KEY_BYTES,
+    MAC_BYTES,
+    NONCE_BYTES,
+    TOKEN_REQUEST,
+)
 
 BOUND, PAPER = 0, 1
 FIRMWARE: dict[int, tuple[Any, Any]] = {BOUND: (bound_ffi, bound_lib), PAPER: (paper_ffi, paper_lib)}
-AUTH_BYTES = HASH_BYTES + 2 + MAC_BYTES
-TREQ_BYTES = 4 + HASH_BYTES + MAC_BYTES
+AUTH_BYTES = AUTHENTICATOR.size
+TREQ_BYTES = TOKEN_REQUEST.size
 
 E_NO_KEY: int = bound_lib.PHX_E_NO_KEY
 E_SAFE_MODE: int = bound_lib.PHX_E_SAFE_MODE
@@ -149,7 +158,7 @@ def anode_actuate(profile: int, node: Row, now: int, command: Row, length: int, 
 
 @kernel
 def snode_make_auth(profile: int, node: Row, nonce: Row, out: Row) -> int:
-    """`out` is `top ‖ id u16 ‖ mac`; the s-chain is flushed. `paper` ignores the nonce.
+    """`out` is the record `authenticator`; the s-chain is flushed. `paper` ignores the nonce.
 
     Source: RoboRebound Alg. 2 (MakeAuthenticator).
     """
@@ -172,7 +181,7 @@ def snode_check_auth(profile: int, node: Row, top: Row, robot_id: int, nonce: Ro
 
 @kernel
 def anode_make_auth(profile: int, node: Row, out: Row) -> int:
-    """`paper` only: `out` is `top ‖ id u16 ‖ mac` of the a-chain, flushed. Source: RoboRebound Alg. 2."""
+    """`paper` only: `out` is the record `authenticator` of the a-chain, flushed. Source: RoboRebound Alg. 2."""
     if profile != PAPER or out.size < AUTH_BYTES:
         return E_ARG
     return _make_auth_a_paper(node.ctypes.data, out.ctypes.data)
@@ -188,7 +197,7 @@ def snode_check_auth_a(profile: int, node: Row, top: Row, robot_id: int, mac: Ro
 
 @kernel
 def anode_token_request(profile: int, node: Row, now: int, tor: int, out: Row) -> int:
-    """`out` is `t u32 ‖ top of the a-chain ‖ mac`; the a-chain is flushed. In `paper` the top is left out: zeros.
+    """`out` is the record `token_request`; the a-chain is flushed. In `paper` the top is left out: zeros.
 
     Source: RoboRebound Alg. 4 (MakeTokenRequest).
     """
@@ -268,6 +277,6 @@ def chain_extend(top: Row, data: Row, length: int) -> int:
 @kernel
 def lightmac(key: Row, message: Row, length: int, mac: Row) -> int:
     """`mac` is that of `message[:length]`, at most 1791 bytes, under K1 ‖ K2. Source: Luykx et al., FSE 2016."""
-    if not 0 <= length <= message.size or key.size < 2 * 10 or mac.size < MAC_BYTES:
+    if not 0 <= length <= message.size or key.size < KEY_BYTES or mac.size < MAC_BYTES:
         return E_ARG
     return _lightmac(key.ctypes.data, message.ctypes.data, length, mac.ctypes.data)

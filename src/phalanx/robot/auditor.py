@@ -9,9 +9,11 @@ from phalanx.bti import audit, trusted
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
-from phalanx.bti.request import AT_HCKPT, AT_T, AT_TOP_A, AT_TREQ_MAC
+from phalanx.bti.request import AT_FLAGS, AT_HCKPT, AT_T, AT_TOP_A, AT_TREQ_MAC
+from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, get_u32
+from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from .controllers import dispatch
 
@@ -46,11 +48,11 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
     Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
-    state = w.state[48:]
-    if q[1] == 1:
+    state = w.state[CHECKPOINT_BYTES:]
+    if q[AT_FLAGS] == 1:
         state_len = dispatch.begin(s.controller, f.params, c.tee, state)
     else:
-        state_len = c.start_len - 48
+        state_len = c.start_len - CHECKPOINT_BYTES
         if not dispatch.is_encoding(s.controller, f.params, c.tee, state, state_len):
             return Refusal.STATE_MALFORMED
     while True:
@@ -82,6 +84,7 @@ def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
     Source: RoboRebound Alg. 4.
     """
     tee, t = w.case[0].tee, get_u32(q, AT_T)
-    top, treq, hckpt = q[AT_TOP_A : AT_TOP_A + 20], q[AT_TREQ_MAC : AT_TREQ_MAC + 8], q[AT_HCKPT : AT_HCKPT + 20]
+    top, hckpt = q[AT_TOP_A : AT_TOP_A + HASH_BYTES], q[AT_HCKPT : AT_HCKPT + HASH_BYTES]
+    treq = q[AT_TREQ_MAC : AT_TREQ_MAC + MAC_BYTES]
     code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], tee, t, top, treq, hckpt, mac)
     return 0 if code >= 0 else Refusal.REQUEST_INVALID

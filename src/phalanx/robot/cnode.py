@@ -14,11 +14,13 @@ from typing import Final
 import numpy as np
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ENTRY_HEAD_BYTES, Work
+from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_T, Work
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.errors import PeerError, UsageError
-from phalanx.wire.fields import Row
+from phalanx.wire import table
+from phalanx.wire.fields import Row, get_u32
 
 from . import auditor, node
 from .controllers.mission.evidence import EvidenceController
@@ -177,7 +179,7 @@ class CNode:
     def keep_evidence(self, evidence: bytes) -> None:
         """The evidence is in the log, right behind its INPUT."""
         if evidence and self.f.settings[0].profile != PLAIN:
-            marked = bytes([log.EVIDENCE]) + len(evidence).to_bytes(2, "little") + evidence
+            marked = table.EVIDENCE.encode(bytes=evidence)
             log.append(self.f, self.i, row(marked), len(marked))
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
@@ -219,7 +221,7 @@ class CNode:
     # --- plain-Python controllers ---
 
     def _entry_time(self) -> int:
-        return int.from_bytes(self.w.entry[1:5].tobytes(), "little")
+        return int(get_u32(self.w.entry, ENTRY_T))
 
     def keep_state(self) -> None:
         """What a plain-Python controller remembers is where checkpoints are made from."""
@@ -244,9 +246,9 @@ class CNode:
         assert self.make_controller
         case, w = self.w.case[0], self.w
         controller = self.make_controller(int(case.tee))
-        if q[1] == 0:
+        if q[request.AT_FLAGS] == 0:
             try:
-                controller.decode(w.state[48 : case.start_len].tobytes())
+                controller.decode(w.state[CHECKPOINT_BYTES : case.start_len].tobytes())
             except PeerError:
                 return int(Refusal.STATE_MALFORMED)
         while (event := audit.next_event(self.f, w, q)) > audit.END:
@@ -265,7 +267,7 @@ class CNode:
                 refused = audit.expect(self.f, w, len(packed))
             else:
                 state = controller.encode()
-                w.state[48 : 48 + len(state)] = np.frombuffer(state, np.uint8)
+                w.state[CHECKPOINT_BYTES : CHECKPOINT_BYTES + len(state)] = np.frombuffer(state, np.uint8)
                 refused = audit.check_state(w, q, len(state))
             if refused:
                 return int(refused)

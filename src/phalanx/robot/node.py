@@ -8,11 +8,11 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 from __future__ import annotations
 
 from phalanx.bti import log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND, Work
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, RECV, SEND, Work
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
-from phalanx.wire.table import KIND_STATE, KIND_WHEELS_STATE
+from phalanx.wire.table import KIND_STATE, KIND_WHEELS_STATE, MAC_BYTES, STATE
 
 from . import auditor
 from .controllers import dispatch
@@ -20,7 +20,8 @@ from .controllers import dispatch
 # What `hear` tells its caller; the numbers are in `work.told`.
 NOTHING, REPLY, WHOLE, INSTALLED = 0, 1, 2, 3
 TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
-ID_AT = 1
+ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
+ID_BYTES = STATE.at("t") - ID_AT
 STATE_KINDS = (KIND_STATE, KIND_WHEELS_STATE)
 
 
@@ -42,8 +43,8 @@ def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
     if ENTRY_HEAD_BYTES + length > len(w.entry):
         return -1
     w.entry[0] = kind
-    put_u32(w.entry, 1, now)
-    put_u16(w.entry, 5, length)
+    put_u32(w.entry, ENTRY_T, now)
+    put_u16(w.entry, ENTRY_LENGTH, length)
     copy(w.entry, ENTRY_HEAD_BYTES, payload, 0, length)
     return int(ENTRY_HEAD_BYTES + length)
 
@@ -68,7 +69,7 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
     """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned."""
     r, s = f.robot[i], f.settings[0]
     reading = w.entry[ENTRY_HEAD_BYTES:length]
-    t = get_u32(w.entry, 1)
+    t = get_u32(w.entry, ENTRY_T)
     n = dispatch.on_input(
         s.controller, f.params, r.id, r.step, t, reading, length - ENTRY_HEAD_BYTES, f.state[i], w.out
     )
@@ -127,12 +128,14 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     if not frame[0] & request.AUDIT:
         if s.profile != PLAIN:
             log.append(f, i, w.entry, n)
-        if s.profile == PAPER and length >= 3 and frame[0] in STATE_KINDS:
+        if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in STATE_KINDS:
             # As printed: auditors are chosen among the neighbours that states claim.
             rounds.heard(f, i, get_u16(frame, ID_AT), now)
         if s.controller:
             r = f.robot[i]
-            r.state_len = dispatch.on_recv(s.controller, f.params, r.id, get_u32(w.entry, 1), frame, length, f.state[i])
+            r.state_len = dispatch.on_recv(
+                s.controller, f.params, r.id, get_u32(w.entry, ENTRY_T), frame, length, f.state[i]
+            )
         return NOTHING
     return hear_audit(f, i, w, now, frame, length)
 
@@ -143,7 +146,7 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
         return NOTHING
-    src, dst, sub = get_u16(frame, 1), get_u16(frame, 3), frame[5]
+    src, dst, sub = get_u16(frame, request.AT_SRC), get_u16(frame, request.AT_DST), frame[request.AT_SUB]
     if src == 0 or src == r.id or (dst != 0 and dst != r.id):
         return NOTHING
     rounds.heard(f, i, src, now)
@@ -161,10 +164,11 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
         if f.settings[0].controller == 0:
             return WHOLE
         return judge(f, i, w, place, src)
-    is_token = sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES
-    if is_token and rounds.on_token(f, i, src, get_u32(frame, 8), frame[12:20], now) == 0:
-        w.told[TOLD_TEE] = src
-        return INSTALLED
+    if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
+        t, mac = get_u32(frame, request.REPLY_T), frame[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
+        if rounds.on_token(f, i, src, t, mac, now) == 0:
+            w.told[TOLD_TEE] = src
+            return INSTALLED
     return NOTHING
 
 
@@ -228,9 +232,9 @@ def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int
         return REPLY
     r.audits_passed += 1
     request.audit_head(w.frame, r.id, src, request.TOKEN)
-    put_u16(w.frame, 6, f.rx_info[i, place].no)
-    put_u32(w.frame, 8, w.case[0].t)
-    copy(w.frame, 12, w.small[2], 0, 8)
+    put_u16(w.frame, request.AT_REQUEST, f.rx_info[i, place].no)
+    put_u32(w.frame, request.REPLY_T, w.case[0].t)
+    copy(w.frame, request.REPLY_MAC, w.small[2], 0, MAC_BYTES)
     w.told[TOLD_LENGTH] = request.TOKEN_FRAME_BYTES
     return REPLY
 

@@ -1,6 +1,7 @@
 """THE byte table of bounded-time interaction: the only place that knows a width, an order or a tag.
 
-`firmware/generate.py` makes firmware/include/phx_wire.h and the tables of docs/spec/rebound-nodes.md from it.
+`firmware/generate.py` makes firmware/include/phx_wire.h and the tables of docs/spec/rebound*.md from it. Kernels take
+offsets from it as constants of their modules (`AT_MAC = AUDIT_TOKEN.at("mac")`), which compile to literals.
 Integers are little-endian. A robot id is a u16, 0 is none. `t` is a trusted node's own clock in ms since power-up.
 Source: RoboRebound Alg. 2-4 (what is hashed and MACed) and §5.2 (27 and 19 byte payloads, 7 bytes over each entry).
 """
@@ -33,6 +34,24 @@ ENTRY = Record(
 )
 ENTRY_HEADER_BYTES = ENTRY.size
 
+# --- beside entries in a c-node's log, in no chain -----------------------------------------------------------------
+
+MARK = 0x80  # the bit that tells them from entries
+MARK_FLUSH_S = 0x81
+MARK_FLUSH_A = 0x82
+MARK_CHECKPOINT = 0x83
+MARK_EVIDENCE = 0x84
+
+FLUSHED_S = Record("flushed_s", (), "the s-chain was flushed here before its batch was full", MARK_FLUSH_S)
+FLUSHED_A = Record("flushed_a", (), "the a-chain was", MARK_FLUSH_A)
+CHECKED = Record("checked", (), "the checkpoint was taken here", MARK_CHECKPOINT)
+EVIDENCE = Record(
+    "evidence",
+    (Field("bytes", "v16", "u16 length, then what the controller keeps of a reading"),),
+    "of the INPUT right before it",
+    MARK_EVIDENCE,
+)
+
 # --- frames and payloads -------------------------------------------------------------------------------------------
 
 KIND_STATE = 0x01
@@ -42,6 +61,10 @@ KIND_ORDER = 0x04
 KIND_WHEELS_COMMAND = 0x05
 KIND_WHEELS_SENSOR = 0x06
 KIND_WHEELS_STATE = 0x07
+KIND_MISSION_READING = 0x08
+KIND_MISSION_MESSAGE = 0x09
+KIND_DRIVE = 0x0A
+KIND_ACTION = 0x0B
 KIND_AUDIT = 0x80  # the bit that keeps a frame out of the chains
 
 _MOTION = (
@@ -73,11 +96,25 @@ ORDER = Record(
         Field("id", "u16", "of the robot that is told"),
         Field("number", "u32", "above that of the last order to it"),
         Field("action", "u8", "1 wheels, 2 LED, 3 route"),
-        Field("body", "rest", "as the action has it (robot/controllers/orders.py)"),
+        Field("body", "rest", "as the action has it"),
     ),
     "what a gateway tells a robot",
     KIND_ORDER,
 )
+_LED = (Field("red", "u8", ""), Field("green", "u8", ""), Field("blue", "u8", ""))
+_WHEELS = (Field("left", "i8", "percent"), Field("right", "i8", "percent"))
+ORDER_WHEELS = Record("order_wheels", _WHEELS, "body of an order: turn the wheels for a moment")
+ORDER_LED = Record("order_led", _LED, "body of an order: show a colour")
+ORDER_ROUTE = Record(
+    "order_route",
+    (
+        Field("threshold_mm", "u16", "how near counts as reached"),
+        Field("count", "u8", "of points; 0 stops"),
+        Field("points", "rest", "as many waypoints"),
+    ),
+    "body of an order: visit these points",
+)
+WAYPOINT = Record("waypoint", (Field("x_mm", "u16", ""), Field("y_mm", "u16", "")), "a point of a route")
 _POSE = (
     Field("id", "u16", "robot id"),
     Field("t", "u64", "ms, sender's clock"),
@@ -85,14 +122,12 @@ _POSE = (
     Field("y_mm", "f32", ""),
     Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
 )
-_LED = (Field("red", "u8", ""), Field("green", "u8", ""), Field("blue", "u8", ""))
 WHEELS_COMMAND = Record(
     "wheels_command",
     (
         Field("id", "u16", "robot id"),
         Field("t", "u64", "ms, sender's clock"),
-        Field("left", "u8", "percent, two's complement"),
-        Field("right", "u8", "the same"),
+        *_WHEELS,
         *_LED,
     ),
     "command to wheels and LED",
@@ -101,6 +136,41 @@ WHEELS_COMMAND = Record(
 WHEELS_SENSOR = Record("wheels_sensor", _POSE, "reading of the pose sensor", KIND_WHEELS_SENSOR)
 WHEELS_STATE = Record(
     "wheels_state", (*_POSE, *_LED), "broadcast: where a driven robot is and how it shines", KIND_WHEELS_STATE
+)
+
+# Robots on encoded missions (docs/spec/mission.md).
+_SAID = (Field("id", "u16", "robot id"), Field("t", "u64", "ms, sender's clock"))
+MISSION_READING = Record(
+    "mission_reading",
+    (
+        *_SAID,
+        Field("x", "i32", "0.1 mm, odometry's own frame, never corrected"),
+        Field("y", "i32", ""),
+        Field("heading", "i32", "µrad, the same frame"),
+        Field("travelled_mm", "u32", "since the start, forwards and backwards"),
+        Field("scan_sha1", "b20", "of the scan: u16 mm a beam, 0 says nothing, 0xFFFF a miss"),
+        Field("clear", "rest", "a byte for each sector: the nearest hit, in steps of 2 cm, 255 from 5.1 m on"),
+    ),
+    "reading of a mission robot's odometry and lidar",
+    KIND_MISSION_READING,
+)
+MISSION_MESSAGE = Record(
+    "mission_message",
+    (Field("id", "u16", "robot id"), Field("message", "b32", "encoded message of the mission")),
+    "broadcast, again and again: what a decoded node gives out",
+    KIND_MISSION_MESSAGE,
+)
+DRIVE = Record(
+    "drive",
+    (*_SAID, Field("speed_mmps", "i16", ""), Field("turn_mradps", "i16", "")),
+    "command to a mission robot's wheels",
+    KIND_DRIVE,
+)
+ACTION = Record(
+    "action",
+    (*_SAID, Field("action", "rest", "the action's canonical bytes")),
+    "command: what a decoded node has the robot do",
+    KIND_ACTION,
 )
 
 HELLO = 0
@@ -168,7 +238,152 @@ TOKEN = Record(
     0x14,
 )
 
-DRIVEN = (ORDER, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
-PAYLOADS = (STATE, SENSOR, ACCELERATION, *DRIVEN, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
+# --- what trusted nodes hand out -----------------------------------------------------------------------------------
+
+AUTHENTICATOR = Record(
+    "authenticator",
+    (Field("top", "b20", "of the chain, just flushed"), Field("id", "u16", "robot id"), Field("mac", "b8", "")),
+    "from make authenticator",
+)
+TOKEN_REQUEST = Record(
+    "token_request",
+    (
+        Field("t", "u32", "ms, auditee's a-node clock"),
+        Field("top", "b20", "of the a-chain, just flushed; zeros in profile `paper`"),
+        Field("mac", "b8", ""),
+    ),
+    "from make token request",
+)
+
+# --- what an auditee shows -----------------------------------------------------------------------------------------
+
+REQUEST_VERSION = 0x01
+
+REQUEST = Record(
+    "request",
+    (
+        Field("flags", "u8", "1: the log begins at boot"),
+        Field("tee", "u16", "auditee"),
+        Field("t", "u32", "ms, of the token request"),
+        Field("top_a", "b20", "top of the a-chain"),
+        Field("treq_mac", "b8", "of the token request"),
+        Field("top_s", "b20", "top of the s-chain"),
+        Field("auth_s_mac", "b8", "of its authenticator"),
+        Field("auth_a_mac", "b8", "of the a-node's, in `paper` only"),
+        Field("hckpt", "b20", "hash of the checkpoint claimed"),
+        Field("tokens", "u8", "that cover the start"),
+        Field("start_length", "u16", "of the start"),
+        Field("segment_length", "u32", "of the log"),
+        Field("shown", "rest", "covering tokens, start, segment of the log"),
+    ),
+    "request for an audit; the tag is its version",
+    REQUEST_VERSION,
+)
+COVERING_TOKEN = Record(
+    "covering_token",
+    (Field("tor", "u16", "auditor"), Field("t", "u32", "ms, of its request"), Field("mac", "b8", "")),
+    "an auditor's word for the start",
+)
+BOOTED = Record(
+    "booted", (Field("t_key", "u32", "ms, when the mission key was loaded"),), "the start of a log that begins at boot"
+)
+CHECKPOINT = Record(
+    "checkpoint",
+    (
+        Field("t", "u32", "ms, when the next INPUT is due"),
+        Field("step", "u32", "its number"),
+        Field("top_s", "b20", "top of the s-chain"),
+        Field("top_a", "b20", "top of the a-chain"),
+        Field("state", "rest", "the controller's memory"),
+    ),
+    "any other start; what tokens cover the hash of",
+)
+
+KEPT = Record(
+    "kept",
+    (Field("claims", "u8", "at most 2"), Field("shown", "rest", "these, then the scan's differences, or nothing")),
+    "evidence of a mission robot's",
+)
+KEPT_CLAIM = Record("kept_claim", (Field("claim", "v16", "u16 length, then the claim"),), "what the scan is to show")
+
+# --- what is between controllers and their c-node, and what they remember ------------------------------------------
+
+OUTPUT = Record(
+    "output",
+    (Field("type", "u8", "3 SEND, 4 ACMD"), Field("payload", "v16", "u16 length, then the frame or the command")),
+    "what a controller puts out",
+)
+FLOCK_MEMORY = Record(
+    "flock_memory",
+    (
+        Field("x_m", "f32", "position, world frame"),
+        Field("y_m", "f32", ""),
+        Field("vx_mps", "f32", "velocity, world frame"),
+        Field("vy_mps", "f32", ""),
+        Field("count", "u16", "of neighbours"),
+        Field("neighbours", "rest", "as many, by rising id"),
+    ),
+    "what a flock's controller remembers",
+)
+NEIGHBOUR = Record(
+    "neighbour",
+    (
+        Field("id", "u16", "robot id"),
+        Field("heard", "u64", "ms, own a-node's clock"),
+        Field("x_m", "f32", "position, world frame"),
+        Field("y_m", "f32", ""),
+        Field("vx_mps", "f32", "velocity, world frame"),
+        Field("vy_mps", "f32", ""),
+    ),
+    "a robot that was heard",
+)
+WHEELS_MEMORY = Record(
+    "wheels_memory",
+    (
+        Field("x_mm", "f32", "position"),
+        Field("y_mm", "f32", ""),
+        Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
+        Field("left", "i8", "percent, the last joystick's word"),
+        Field("right", "i8", "the same"),
+        Field("heard", "u64", "ms, when that came"),
+        *_LED,
+        Field("number", "u32", "of the last order"),
+        Field("threshold_mm", "u16", "how near counts as reached"),
+        Field("count", "u8", "of points left of the route"),
+        Field("route", "rest", "as many waypoints"),
+    ),
+    "what a driven robot's controller remembers",
+)
+MISSION_MEMORY = Record(
+    "mission_memory",
+    (
+        Field("begun", "u64", "ms, s-node's clock at the first reading; 0 before"),
+        Field("x_m", "f64", "where odometry's frame lies on the map"),
+        Field("y_m", "f64", ""),
+        Field("heading_rad", "f64", ""),
+        Field("kind", "i8", "of the instruction in hand, -1 for none"),
+        Field("target", "i64", "node, or -1"),
+        Field("begin", "i64", "node, or -1"),
+        Field("passed", "u8", "1: the place where it begins lies behind"),
+        Field("tries", "u8", "begun anew after no headway"),
+        Field("best_m", "f64", "least way that was left"),
+        Field("best_s", "f64", "when that was"),
+        Field("blocked", "u8", "1: the way was given up at the last step"),
+        Field("said", "u8", "messages that it gives out"),
+        Field("rest", "rest", "these, 32 bytes each, then the walk (docs/spec/mission.md)"),
+    ),
+    "what a mission robot's controller remembers",
+)
+
+# --- spaces in which a first byte is one record's ------------------------------------------------------------------
+
+LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE)  # beside ENTRY, whose first byte is its type
+ORDERS = (ORDER, ORDER_WHEELS, ORDER_LED, ORDER_ROUTE, WAYPOINT)
+DRIVEN = (*ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
+ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
+PAYLOADS = (STATE, SENSOR, ACCELERATION, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
-RECORDS = (ENTRY, *PAYLOADS, *MACED)
+HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST)
+SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
+REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, WHEELS_MEMORY, MISSION_MEMORY)
+RECORDS = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT, *SHOWN, *REMEMBERED)

@@ -11,17 +11,14 @@ from typing import Any, ClassVar
 from phalanx.bti import log, request, trusted
 from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.cnode import Action, row
+from phalanx.wire.fields import get_u16, put_u16
+from phalanx.wire.table import AUDIT_FRAGMENT, BOOTED, HASH_BYTES, TOKEN_REQUEST
 
 from .attack import Attack, Defence, Verdict
-from .floods import audit_frame
 from .harm import STARVED
 from .silence import RefuseToAudit
 
 HARMLESS: Mapping[Defence, Verdict] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
-# Behind the head of a fragment: the only one of its request.
-ALONE = bytes([0, 1])
-BOOTED = 1
-T_KEY_BYTES = 4
 
 
 class StaleAnswers(Attack):
@@ -37,7 +34,7 @@ class StaleAnswers(Attack):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._issued: dict[int, bytes] = {}
-        self._answered: dict[int, bytes] = {}
+        self._answered: dict[int, int] = {}
 
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
         """The token is kept."""
@@ -46,9 +43,9 @@ class StaleAnswers(Attack):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """To the first fragment of a request the old token is sent at once, and all of it is passed over."""
-        src, no = int.from_bytes(frame[1:3], "little"), frame[6:8]
         if not self.is_request(frame):
             return super().heard(now_ms, frame)
+        src, no = (int(get_u16(row(frame), at)) for at in (request.AT_SRC, request.AT_REQUEST))
         if src in self._issued:
             self._answered[src] = no
             self.gained += 1
@@ -76,8 +73,8 @@ class WrongCheckpoint(Attack):
         tokens = int(q[request.AT_TOKENS])
         if tokens:
             at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
-            length = int.from_bytes(q[request.AT_CHECKPOINT_LEN :][:2].tobytes(), "little")
-            trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + 20])
+            length = int(get_u16(q, request.AT_CHECKPOINT_LEN))
+            trusted.sha1(q[at : at + length], length, q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES])
         actions = self.vouch(now_ms, place)
         self.gained += len(actions) > 1
         return actions
@@ -120,25 +117,25 @@ class Drain(RefuseToAudit):
             self._no = (self._no + 1) & 0xFFFF
             self._sent_ms[tor] = now_ms
             self.gained += 1
-            fragment = self._no.to_bytes(2, "little") + ALONE + self.kept[tor]
-            return self.send(now_ms, audit_frame(self.id, tor, request.FRAGMENT, fragment), tor)
+            only = AUDIT_FRAGMENT.encode(src=self.id, dst=tor, request=self._no, index=0, count=1, bytes=self.kept[tor])
+            return self.send(now_ms, only, tor)
         return []
 
     def _make(self, now_ms: int, tor: int) -> bool:
         """A true token request, in a request that shows an empty log since boot; its own log shows the flush."""
         profile, spare_ms = int(self.f.settings[0].profile), int(self.f.settings[0].t_audit) * 2 // 5
-        treq = row(bytes(32))
+        treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
             return False
         if trusted.anode_token_request(profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
             return False
         self._made_ms = now_ms
         if profile == BOUND:
-            log.mark(self.f, self.i, 0x82)
-        q = bytearray(request.HEAD_BYTES + T_KEY_BYTES)
-        q[0], q[1] = request.VERSION, BOOTED
-        q[request.AT_TEE : request.AT_T] = self.id.to_bytes(2, "little")
-        q[request.AT_T : request.AT_TOP_S] = treq.tobytes()
-        q[request.AT_CHECKPOINT_LEN] = T_KEY_BYTES
-        self.kept[tor] = bytes(q)
+            log.mark(self.f, self.i, log.FLUSH_A)
+        q = row(bytes(request.HEAD_BYTES + BOOTED.size))
+        q[0], q[request.AT_FLAGS] = request.VERSION, 1
+        put_u16(q, request.AT_TEE, self.id)
+        q[request.AT_T : request.AT_TOP_S] = treq
+        put_u16(q, request.AT_CHECKPOINT_LEN, BOOTED.size)
+        self.kept[tor] = q.tobytes()
         return True

@@ -7,7 +7,6 @@ be believed about when it began. An attack sees what a c-node sees, and its plan
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
@@ -38,8 +37,7 @@ STOPPED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "stopped", "boun
 HOLE_OF_THE_PAPER: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "stopped"}
 NOT_COVERED: Mapping[Defence, Verdict] = {"none": "not covered", "paper": "not covered", "bound": "not covered"}
 
-# `state`, `sensor`: kind u8, id u16, t u64, position and velocity 2 f32 each (phalanx.wire.table).
-MOTION = struct.Struct("<BHQffff")
+MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,8 +246,8 @@ class Attack(CNode):
     @staticmethod
     def is_request(frame: bytes) -> bool:
         """Whether the frame is part of a request for an audit."""
-        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.AUDIT_HEAD_BYTES
-        return is_audit and frame[5] == request.FRAGMENT
+        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.FRAGMENT_HEAD_BYTES
+        return is_audit and frame[request.AT_SUB] == request.FRAGMENT
 
     def whole_request(self, now_ms: int, frame: bytes) -> int:
         """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""

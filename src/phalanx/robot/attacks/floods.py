@@ -237,7 +237,8 @@ class Jam(Flood):
     def pour(self, now_ms: int) -> list[Action]:
         """Noise."""
         del now_ms
-        return [Transmit(audit_frame(0, 0, 0x7F, bytes(int(self.f.settings[0].frame_max) - 6)), EVERYBODY)]
+        noise = bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES)
+        return [Transmit(audit_frame(0, 0, 0x7F, noise), EVERYBODY)]
 
 
 def audit_frame(src: int, dst: int, sub: int, rest: bytes) -> bytes:

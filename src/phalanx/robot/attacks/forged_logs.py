@@ -10,7 +10,7 @@ from phalanx.bti.audit import ENTRY_HEAD_BYTES
 from phalanx.bti.fleet import PENDING, START
 from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
-from phalanx.wire.table import KIND_STATE, SENSOR
+from phalanx.wire.table import HASH_BYTES, KIND_STATE, MAC_BYTES, SENSOR
 
 from .attack import HOLE_OF_THE_PAPER, MOTION, STOPPED, Attack, Defence, Verdict
 from .harm import UNEARNED
@@ -122,7 +122,7 @@ class TruncateLog(Hijack):
     def round_due(self, now_ms: int) -> list[Action]:
         """All forgotten, and then the round."""
         rounds.forget_checkpoint(self.f, self.i)
-        put_u32(self.f.checkpoint[self.i, START], 0, now_ms)
+        put_u32(self.f.checkpoint[self.i, START], rounds.AT_T_KEY, now_ms)
         return super().round_due(now_ms)
 
 
@@ -182,8 +182,8 @@ class SwapNodes(RequestForger):
             return False
         q = self.f.request[self.i]
         for a, s, size in (
-            (request.AT_TOP_A, request.AT_TOP_S, 20),
-            (request.AT_AUTH_A, request.AT_AUTH_S, 8),
+            (request.AT_TOP_A, request.AT_TOP_S, HASH_BYTES),
+            (request.AT_AUTH_A, request.AT_AUTH_S, MAC_BYTES),
         ):
             kept = q[a : a + size].copy()
             q[a : a + size] = q[s : s + size]
@@ -230,6 +230,6 @@ class StaleLog(RequestForger):
         r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)
         q = f.request[i]
         q[: len(self._kept)] = memoryview(self._kept)
-        q[request.AT_T : request.AT_T + 4] = treq[:4]
-        q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + 8] = treq[24:32]
+        q[request.AT_T : request.AT_TOP_A] = treq[: rounds.TREQ_TOP]
+        q[request.AT_TREQ_MAC : request.AT_TOP_S] = treq[rounds.TREQ_MAC :]
         return True

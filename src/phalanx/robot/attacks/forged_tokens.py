@@ -12,8 +12,8 @@ from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
 from phalanx.robot import node
 from phalanx.robot.cnode import Action, row
-from phalanx.wire.fields import Row
-from phalanx.wire.table import KEY_BYTES, TOKEN
+from phalanx.wire.fields import Row, get_u16
+from phalanx.wire.table import AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, TOKEN, TOKEN_REQUEST
 
 from .attack import HOLE_OF_THE_PAPER, STOPPED, Defence, Verdict
 from .hijack import Hijack
@@ -61,7 +61,10 @@ class ForgeTokens(TokenForger):
         """Fresh ones, in the names of others."""
         dice = self.plan.chance
         names = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
-        return [Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(20), dice.bytes(8)) for _ in range(10)]
+        return [
+            Token(names[int(dice.integers(len(names)))], now_ms, dice.bytes(HASH_BYTES), dice.bytes(MAC_BYTES))
+            for _ in range(10)
+        ]
 
 
 class ShareTokens(TokenForger):
@@ -77,10 +80,10 @@ class ShareTokens(TokenForger):
 
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
         """The token is kept before it goes out."""
-        frame = self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes()
+        told = AUDIT_TOKEN.decode(self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes())
         q = self.f.rx[self.i, int(self.w.told[node.TOLD_PLACE])]
-        hckpt = q[request.AT_HCKPT : request.AT_HCKPT + 20].tobytes()
-        self._issued.append(Token(self.id, int.from_bytes(frame[8:12], "little"), hckpt, frame[12:20]))
+        hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
+        self._issued.append(Token(self.id, told["t"], hckpt, told["mac"]))
         return super().reply(now_ms, auditee)
 
     def tokens(self, now_ms: int) -> list[Token]:
@@ -126,11 +129,12 @@ class SelfIssue(TokenForger):
     def tokens(self, now_ms: int) -> list[Token]:
         """At most one, from itself."""
         profile, anode = int(self.f.settings[0].profile), self.f.anode[self.i]
-        treq, mac, hckpt = np.zeros(32, np.uint8), np.zeros(8, np.uint8), np.zeros(20, np.uint8)
+        treq, mac, hckpt = row(bytes(TOKEN_REQUEST.size)), row(bytes(MAC_BYTES)), row(bytes(HASH_BYTES))
         if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
             return []
-        t = int.from_bytes(treq[:4].tobytes(), "little")
-        made = trusted.anode_issue_token(profile, anode, self.id, t, treq[4:24].copy(), treq[24:].copy(), hckpt, mac)
+        told = TOKEN_REQUEST.decode(treq.tobytes())
+        t, top, treq_mac = told["t"], row(told["top"]), row(told["mac"])
+        made = trusted.anode_issue_token(profile, anode, self.id, t, top, treq_mac, hckpt, mac)
         return [Token(self.id, t, hckpt.tobytes(), mac.tobytes())] if made >= 0 else []
 
 
@@ -146,8 +150,8 @@ class Collude(Hijack):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """An accomplice's request gets its token at once."""
-        from_accomplice = int.from_bytes(frame[1:3], "little") in self.plan.accomplices
-        if int(self.f.settings[0].profile) == PLAIN or not self.is_request(frame) or not from_accomplice:
+        src = int(get_u16(row(frame), request.AT_SRC)) if self.is_request(frame) else 0
+        if int(self.f.settings[0].profile) == PLAIN or src not in self.plan.accomplices:
             return super().heard(now_ms, frame)
         place = self.whole_request(now_ms, frame)
         actions = self.vouch(now_ms, place) if place >= 0 else []
@@ -170,10 +174,10 @@ class ZeroKey(Hijack):
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
         """One token of each of f_max + 1 invented auditors, whom no true token replaces; good until the clock ends."""
-        zero, hckpt = bytes(KEY_BYTES), bytes(20)
+        zero, hckpt = bytes(KEY_BYTES), bytes(HASH_BYTES)
         for tor in range(0xFFFF - f_max, 0x10000):
             t = (1 << 32) - 1
             message = TOKEN.encode(tor=tor, tee=rob_id, t=t, hckpt=hckpt)
-            mac = np.zeros(8, np.uint8)
+            mac = np.zeros(MAC_BYTES, np.uint8)
             trusted.lightmac(row(zero), row(message), len(message), mac)
             trusted.anode_install_token(profile, anode, 0, tor, t, row(hckpt), mac)

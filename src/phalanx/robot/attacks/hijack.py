@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -15,7 +14,7 @@ from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION
 from .attack import STOPPED, Attack, Defence, Verdict
 from .harm import UNEARNED
 
-COMMAND = struct.Struct("<BHQff")
+COMMAND = ACCELERATION.form
 FULL_MPS2 = 5.0
 # Of the ram: it closes in on its victim within a few seconds, and does not overshoot.
 SPRING_PER_S2, DAMPER_PER_S = 0.3, 1.1
@@ -43,7 +42,9 @@ class Hijack(Attack):
             if len(output.payload) == ACCELERATION.size:
                 output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
             elif len(output.payload) == wheels.COMMAND_BYTES:
-                output = Act(output.payload[: wheels.BODY] + RUNAWAY_PCT + output.payload[wheels.BODY + 2 :])
+                output = Act(
+                    output.payload[: wheels.BODY] + RUNAWAY_PCT + output.payload[wheels.BODY + len(RUNAWAY_PCT) :]
+                )
         return super().put_out(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:
@@ -86,7 +87,7 @@ class Nondeterministic(Attack):
         """The command, its last bit drawn."""
         if self.lies(now_ms) and isinstance(output, Act) and len(output.payload) == ACCELERATION.size:
             command = bytearray(output.payload)
-            command[11] ^= int(self.plan.chance.integers(2))  # the lowest bit of ax
+            command[ACCELERATION.at("ax_mps2")] ^= int(self.plan.chance.integers(2))  # the lowest bit of ax
             output = Act(bytes(command))
         return super().put_out(now_ms, output)
 

@@ -18,6 +18,7 @@ from phalanx.wire.record import LARGEST_NUMBER
 Row: TypeAlias = NDArray[np.uint8]
 Params: TypeAlias = NDArray[np.float64]
 
+U32_BYTES = F32_BYTES = 4
 _INT64: Any = np.int64
 
 
@@ -38,7 +39,7 @@ def get_i8(row: Row, at: int) -> int:
 @kernel
 def get_u64(row: Row, at: int) -> int:
     """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
-    return get_u32(row, at) | get_u32(row, at + 4) << 32
+    return get_u32(row, at) | get_u32(row, at + U32_BYTES) << 32
 
 
 @kernel
@@ -60,7 +61,7 @@ def are_fine(row: Row, at: int, count: int) -> bool:
     One NaN in a broadcast would spread to every neighbour's command, and differs between compilers.
     """
     for k in range(count):
-        value = get_f32(row, at + 4 * k)
+        value = get_f32(row, at + F32_BYTES * k)
         if not (-LARGEST_NUMBER <= value <= LARGEST_NUMBER):
             return False
     return True

@@ -1,8 +1,7 @@
 """Olfati-Saber flocking: neighbours at their distance (alpha), around obstacles (beta), to the goal (gamma).
 
-Reads the sensor's record `sensor`, hears and broadcasts `state`, commands `acceleration` (phalanx.wire.table). Its own
-state, little-endian: position 2 f32 (m), velocity 2 f32 (m/s), n u16, and n times id u16, heard u64 (ms), position
-2 f32, velocity 2 f32: 18 + 26 n bytes.
+Reads the sensor's record `sensor`, hears and broadcasts `state`, commands `acceleration`; its own state is a
+`flock_memory` and its neighbours (phalanx.wire.table): 18 + 26 n bytes.
 
 The state is the paper's checkpoint less the c-node's own part. Neighbours lie in it by rising id and are summed in that
 order. One not heard for `forget_ms` is forgotten: who has driven out of range would otherwise push for ever from where
@@ -24,9 +23,11 @@ from phalanx.wire.table import (
     ACCELERATION,
     ENTRY_ACMD,
     ENTRY_SEND,
+    FLOCK_MEMORY,
     KIND_ACCELERATION,
     KIND_SENSOR,
     KIND_STATE,
+    NEIGHBOUR,
     SENSOR,
     STATE,
 )
@@ -38,14 +39,16 @@ from .outputs import put_head
 STATE_BYTES = STATE.size
 SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size
-ID, TIME = STATE.offset("id"), STATE.offset("t")  # as in the other two
-MOTION = STATE.offset("x_m")  # position and velocity, as in the reading; in the command the acceleration
+ID, TIME = map(STATE.at, ("id", "t"))  # as in the other two
+MOTION = STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
+AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
+MOTION_BYTES = STATE.size - MOTION
+NUMBERS = 4  # of a motion
 
-VELOCITY = 8  # offsets in the state
-COUNT = 16
-HEAD_BYTES = 18
-EACH_BYTES = 26
-HEARD, PLACE = 2, 10  # offsets in a neighbour
+X, Y, VX, VY, COUNT = map(FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
+HEAD_BYTES = FLOCK_MEMORY.size
+EACH_BYTES = NEIGHBOUR.size
+HEARD, PLACE = map(NEIGHBOUR.at, ("heard", "x_m"))
 
 
 @kernel
@@ -73,12 +76,12 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
     The other kernels believe their state: a count too high would have them read and write past its row.
     """
-    if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, 0, 4):
+    if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, X, NUMBERS):
         return False
     last = whole(0)
     for at in range(HEAD_BYTES, length, EACH_BYTES):
         rob = get_u16(state, at)
-        if rob <= last or rob == rob_id or get_u64(state, at + HEARD) < 0 or not are_fine(state, at + PLACE, 4):
+        if rob <= last or rob == rob_id or get_u64(state, at + HEARD) < 0 or not are_fine(state, at + PLACE, NUMBERS):
             return False
         last = rob
     return True
@@ -91,7 +94,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
     Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
     Source: docs/spec/rebound.md (which to forget).
     """
-    if length != STATE_BYTES or frame[0] != KIND_STATE or not are_fine(frame, MOTION, 4):
+    if length != STATE_BYTES or frame[0] != KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
         return size(state)
     rob = get_u16(frame, ID)
     if rob in (0, rob_id):
@@ -104,7 +107,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
         _make_room(at, state)
     put_u16(state, at, rob)
     put_u64(state, at + HEARD, t_ms)
-    copy(state, at + PLACE, frame, MOTION, 16)
+    copy(state, at + PLACE, frame, MOTION, MOTION_BYTES)
     return size(state)
 
 
@@ -118,20 +121,20 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     end = put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES)
     _put_motion_head(out, end, KIND_ACCELERATION, rob_id, t_ms)
     known = length == SENSOR_BYTES and reading[0] == KIND_SENSOR and get_u16(reading, ID) == rob_id
-    if not known or not are_fine(reading, MOTION, 4):
-        put_f32(out, end + MOTION, 0.0)
-        put_f32(out, end + MOTION + 4, 0.0)
+    if not known or not are_fine(reading, MOTION, NUMBERS):
+        put_f32(out, end + AX, 0.0)
+        put_f32(out, end + AY, 0.0)
         return end + COMMAND_BYTES
-    copy(state, 0, reading, MOTION, 16)
+    copy(state, X, reading, MOTION, MOTION_BYTES)
     _forget(whole(params[FORGET_MS]), t_ms, state)
     ax, ay = _acceleration(params, state)
-    put_f32(out, end + MOTION, limited(ax, params[LIMIT]))
-    put_f32(out, end + MOTION + 4, limited(ay, params[LIMIT]))
+    put_f32(out, end + AX, limited(ax, params[LIMIT]))
+    put_f32(out, end + AY, limited(ay, params[LIMIT]))
     end += COMMAND_BYTES
     if (step + rob_id) % whole(params[STATE_EVERY]) == 0:
         end = put_head(out, end, ENTRY_SEND, STATE_BYTES)
         _put_motion_head(out, end, KIND_STATE, rob_id, t_ms)
-        copy(out, end + MOTION, reading, MOTION, 16)
+        copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
     return end
 
@@ -145,16 +148,15 @@ def _put_motion_head(out: Row, at: int, kind: int, rob_id: int, t_ms: int) -> No
 
 @kernel
 def _acceleration(params: Params, state: Row) -> tuple[float, float]:
-    x, y = get_f32(state, 0), get_f32(state, 4)
-    vx, vy = get_f32(state, VELOCITY), get_f32(state, VELOCITY + 4)
+    x, y, vx, vy = get_f32(state, X), get_f32(state, Y), get_f32(state, VX), get_f32(state, VY)
     ax, ay = 0.0, 0.0
     for at in range(HEAD_BYTES + PLACE, size(state), EACH_BYTES):
         push_x, push_y = neighbour_push(
             params,
-            get_f32(state, at) - x,
-            get_f32(state, at + 4) - y,
-            get_f32(state, at + VELOCITY) - vx,
-            get_f32(state, at + VELOCITY + 4) - vy,
+            get_f32(state, at + X) - x,  # a neighbour's motion lies as one's own
+            get_f32(state, at + Y) - y,
+            get_f32(state, at + VX) - vx,
+            get_f32(state, at + VY) - vy,
         )
         ax += push_x
         ay += push_y

@@ -1,28 +1,23 @@
 """What a gateway tells robots that visitors drive, as radio frames.
 
-The record `order` (phalanx.wire.table), whose body is, little-endian:
-
-| action | body |
-|---|---|
-| 1 wheels | left i8, right i8: percent |
-| 2 LED | red, green, blue u8 |
-| 3 route | threshold u16 (mm), n u8, n times x u16, y u16 (mm); n = 0 stops |
-
-A robot obeys a frame with its id and a number above the last that it obeyed, so that a frame heard twice counts once.
+The record `order` of phalanx.wire.table, whose body is an `order_wheels`, an `order_led` or an `order_route`. A robot
+obeys a frame with its id and a number above the last that it obeyed, so that a frame heard twice counts once.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 
 from phalanx.errors import UsageError
-from phalanx.wire.table import ORDER
+from phalanx.wire.record import Record, Value
+from phalanx.wire.table import ORDER, ORDER_LED, ORDER_ROUTE, ORDER_WHEELS, WAYPOINT
 
 WHEELS, LED, ROUTE = 1, 2, 3
-ID, NUMBER, ACTION, BODY = map(ORDER.offset, ("id", "number", "action", "body"))
-POINTS = BODY + 3
-POINT_BYTES = 4
+ID, NUMBER, ACTION, BODY = map(ORDER.at, ("id", "number", "action", "body"))
+COUNT, POINTS = (BODY + ORDER_ROUTE.at(name) for name in ("count", "points"))
+WHEELS_BYTES = ORDER_WHEELS.size
+POINT_X, POINT_Y = map(WAYPOINT.at, ("x_mm", "y_mm"))
+POINT_BYTES = WAYPOINT.size
 WAYPOINTS_MAX = 32
 THRESHOLD_MAX_MM = 1000
 
@@ -38,12 +33,12 @@ def wheels_order(robot: int, number: int, left_pct: int, right_pct: int) -> byte
     Raises: UsageError: a value is out of range.
     Source: docs/spec/vocabulary.md.
     """
-    return _order(robot, number, WHEELS, "bb", left_pct, right_pct)
+    return _order(robot, number, WHEELS, ORDER_WHEELS, left=left_pct, right=right_pct)
 
 
 def led_order(robot: int, number: int, red: int, green: int, blue: int) -> bytes:
     """Show a colour, 0..255 each; otherwise like `wheels_order`. Source: docs/spec/vocabulary.md."""
-    return _order(robot, number, LED, "3B", red, green, blue)
+    return _order(robot, number, LED, ORDER_LED, red=red, green=green, blue=blue)
 
 
 def route_order(robot: int, number: int, threshold_mm: int, points_mm: Sequence[tuple[int, int]]) -> bytes:
@@ -56,15 +51,11 @@ def route_order(robot: int, number: int, threshold_mm: int, points_mm: Sequence[
             f"a route of {len(points_mm)} points within {threshold_mm} mm",
             f"at most {WAYPOINTS_MAX} points, 1 to {THRESHOLD_MAX_MM} mm",
         )
-    flat = [length for point in points_mm for length in point]
-    return _order(robot, number, ROUTE, f"HB{len(flat)}H", threshold_mm, len(points_mm), *flat)
+    points = b"".join(WAYPOINT.encode(x_mm=x_mm, y_mm=y_mm) for x_mm, y_mm in points_mm)
+    return _order(robot, number, ROUTE, ORDER_ROUTE, threshold_mm=threshold_mm, count=len(points_mm), points=points)
 
 
-def _order(robot: int, number: int, action: int, form: str, *values: int) -> bytes:
+def _order(robot: int, number: int, action: int, body: Record, **values: Value) -> bytes:
     if robot < 1 or number < 1:
         raise UsageError(f"order {number} for robot {robot}", "both count from 1")
-    try:
-        body = struct.pack(f"<{form}", *values)
-    except struct.error as error:
-        raise UsageError(f"order {number} for robot {robot}: {error}") from error
-    return ORDER.encode(id=robot, number=number, action=action, body=body)
+    return ORDER.encode(id=robot, number=number, action=action, body=body.encode(**values))

@@ -28,11 +28,11 @@ import numpy as np
 
 from phalanx.errors import UsageError
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
 
 from . import dispatch
 from .fields import Params, Row
-from .outputs import HEAD_BYTES, OUT_BYTES
+from .outputs import OUT_BYTES
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,11 +176,10 @@ def _kind(told: object) -> str:
 
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
     """Outputs as kernels put them out (outputs.py)."""
-    packed = bytearray()
-    for output in outputs:
-        packed.append(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD)
-        packed += len(output.payload).to_bytes(2, "little") + output.payload
-    return bytes(packed)
+    return b"".join(
+        OUTPUT.encode(type=ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, payload=output.payload)
+        for output in outputs
+    )
 
 
 def unpack_outputs(packed: bytes) -> list[Output]:
@@ -188,8 +187,6 @@ def unpack_outputs(packed: bytes) -> list[Output]:
     outputs: list[Output] = []
     at = 0
     while at < len(packed):
-        end = at + HEAD_BYTES + int.from_bytes(packed[at + 1 : at + HEAD_BYTES], "little")
-        make = Send if packed[at] == ENTRY_SEND else Act
-        outputs.append(make(packed[at + HEAD_BYTES : end]))
-        at = end
+        output, at = OUTPUT.read(packed, at)
+        outputs.append((Send if output["type"] == ENTRY_SEND else Act)(output["payload"]))
     return outputs

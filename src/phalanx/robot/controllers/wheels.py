@@ -1,10 +1,7 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
 Reads the sensor's record `wheels_sensor` (mm, degrees), hears `order`, broadcasts `wheels_state`, commands
-`wheels_command` (phalanx.wire.table; what is in an order: orders.py).
-
-Its own state is x f32, y f32, direction f32, left i8, right i8, heard u64 (ms), red, green, blue u8, number u32,
-threshold u16 (mm), n u8, n times x u16, y u16 (mm): 32 + 4 n bytes.
+`wheels_command`; its own state is a `wheels_memory` and its route (phalanx.wire.table): 32 + 4 n bytes.
 
 Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos). The
 state's left, right and heard are the last joystick's word, `number` is that of the last order, and the n points are
@@ -32,7 +29,10 @@ from phalanx.wire.table import (
     KIND_WHEELS_COMMAND,
     KIND_WHEELS_SENSOR,
     KIND_WHEELS_STATE,
+    ORDER_LED,
+    ORDER_WHEELS,
     WHEELS_COMMAND,
+    WHEELS_MEMORY,
     WHEELS_SENSOR,
     WHEELS_STATE,
 )
@@ -45,13 +45,18 @@ from .sine import sine_cosine
 READING_BYTES = WHEELS_SENSOR.size
 COMMAND_BYTES = WHEELS_COMMAND.size
 STATE_BYTES = WHEELS_STATE.size
-ID, TIME = WHEELS_STATE.offset("id"), WHEELS_STATE.offset("t")  # as in the other two
-BODY = WHEELS_STATE.offset("x_mm")  # the pose, as in the reading; in the command the wheels
-POSE_BYTES = 12
-LED_BYTES = 3
+ID, TIME = map(WHEELS_STATE.at, ("id", "t"))  # as in the other two
+BODY = WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
+POSE_BYTES = WHEELS_STATE.at("red") - BODY
+POSE_NUMBERS = 3
+LED_BYTES = ORDER_LED.size
 
-X, Y, DIRECTION, LEFT, RIGHT, HEARD, LED, NUMBER = 0, 4, 8, 12, 13, 14, 22, 25  # offsets in the state
-THRESHOLD, COUNT, ROUTE = 29, 31, 32
+X, Y, DIRECTION, LEFT, RIGHT = map(WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
+HEARD, LED, NUMBER, THRESHOLD = map(WHEELS_MEMORY.at, ("heard", "red", "number", "threshold_mm"))
+COUNT, ROUTE = map(WHEELS_MEMORY.at, ("count", "route"))
+NUMBER_BYTES = THRESHOLD - NUMBER
+TOLD_RIGHT = ORDER_WHEELS.at("right")
+COMMAND_RIGHT, COMMAND_LED = (WHEELS_COMMAND.at(name) - BODY for name in ("right", "red"))
 CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
 
 GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
@@ -81,7 +86,7 @@ def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
 
     The other kernels believe their state: a count too high would have them read and write past its row.
     """
-    if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, 3):
+    if not ROUTE <= length <= CAPACITY_BYTES or length != size(state) or not are_fine(state, X, POSE_NUMBERS):
         return False
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
     if abs(left) > FULL_PCT or abs(right) > FULL_PCT or get_u64(state, HEARD) < 0:
@@ -103,9 +108,9 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
     action, body = frame[orders.ACTION], orders.BODY
     if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
         return size(state)
-    if action == orders.WHEELS and length == body + 2:
+    if action == orders.WHEELS and length == body + orders.WHEELS_BYTES:
         state[LEFT] = percent(get_i8(frame, body)) & 255
-        state[RIGHT] = percent(get_i8(frame, body + 1)) & 255
+        state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
         put_u64(state, HEARD, t_ms)
         state[COUNT] = 0
     elif action == orders.LED and length == body + LED_BYTES:
@@ -114,11 +119,11 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
         state[LEFT] = 0
         state[RIGHT] = 0
         put_u16(state, THRESHOLD, get_u16(frame, body))
-        state[COUNT] = frame[body + 2]
+        state[COUNT] = frame[orders.COUNT]
         copy(state, ROUTE, frame, orders.POINTS, length - orders.POINTS)
     else:
         return size(state)
-    copy(state, NUMBER, frame, orders.NUMBER, 4)
+    copy(state, NUMBER, frame, orders.NUMBER, NUMBER_BYTES)
     return size(state)
 
 
@@ -126,7 +131,7 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
 def _is_route(frame: Row, length: int) -> bool:
     if length < orders.POINTS or not 1 <= get_u16(frame, orders.BODY) <= orders.THRESHOLD_MAX_MM:
         return False
-    count = whole(frame[orders.BODY + 2])
+    count = whole(frame[orders.COUNT])
     return count <= orders.WAYPOINTS_MAX and length == orders.POINTS + orders.POINT_BYTES * count
 
 
@@ -138,9 +143,9 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     """
     left, right = whole(0), whole(0)
     known = length == READING_BYTES and reading[0] == KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
-    known = known and are_fine(reading, BODY, 3)
+    known = known and are_fine(reading, BODY, POSE_NUMBERS)
     if known:
-        copy(state, 0, reading, BODY, POSE_BYTES)
+        copy(state, X, reading, BODY, POSE_BYTES)
         _drop_reached(state)
         if state[COUNT] > 0:
             left, right = _towards(state)
@@ -148,12 +153,12 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
             left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
     end = _put_message_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
-    out[end + 1] = right & 255
-    copy(out, end + 2, state, LED, LED_BYTES)
-    end += 2 + LED_BYTES
+    out[end + COMMAND_RIGHT] = right & 255
+    copy(out, end + COMMAND_LED, state, LED, LED_BYTES)
+    end += COMMAND_BYTES - BODY
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
         end = _put_message_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_WHEELS_STATE, rob_id, t_ms)
-        copy(out, end, state, 0, POSE_BYTES)
+        copy(out, end, state, X, POSE_BYTES)
         copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
         end += POSE_BYTES + LED_BYTES
     return end
@@ -170,11 +175,18 @@ def _put_message_head(out: Row, at: int, entry: int, length: int, kind: int, rob
 
 
 @kernel
+def _first(state: Row) -> tuple[float, float]:
+    """Where the first point of the route lies from here, mm."""
+    x_mm, y_mm = get_u16(state, ROUTE + orders.POINT_X), get_u16(state, ROUTE + orders.POINT_Y)
+    return x_mm - get_f32(state, X), y_mm - get_f32(state, Y)
+
+
+@kernel
 def _drop_reached(state: Row) -> None:
     """The route begins with a point that is not reached yet, or is empty."""
     near = get_u16(state, THRESHOLD)
     while state[COUNT] > 0:
-        dx, dy = get_u16(state, ROUTE) - get_f32(state, X), get_u16(state, ROUTE + 2) - get_f32(state, Y)
+        dx, dy = _first(state)
         if dx * dx + dy * dy > near * near:
             break
         copy(state, ROUTE, state, ROUTE + orders.POINT_BYTES, size(state) - ROUTE - orders.POINT_BYTES)
@@ -184,6 +196,6 @@ def _drop_reached(state: Row) -> None:
 @kernel
 def _towards(state: Row) -> tuple[int, int]:
     """Left and right, percent, towards the first point of the route."""
-    dx, dy = get_u16(state, ROUTE) - get_f32(state, X), get_u16(state, ROUTE + 2) - get_f32(state, Y)
+    dx, dy = _first(state)
     sin, cos = sine_cosine(get_f32(state, DIRECTION))
     return steer(dy * cos - dx * sin, -dx * cos - dy * sin, math.sqrt(dx * dx + dy * dy))

@@ -28,7 +28,11 @@ SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size
 WHEELS_SENSOR_BYTES = WHEELS_SENSOR.size
 WHEELS_COMMAND_BYTES = WHEELS_COMMAND.size
-ID, TIME, REST = 1, 3, 11
+ID, TIME = map(SENSOR.at, ("id", "t"))  # as in the other three
+X, Y, VX, VY = map(SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
+AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
+X_MM, Y_MM, DIRECTION = map(WHEELS_SENSOR.at, ("x_mm", "y_mm", "direction_deg"))
+LEFT, RIGHT, RED = map(WHEELS_COMMAND.at, ("left", "right", "red"))
 MOST_MPS2 = 5.0
 BODY_M = 0.04
 TOP_SPEED_MPS = 0.3
@@ -75,15 +79,15 @@ def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
     put_u64(q, TIME, now_ms)
     if world.clock[0].body == POINT_MASS:
         q[0] = KIND_SENSOR
-        put_f32(q, REST, world.pos[i, 0])
-        put_f32(q, REST + 4, world.pos[i, 1])
-        put_f32(q, REST + 8, world.vel[i, 0])
-        put_f32(q, REST + 12, world.vel[i, 1])
+        put_f32(q, X, world.pos[i, 0])
+        put_f32(q, Y, world.pos[i, 1])
+        put_f32(q, VX, world.vel[i, 0])
+        put_f32(q, VY, world.vel[i, 1])
         return int(SENSOR_BYTES)
     q[0] = KIND_WHEELS_SENSOR
-    put_f32(q, REST, world.pos[i, 0] * 1000.0)
-    put_f32(q, REST + 4, world.pos[i, 1] * 1000.0)
-    put_f32(q, REST + 8, world.vel[i, 0])
+    put_f32(q, X_MM, world.pos[i, 0] * 1000.0)
+    put_f32(q, Y_MM, world.pos[i, 1] * 1000.0)
+    put_f32(q, DIRECTION, world.vel[i, 0])
     return int(WHEELS_SENSOR_BYTES)
 
 
@@ -96,13 +100,13 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
     if world.clock[0].body == POINT_MASS:
         if length == COMMAND_BYTES and command[0] == KIND_ACCELERATION:
             advance(world, i)
-            motion.command(world.acc, i, get_f32(command, REST), get_f32(command, REST + 4), MOST_MPS2)
+            motion.command(world.acc, i, get_f32(command, AX), get_f32(command, AY), MOST_MPS2)
     elif length == WHEELS_COMMAND_BYTES and command[0] == KIND_WHEELS_COMMAND:
         advance(world, i)
-        world.acc[i, 0] = _share(get_i8(command, REST))
-        world.acc[i, 1] = _share(get_i8(command, REST + 1))
+        world.acc[i, 0] = _share(get_i8(command, LEFT))
+        world.acc[i, 1] = _share(get_i8(command, RIGHT))
         for k in range(3):
-            world.led[i, k] = command[REST + 2 + k]
+            world.led[i, k] = command[RED + k]
 
 
 @kernel

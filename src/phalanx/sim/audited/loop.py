@@ -9,7 +9,7 @@ Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 from __future__ import annotations
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH
 from phalanx.kernel import kernel
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
@@ -108,8 +108,9 @@ def control(world: World, i: int) -> int:
     out = world.work.out
     at = 0
     while at < length:
-        kind, size = out[at], get_u16(out, at + 1)
-        payload = out[at + 3 : at + 3 + size]
+        kind, size = out[at], get_u16(out, at + OUTPUT_LENGTH)
+        at += OUTPUT_HEAD_BYTES
+        payload = out[at : at + size]
         if kind == ACMD:
             if node.act(world.fleet, i, world.work, now, payload, size) > 0:
                 body.actuate(world, i, payload, size)
@@ -117,7 +118,7 @@ def control(world: World, i: int) -> int:
             sent = node.send(world.fleet, i, world.work, now, payload, size)
             if sent > 0:
                 transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:sent], sent - ENTRY_HEAD_BYTES, BROADCAST)
-        at += 3 + size
+        at += size
     return 0
 
 
@@ -166,7 +167,7 @@ def deliver(world: World, j: int) -> int:
 @kernel
 def frame_left(world: World, i: int, arrived: int) -> int:
     """A robot's radio is done with a frame; if it was a fragment the next may follow. Source: RoboRebound §5.2."""
-    is_fragment = world.frame[0] & request.AUDIT and world.frame[5] == request.FRAGMENT
+    is_fragment = world.frame[0] & request.AUDIT and world.frame[request.AT_SUB] == request.FRAGMENT
     if not is_fragment or i >= len(world.fleet.robot) or world.safe[i]:
         return 0
     if world.runs[i] == PYTHON:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import Attack
-from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
+from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict, row
 from phalanx.sim.radio.channel import BROADCAST
+from phalanx.wire.fields import get_u16
 from phalanx.wire.table import ACCELERATION, WHEELS_COMMAND
 
 from . import body, loop
@@ -70,7 +69,7 @@ def _addressed(world: World, action: Transmit) -> int:
     """Whom the frame goes to: with an a-node, which hands it to the radio, what the frame itself says, or everybody."""
     if int(world.fleet.settings[0].profile) == PLAIN:
         return action.to
-    dst = int.from_bytes(action.frame[3:5], "little") if action.frame[0] & request.AUDIT else 0
+    dst = int(get_u16(row(action.frame), request.AT_DST)) if action.frame[0] & request.AUDIT else 0
     return dst or EVERYBODY
 
 
@@ -78,17 +77,16 @@ def perform(world: World, i: int, actions: list[Action]) -> None:
     """What the a-node let through happens."""
     for action in actions:
         if isinstance(action, Transmit):
-            frame = np.frombuffer(bytearray(action.frame), np.uint8)
+            frame = row(action.frame)
             to = _addressed(world, action)
             # An id that nobody has is a robot out of range.
             to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
             lost = loop.transmit(world, i, frame, len(frame), to) < 0
-            if lost and frame[0] & request.AUDIT and frame[5] == request.FRAGMENT:
+            if lost and frame[0] & request.AUDIT and frame[request.AT_SUB] == request.FRAGMENT:
                 world.fleet.robot[i].request_len = 0
                 world.fleet.robot[i].quota = 0
         elif isinstance(action, Actuate):
-            command = np.frombuffer(bytearray(action.command), np.uint8)
-            body.actuate(world, i, command, len(command))
+            body.actuate(world, i, row(action.command), len(action.command))
         elif isinstance(action, Retry):
             if world.retry_us[i] < 0:
                 world.retry_us[i] = action.at_ms * 1000 - int(world.boot_us[i])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.robot.controllers.mission.controller import DRIVE, KIND_ACTION, KIND_DRIVE
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+from phalanx.wire.table import DRIVE, KIND_ACTION, KIND_DRIVE
 
 STEP_S = 0.05  # walls are looked at so often
 MILLI = 1000
@@ -60,7 +60,7 @@ class MissionBody:
     def obey(self, command: bytes) -> None:
         """The actuators do what a command says; what is no command of theirs does nothing."""
         if len(command) == DRIVE.size and command[0] == KIND_DRIVE:
-            *_, speed, turn = DRIVE.unpack(command)
+            *_, speed, turn = DRIVE.form.unpack(command)
             self._left_mps, self._right_mps = self.wheels.wheels(speed / MILLI, turn / MILLI)
         elif command[:1] == bytes([KIND_ACTION]):
             self.actions.append(command)

@@ -20,11 +20,12 @@ from phalanx.mission.landmarks.angles import wrap
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
 from phalanx.robot.cnode import Action, CNode
-from phalanx.robot.controllers.mission.controller import DRIVE, KIND_DRIVE, MissionController
+from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.robot.controllers.mission.pilot import Pose
 from phalanx.robot.controllers.mission.readings import with_hash_of
 from phalanx.robot.controllers.python_controller import Act, Controller, Output
+from phalanx.wire.table import DRIVE, KIND_DRIVE
 
 FULL_MMPS, MOST_MRADPS = 500, 1200
 
@@ -141,7 +142,7 @@ class DriveDark(MissionCheat):
         x_m, y_m, heading = self.mission.pose(reading)
         bearing = wrap(math.atan2(self.plan.toward_m[1] - y_m, self.plan.toward_m[0] - x_m) - heading)
         turn = max(-MOST_MRADPS, min(MOST_MRADPS, round(1500 * bearing)))
-        command = DRIVE.pack(KIND_DRIVE, self.id, t_ms, FULL_MMPS if abs(bearing) < 1.0 else 0, turn)
+        command = DRIVE.form.pack(KIND_DRIVE, self.id, t_ms, FULL_MMPS if abs(bearing) < 1.0 else 0, turn)
         outputs = super().lie(step, t_ms, reading)
         return [Act(command) if output.payload[:1] == bytes([KIND_DRIVE]) else output for output in outputs]
 

@@ -1,16 +1,8 @@
 """A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
 
-What it remembers, which is its checkpoint: when it began u64 (0 not yet), the odometry's place in the map 3 f64, the
-instruction in hand (kind i8, target i64, begin i64, passed u8, tries u8, best way left f64, since f64), blocked u8,
-what it says (u8, and 32 each), and the walk (mission/walk/checkpoint.py).
-
-| what | bytes, little-endian |
-|---|---|
-| reading, scan | see mission_input.py |
-| evidence | see mission_evidence.py |
-| message | `0x09`, id u16, 32: an encoded message of the mission, said again and again |
-| drive | `0x0A`, id u16, t u64, speed i16 (mm/s), turn i16 (mrad/s) |
-| action | `0x0B`, id u16, t u64, the action's canonical bytes |
+What it reads, says and commands are the records `mission_reading`, `mission_message`, `drive` and `action` of
+phalanx.wire.table; what it remembers, which is its checkpoint, is a `mission_memory`, what it says, and the walk
+(mission/walk/checkpoint.py). Evidence: evidence.py.
 
 Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 """
@@ -18,7 +10,6 @@ Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -39,16 +30,20 @@ from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.fix import Fix
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
 from phalanx.wire.record import MalformedRecord
+from phalanx.wire.table import (
+    ACTION,
+    DRIVE,
+    KIND_ACTION,
+    KIND_DRIVE,
+    KIND_MISSION_MESSAGE,
+    MISSION_MEMORY,
+    MISSION_MESSAGE,
+)
 
 from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
 from .pilot import TRIES, Drive, Leg, Pose, Sectors, drive
 from .readings import Reading, Sensors, scan_sha1
 
-KIND_MESSAGE, KIND_DRIVE, KIND_ACTION = 0x09, 0x0A, 0x0B
-_MESSAGE = struct.Struct(f"<BH{SECRET_BYTES}s")
-DRIVE = struct.Struct("<BHQhh")
-_ACTION = struct.Struct("<BHQ")
-_HEAD = struct.Struct("<QdddbqqBBddBB")
 SAID_MAX = 8
 MILLI = 1000
 # Landmarks farther off are left alone: what a robot decodes it must be able to reach.
@@ -120,7 +115,7 @@ class Missions:
             config,
             reading_bytes=self.sensors.reading_bytes,
             command_bytes=DRIVE.size,
-            state_bytes=_HEAD.size + SAID_MAX * SECRET_BYTES + max(walks),
+            state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + max(walks),
             evidence_max_bytes=CLAIM_ROOM_BYTES + 2 * self.sensors.lidar.beams + PACKING_BYTES,
             evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
         )
@@ -194,7 +189,7 @@ class MissionController(EvidenceController):
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: ARG002 - a message is good whenever it comes
         """An encoded message is remembered; anything else is not for this controller."""
-        if len(frame) == _MESSAGE.size and frame[0] == KIND_MESSAGE:
+        if len(frame) == MISSION_MESSAGE.size and frame[0] == KIND_MISSION_MESSAGE:
             message = frame[-SECRET_BYTES:]
             self.memory = replace(self.memory, walk=self.walker.hear(self.memory.walk, message))
 
@@ -245,28 +240,28 @@ class MissionController(EvidenceController):
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
         speed, turn = round(command.speed_mps * MILLI), round(command.turn_radps * MILLI)
-        return Act(DRIVE.pack(KIND_DRIVE, self.rob_id, t_ms, speed, turn))
+        return Act(DRIVE.form.pack(KIND_DRIVE, self.rob_id, t_ms, speed, turn))
 
     def _actions(self, t_ms: int, outcome: Outcome) -> list[Output]:
         """What is to be done at a node just decoded, and what leads on from it."""
         here = outcome.decoded.do if outcome.decoded else None
         onward = outcome.order.do if outcome.event is not None and outcome.order.kind is Kind.DO else None
         said = [action_bytes(action) for action in (here, onward) if action is not None]
-        head = _ACTION.pack(KIND_ACTION, self.rob_id, t_ms)
+        head = ACTION.form.pack(KIND_ACTION, self.rob_id, t_ms)
         return [Act(head + action) for action in said if len(action) <= ACTION_MAX_BYTES]
 
     def _messages(self, step: int) -> list[Output]:
         said, every = self.memory.said, self.missions.say_every
         if not said or (step + self.rob_id) % every:
             return []
-        return [Send(_MESSAGE.pack(KIND_MESSAGE, self.rob_id, said[step // every % len(said)]))]
+        return [Send(MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, self.rob_id, said[step // every % len(said)]))]
 
     # --- the checkpoint -----------------------------------------------------------------------------------------------
 
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
         m, leg = self.memory, self.memory.leg
-        head = _HEAD.pack(
+        head = MISSION_MEMORY.form.pack(
             m.begun_ms, *m.origin, *leg.key, leg.passed, leg.tries, leg.best_m, leg.best_s, m.blocked, len(m.said)
         )
         return head + b"".join(m.said) + encode_state(self.given.mission, m.walk)
@@ -278,7 +273,7 @@ class MissionController(EvidenceController):
         """
         reader = Reader(encoding)
         begun_ms, x_m, y_m, heading_rad, kind, target, begin, passed, tries, best_m, best_s, blocked, said = (
-            reader.unpack(_HEAD)
+            reader.unpack(MISSION_MEMORY.form)
         )
         if not all(abs(value) < _MOST for value in (x_m, y_m, heading_rad, best_s)) or not abs(best_m) <= math.inf:
             raise MalformedMission("a robot that is nowhere")

@@ -16,9 +16,9 @@ from phalanx.errors import PeerError
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.walk.claims import Claim, parse_claim
 from phalanx.robot.controllers.python_controller import Controller, Output
+from phalanx.wire.table import KEPT, KEPT_CLAIM
 
 CLAIMS_MAX = 2
-_LENGTH_BYTES = 2
 
 
 class BadEvidence(PeerError):
@@ -53,20 +53,20 @@ class EvidenceController(Controller):
 
 
 def pack_evidence(claims: tuple[Claim, ...], scan: bytes) -> bytes:
-    """`claims u8 ‖ each: length u16, claim ‖ scan`; the scan, u16 a beam, as zlib's of its differences.
+    """The record `kept`: the claims, then the scan, u16 a beam, as zlib's of its differences.
 
     Args:
         claims: none where only the scan is to be seen.
         scan: b"" where the claims need none.
     """
     encoded = [claim.encode() for claim in claims]
-    claimed = b"".join(len(each).to_bytes(_LENGTH_BYTES, "little") + each for each in encoded)
+    claimed = b"".join(KEPT_CLAIM.encode(claim=each) for each in encoded)
     packed = b""
     if scan:
         steps = np.diff(np.frombuffer(scan, "<u2"), prepend=np.uint16(0)).astype("<u2")
         # High bytes first, then low ones: the high ones are nearly all alike.
         packed = zlib.compress((steps >> 8).astype(np.uint8).tobytes() + (steps & 255).astype(np.uint8).tobytes())
-    return bytes([len(claims)]) + claimed + packed
+    return KEPT.encode(claims=len(claims), shown=claimed + packed)
 
 
 def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:

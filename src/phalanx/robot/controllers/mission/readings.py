@@ -1,19 +1,13 @@
 """What a mission robot's s-node chains: odometry in its own frame, the scan's hash, and how much room there is around.
 
-| what | bytes, little-endian |
-|---|---|
-| reading | `0x08`, id u16, t u64 (ms), x i32, y i32 (0.1 mm), heading i32 (µrad), travelled u32 (mm), SHA-1 of the scan 20, and a byte for each sector of the field of view: 51 + sectors |
-| scan | u16 a beam (mm), 0 says nothing, 0xFFFF a miss |
-
-The odometry begins at 0, 0, 0 and is never corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded
-down; 255 is 5.1 m and more. That is all an s-node has to do: a hash, and a minimum over whole numbers.
-Source: docs/spec/mission.md (Under audit).
-"""  # noqa: E501 - a table
+A reading is the record `mission_reading` of phalanx.wire.table, a scan u16 a beam. Odometry begins at 0, 0, 0 and is
+never corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded down; 255 is 5.1 m and more. That is
+all an s-node has to do: a hash, and a minimum over whole numbers. Source: docs/spec/mission.md (Under audit).
+"""
 
 from __future__ import annotations
 
 import hashlib
-import struct
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,9 +17,9 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks.scan import LaserScan
 from phalanx.wire.record import MalformedRecord
+from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING
 
-KIND_READING = 0x08
-_HEAD = struct.Struct("<BHQiiiI20s")
+_HEAD = MISSION_READING.form
 HEAD_BYTES = _HEAD.size
 PER_M, PER_RAD = 10_000, 1_000_000
 MM_PER_M = 1000
@@ -107,7 +101,7 @@ class Sensors:
 
         Raises: MalformedRecord: its length or its kind is another's.
         """
-        if len(raw) != self.reading_bytes or raw[0] != KIND_READING:
+        if len(raw) != self.reading_bytes or raw[0] != KIND_MISSION_READING:
             raise MalformedRecord("not a mission robot's reading")
         _, _, _, x, y, heading, travelled, sha1 = _HEAD.unpack_from(raw)
         clear = np.frombuffer(bytearray(raw[HEAD_BYTES:]), np.uint8)
@@ -138,7 +132,7 @@ class Sensors:
         if not (max(abs(x_m), abs(y_m)) < MOST_M and abs(heading_rad) < MOST_RAD and 0 <= travelled_m < MOST_M):
             raise UsageError("odometry beyond 200 km", "restart the robot")
         head = _HEAD.pack(
-            KIND_READING,
+            KIND_MISSION_READING,
             rob_id,
             t_ms,
             round(x_m * PER_M),
