@@ -24,8 +24,9 @@ from phalanx.io import Client
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
+from phalanx.robot.on_mission import Completed, Decoded, NotValidated
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.live import Completed, Decoded, Moment, NotValidated, Standing
+from phalanx.sim.missions.live import Moment, Standing
 from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm
 

@@ -27,6 +27,8 @@ IMPURE = {"asyncio", "socket", "time", "random", "secrets", "os", "subprocess", 
 PURE_BELOW = RANK["sim"]
 # It finds numba a folder for compiled code, and looks at nothing that a kernel could see.
 HOUSEKEEPING = {"kernel.py"}
+# The gateway knows protocols (robot/{swarm,shield,on_mission}.py); these make the demo's robots.
+MAKE_ROBOTS = {"gateway/simulated.py", "gateway/up.py"}
 LONGEST = 400
 
 
@@ -82,6 +84,12 @@ def test_imports_point_down(path):
 def test_protocols_are_pure(path):
     assert not {name.split(".")[0] for name in imported_names(path)} & IMPURE
     assert not any(isinstance(node, ast.AsyncFunctionDef | ast.Await) for node in ast.walk(ast.parse(path.read_text())))
+
+
+@pytest.mark.parametrize("path", sorted((SRC / "gateway").rglob("*.py")), ids=lambda path: str(path.relative_to(SRC)))
+def test_the_gateway_knows_no_simulator(path):
+    if str(path.relative_to(SRC)) not in MAKE_ROBOTS:
+        assert not [name for name in imported_names(path) if name.startswith("phalanx.sim")]
 
 
 def test_a_sideways_import_is_caught():

@@ -12,9 +12,8 @@ from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request
 from phalanx.robot import Robot, Swarm
-from phalanx.robot.shield import Shielded
-from phalanx.sim import Dotbots
-from phalanx.sim.swarms.mission import MissionSwarm
+from phalanx.robot.on_mission import OnMission
+from phalanx.robot.shield import Shielded, Unprotected
 
 from . import vocabulary
 from .frames import Frames, Tick
@@ -63,7 +62,7 @@ class Gateway:
         self._frames = Frames(server.config.part_plaintext_bytes)
         self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
         self._longest_route = swarm.longest_route if isinstance(swarm, Shielded) else vocabulary.MAX_WAYPOINTS
-        self.missions = MissionWatch(swarm, say) if isinstance(swarm, MissionSwarm) else None
+        self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
@@ -148,7 +147,7 @@ class Gateway:
         told: dict[str, Any] = {"width": width, "height": height}
         if self.shields:
             told |= self.shields.in_area()
-        elif isinstance(self.swarm, Dotbots) and self.swarm.unprotected:
+        elif isinstance(self.swarm, Unprotected) and self.swarm.unprotected:
             told["unprotected"] = self.swarm.unprotected
         return told | (self.missions.in_area() if self.missions else {})
 

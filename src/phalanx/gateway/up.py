@@ -27,8 +27,8 @@ from phalanx.io.server import Happening
 from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
+from phalanx.robot.on_mission import OnMission
 from phalanx.sim import Dotbots
-from phalanx.sim.swarms.mission import MissionSwarm
 from phalanx.sim.swarms.protected import ProtectedSwarm
 
 from . import vocabulary
@@ -291,7 +291,7 @@ async def up(
         # After all that can be wrong: the first time it takes minutes.
         swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)
         running = Running(options, broker, page_url, server, swarm, say)
-        desk = MissionDesk(swarm) if isinstance(swarm, MissionSwarm) else None
+        desk = MissionDesk(swarm) if isinstance(swarm, OnMission) else None
         if desk:
             stack.callback(desk.stop)
         operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise, desk))

@@ -74,3 +74,12 @@ class Shielded(Swarm, Protocol):
 
         Raises: Unknown: no such robot, or no such attack; or it is compromised or stopped already.
         """
+
+
+@runtime_checkable
+class Unprotected(Swarm, Protocol):
+    """A swarm whose robots do not audit each other, though people may expect it."""
+
+    @property
+    def unprotected(self) -> str:
+        """Why not, for people; "" where nobody expects it."""

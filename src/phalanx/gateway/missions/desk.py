@@ -22,8 +22,7 @@ from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, buil
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.floorplan import read_yaml
 from phalanx.mission.worth.audit import Rates, audit
-from phalanx.sim.missions.orders import Orders, orders_of
-from phalanx.sim.swarms.mission import MissionSwarm
+from phalanx.robot.on_mission import OnMission
 
 log = logging.getLogger(__name__)
 
@@ -48,7 +47,7 @@ class _Job:
     locks: int = 0
     done: int = 0
     told: dict[str, Any] | None = None
-    orders: Orders | None = None
+    begin: Callable[[], None] | None = None
     id: str = ""
     replaced: bool = False
 
@@ -60,7 +59,7 @@ class MissionDesk:
         swarm: the robots, and their building.
     """
 
-    def __init__(self, swarm: MissionSwarm) -> None:
+    def __init__(self, swarm: OnMission) -> None:
         self._swarm = swarm
         self._job: _Job | None = None
         self._world: dict[str, Any] | None = None
@@ -139,7 +138,7 @@ class MissionDesk:
                     yield answer
 
             built = build(plain, BuildOptions(profile=profile), os.urandom, spread)
-        job.orders = orders_of(plain, built, self._swarm.plan)
+        job.begin = self._swarm.prepare(plain, built)
         job.id = built[0].mission.header.mission_id.hex()
         return {
             "state": "compiled",
@@ -164,9 +163,9 @@ class MissionDesk:
 
         Raises: Unknown: another was compiled meanwhile, or none. PeerError: robots refuse it.
         """
-        if self._job is None or self._job.orders is None or self._job.id != mission_id:
+        if self._job is None or self._job.begin is None or self._job.id != mission_id:
             raise Unknown("no such mission is compiled")
-        self._swarm.begin(self._job.orders)
+        self._job.begin()
 
 
 def parse_profile(word: object) -> Profile:

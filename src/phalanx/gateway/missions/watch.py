@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from phalanx.sim.missions.live import Decoded, News, NotValidated
-from phalanx.sim.swarms.mission import Lit, MissionSwarm, Progress, Walk
+from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
 
 TELL_EVERY_S = 1.0
 
@@ -22,7 +21,7 @@ class MissionWatch:
         say: told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
     """
 
-    def __init__(self, swarm: MissionSwarm, say: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, swarm: OnMission, say: Callable[[dict[str, Any]], None]) -> None:
         self._swarm = swarm
         self._say = say
         self._walls = swarm.walls_mm()

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 
 from phalanx.mission import BuildOptions, Draft, Landmark, Phase, Position, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.on_mission import Completed, Decoded, News, NotValidated
 
 from .orders import start_of
 from .robot import TICK_S, MissionRobot, World, meet
@@ -36,42 +37,6 @@ class Standing:
     heading_rad: float
     phase: str
     why: str
-
-
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """A robot decoded a node for the first time.
-
-    Args:
-        robot, node: their numbers.
-        name: what the author called the node; "" in the paper profile.
-        place_m: where it is, map frame, or None.
-        type: of the landmark that was recognised; "" for nodes of other things.
-    """
-
-    robot: int
-    node: int
-    name: str
-    place_m: tuple[float, float] | None
-    type: str
-
-
-@dataclass(frozen=True, slots=True)
-class NotValidated:
-    """A robot fell back, stopped, or did not believe a match."""
-
-    robot: int
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
-class Completed:
-    """A robot's mission is done."""
-
-    robot: int
-
-
-News = Decoded | NotValidated | Completed
 
 
 @dataclass(frozen=True, slots=True)

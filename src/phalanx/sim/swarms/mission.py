@@ -11,7 +11,7 @@ import math
 import signal
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from types import TracebackType
 from typing import Self
@@ -19,12 +19,13 @@ from typing import Self
 import numpy as np
 
 from phalanx.errors import Unavailable, Unknown, UsageError
-from phalanx.mission import admit
+from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Led, Point, Robot
+from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.sim.building.odometry import Pose
-from phalanx.sim.missions.live import WAITING, Decoded, Moment, News, Standing, live
-from phalanx.sim.missions.orders import Orders, start_of
+from phalanx.sim.missions.live import WAITING, Moment, Standing, live
+from phalanx.sim.missions.orders import Orders, orders_of, start_of
 from phalanx.sim.missions.run import MissionRun
 from phalanx.sim.signals import handled_by
 
@@ -42,53 +43,8 @@ BATTERY_V = 3.0
 READY_WITHIN_S = 600.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Walk:
-    """How far one robot is.
-
-    Args:
-        address, name: whose.
-        phase: waiting, seeking, returning, held or done.
-        decoded, of: nodes of its part of the mission.
-        why: it fell back or stopped, or "".
-    """
-
-    address: str
-    name: str
-    phase: str
-    decoded: int
-    of: int
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
-class Lit:
-    """A landmark that some robot has decoded: where it is in the area, and its type, "" for another place."""
-
-    at: Point
-    type: str
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """The mission that runs.
-
-    Args:
-        id: 16 bytes as hexadecimal digits, of its first part.
-        name: for people.
-        nodes, left: of all parts; left are those that nobody has decoded.
-        completed: robots that are done.
-    """
-
-    id: str
-    name: str
-    nodes: int
-    left: int
-    completed: int
-
-
 class MissionSwarm:
-    """A `phalanx.robot.Swarm` of robots on a mission; a context manager, in which their process lives.
+    """A `phalanx.robot.on_mission.OnMission` of simulated robots; a context manager, in which their process lives.
 
     Args:
         plan: the building.
@@ -200,6 +156,10 @@ class MissionSwarm:
         ends = np.rint((self.plan.walls - [x0, y1, x0, y1]) * [1000, -1000, 1000, -1000])
         told: list[list[int]] = ends.astype(np.int64).tolist()
         return told
+
+    def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
+        """What has all robots begin a mission, see `OnMission`."""
+        return partial(self.begin, orders_of(plain, built, self.plan))
 
     def begin(self, orders: Orders) -> None:
         """All robots are put at the mission's start, and live it; one that runs ends.

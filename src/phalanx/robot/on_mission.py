@@ -1,0 +1,129 @@
+"""What a swarm that lives an encoded mission shows beside robots: how far each is, and what has been decoded.
+
+Of what nobody has decoded there is nothing here to tell but how much it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from phalanx.mission import Built, Mission
+from phalanx.mission.landmarks import FloorPlan
+
+from .swarm import Point, Swarm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walk:
+    """How far one robot is.
+
+    Args:
+        address, name: whose.
+        phase: waiting, seeking, returning, held or done.
+        decoded, of: nodes of its part of the mission.
+        why: it fell back or stopped, or "".
+    """
+
+    address: str
+    name: str
+    phase: str
+    decoded: int
+    of: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lit:
+    """A landmark that some robot has decoded: where it is in the area, and its type, "" for another place."""
+
+    at: Point
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The mission that runs.
+
+    Args:
+        id: 16 bytes as hexadecimal digits, of its first part.
+        name: for people.
+        nodes, left: of all parts; left are those that nobody has decoded.
+        completed: robots that are done.
+    """
+
+    id: str
+    name: str
+    nodes: int
+    left: int
+    completed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """A robot decoded a node for the first time.
+
+    Args:
+        robot, node: their numbers.
+        name: what the author called the node; "" in the paper profile.
+        place_m: where it is, map frame, or None.
+        type: of the landmark that was recognised; "" for nodes of other things.
+    """
+
+    robot: int
+    node: int
+    name: str
+    place_m: tuple[float, float] | None
+    type: str
+
+
+@dataclass(frozen=True, slots=True)
+class NotValidated:
+    """A robot fell back, stopped, or did not believe a match."""
+
+    robot: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Completed:
+    """A robot's mission is done."""
+
+    robot: int
+
+
+News = Decoded | NotValidated | Completed
+
+
+@runtime_checkable
+class OnMission(Swarm, Protocol):
+    """A swarm whose robots live missions in a building."""
+
+    @property
+    def plan(self) -> FloorPlan:
+        """The building."""
+
+    def walls_mm(self) -> list[list[int]]:
+        """x, y of both ends of each wall, in the area."""
+
+    def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
+        """What has all robots begin a mission, when it is called; it raises PeerError if one must not.
+
+        Args:
+            plain: the mission.
+            built: a file and a key for each of its parts, in their order.
+        Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
+        """
+
+    def progress(self) -> Progress | None:
+        """The mission that runs, or ran last."""
+
+    def walks(self) -> Sequence[Walk]:
+        """One for every robot."""
+
+    def lit(self) -> Sequence[Lit]:
+        """What was decoded and is somewhere, in the order in which it was."""
+
+    def news(self) -> Sequence[tuple[str, News]]:
+        """(address, what is new of that robot) since the last call, oldest first."""
