@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -64,3 +65,25 @@ def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
     after = stamp_of(tmp_path, "sim/audited/loop.py"), stamp_of(tmp_path, "link/pin.py")
     assert before[0] != after[0]
     assert before[1] == after[1]
+
+
+ONE_OF_TWO = """
+import sys
+from phalanx.mission.landmarks.angles import sin_cos
+sin_cos({})
+print("made" if sin_cos.stats.cache_misses else "found")
+"""
+
+
+def test_processes_that_need_a_kernel_at_once_compile_it_once_and_keep_what_each_made(tmp_path):
+    env = os.environ | {"PYTHONPATH": str(SRC.parent), "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def at_once(*numbers: str) -> list[str]:
+        running = [
+            subprocess.Popen([sys.executable, "-c", ONE_OF_TWO.format(x)], stdout=subprocess.PIPE, text=True, env=env)
+            for x in numbers
+        ]
+        return sorted(one.communicate()[0].strip() for one in running)
+
+    assert at_once("0.5", "0.5", "1") == ["found", "made", "made"]
+    assert at_once("0.5", "1") == ["found", "found"]

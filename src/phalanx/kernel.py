@@ -15,15 +15,18 @@ Many arrays go to kernels together (bundle.py).
 from __future__ import annotations
 
 import ast
+import contextlib
+import fcntl
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _ROOT = Path(__file__).parent
@@ -82,6 +85,48 @@ def _stamp(path: Path) -> str:
     return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in sorted(seen))).hexdigest()
 
 
+@cache
+def _lock_file(folder: str) -> int:
+    return os.open(Path(folder, "kernels.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+
+
+@contextlib.contextmanager
+def _alone(folder: str, name: str) -> Iterator[None]:
+    """No other process is in a body with the same folder and name; where files cannot be locked, another may be."""
+    # A byte a name, far beyond the end of the file. Nobody waits in a circle, since kernels do not recurse.
+    place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:7]) >> 1
+    try:
+        fcntl.lockf(_lock_file(folder), fcntl.LOCK_EX, 1, place)
+    except OSError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        fcntl.lockf(_lock_file(folder), fcntl.LOCK_UN, 1, place)
+
+
+def _share(compiled: Any) -> None:
+    """Processes that need the same kernel at the same time compile it once, and lose nothing that another has kept.
+
+    numba reads its index, adds a line and writes it back: of two processes one would lose its kernel, or be given the
+    other's.
+    """
+    compile_it, on_disk = compiled.compile, compiled._cache._cache_file  # noqa: SLF001
+    folder, name, save = on_disk._cache_path, on_disk._index_name, on_disk.save  # noqa: SLF001
+
+    def compile_once(signature: Any) -> Any:
+        # Threads first: whoever held a process's lock and waited for a thread of its own would wait for ever.
+        with global_compiler_lock, _alone(folder, f"{name} {signature}"):
+            return compile_it(signature)
+
+    def save_once(key: Any, data: Any) -> None:
+        with _alone(folder, name):
+            save(key, data)
+
+    compiled.compile, on_disk.save = compile_once, save_once
+
+
 _cache_somewhere()
 
 
@@ -91,5 +136,6 @@ def kernel(function: _F) -> _F:
     file = Path(function.__code__.co_filename)
     if not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT):
         compiled._cache._cache_file._source_stamp = _stamp(file)  # noqa: SLF001
+        _share(compiled)
     result: _F = compiled
     return result
