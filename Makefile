@@ -9,29 +9,41 @@ PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
+# Tests that compute leave the processor to those that wait for somebody, and have limits for it.
+COMPUTES := -m "not waits and not alone" --numprocesses 2 --dist worksteal
+WAITS := -m "waits and not alone" --numprocesses 2 --dist loadfile
+ALONE := -m alone
 DEMO ?=
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
 NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodejs npm=npm
-ifeq ($(filter test% lint bench docs setup-dev,$(MAKECMDGOALS)),)
+ifeq ($(filter test% coverage lint bench docs %-dev,$(MAKECMDGOALS)),)
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
-.PHONY: help setup setup-dev demo test lint test-firmware test-python test-web bench docs clean
+.PHONY: help setup setup-dev ready ready-dev demo test lint test-firmware test-web test-python test-computes test-waits \
+	test-alone coverage bench docs clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
 	@echo "make test    everything: lint, types, firmware, Python, TypeScript, browser, docs"
-	@echo "make setup | lint | bench | docs | clean"
+	@echo "make setup | lint | test-python | coverage | bench | docs | clean"
 
 # --- setting up -------------------------------------------------------------------------------------------------------
 
-setup: $(NEEDED) .venv/runtime .venv/kernels $(PAGES)/built
-setup-dev: setup .venv/dev $(PEER)/dist/peer.cjs
+setup:
+	@$(MAKE) --no-print-directory --jobs=8 ready
+
+setup-dev:
+	@$(MAKE) --no-print-directory --jobs=8 ready-dev
+
+FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
+ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
+ready-dev: ready .venv/dev $(PEER)/dist/peer.cjs
 
 $(NEEDED):
 	@scripts/need.sh $(NEEDS)
@@ -50,12 +62,9 @@ $(NEEDED):
 	@touch $@
 
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
-.venv/kernels: .venv/runtime $(KERNELS)
-	@echo "compiling what robots run (a minute or two)"
-	@$(BIN)/phalanx sim run flock-12 --duration 0.5 --json >/dev/null
-	@$(BIN)/python -c "from phalanx.gateway.simulated import simulated_swarm as s; s(12, 0, None, None, lambda _: None)"
-	@$(BIN)/phalanx mission run delivery --robots 1 --json >/dev/null
-	@$(BIN)/python -c "from phalanx.gateway.simulated import mission_swarm as s; from phalanx.sim.floorplan import DEFAULT, load_floorplan as p; w = s(p(DEFAULT), 1, 0, print); w.__enter__(); w.__exit__(None, None, None)"
+$(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
+	@echo "compiling what robots run: $*"
+	@$(BIN)/python scripts/first_call.py $*
 	@touch $@
 
 .venv/dev: requirements-dev.lock .venv/runtime
@@ -83,12 +92,13 @@ demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
 test: setup-dev
-	@$(MAKE) --no-print-directory lint test-firmware test-web test-python docs
+	@$(BIN)/python scripts/side_by_side.py lint docs test-firmware test-web test-computes test-waits
+	@$(MAKE) --no-print-directory test-alone
 
 lint: setup-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy
+	nice $(BIN)/mypy
 	cd web && npm run --silent lint
 	cd web && npm run --silent types
 
@@ -96,11 +106,26 @@ test-web: setup-dev
 	cd web && npm run --silent test
 
 test-firmware: setup-dev
-	$(MAKE) --no-print-directory -C firmware check
+	nice $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
+	@$(BIN)/python scripts/side_by_side.py test-computes test-waits
+	@$(MAKE) --no-print-directory test-alone
+
+test-computes: setup-dev
+	nice $(BIN)/python -m pytest --durations=10 $(COMPUTES)
+
+test-waits: setup-dev
+	$(BIN)/python -m pytest --durations=10 $(WAITS)
+
+test-alone: setup-dev
+	$(BIN)/python -m pytest --durations=10 $(ALONE)
+
+coverage: setup-dev
 	rm -f .coverage .coverage.*
-	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage run -m pytest $(COMPUTES)
+	$(BIN)/coverage run -m pytest $(WAITS)
+	$(BIN)/coverage run -m pytest $(ALONE)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 

@@ -20,7 +20,7 @@ from phalanx.io import Client
 from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
 
 @contextmanager
@@ -50,6 +50,7 @@ def a_dotbot_server(tcp: int, *arguments: str):
 
 
 class TestVisitor:
+    @pytest.mark.alone
     def test_a_phone_scans_and_drives_by_touch_and_the_robot_stops_when_it_lets_go(self, browser):
         with a_gateway("--robots", "4") as (up, ready), a_page(browser) as page:
             page.goto(insecure(ready["qr_url"]))

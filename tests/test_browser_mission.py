@@ -7,7 +7,7 @@ import pytest
 from chromium import PHONE, a_page, badge, choose, insecure, wait_until
 from test_gateway_mission import SMALL, THROUGH, a_mission_gateway
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
 
 DESK = {"viewport": {"width": 1280, "height": 900}}
 # Pixels of the map's lower layer that have the colour of a variable of the stylesheet.

@@ -11,7 +11,7 @@ import zxingcpp
 from chromium import a_page, badge, choose, insecure, wait_until
 from conftest import a_gateway
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
 
 class TestOperator:

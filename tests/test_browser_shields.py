@@ -10,7 +10,7 @@ import pytest
 from chromium import PHONE, a_page, badge, choose, insecure, moves, wait_until
 from conftest import a_gateway
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
 
 # Pixels of the map's upper layer that have the colour of a variable of the stylesheet, or are fading from it.
 COUNT = """name => {
@@ -48,6 +48,7 @@ def obeys_nobody(page) -> bool:
     return still and others.count() > 12 and not any(each.is_enabled() for each in others.all())
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tmp_path, scheme):
     with (

@@ -90,6 +90,7 @@ class TestMistakes:
         assert f"port {port}" in done.stderr
         assert "hint: " in done.stderr
 
+    @pytest.mark.waits
     def test_a_wrong_login(self, tmp_path):
         tcp, ws = free_port(), free_port()
         with bare_mosquitto(tcp, ws, tmp_path, "allow_anonymous false") as (start, _):
@@ -107,6 +108,7 @@ class TestMistakes:
         assert done.returncode == 2
         assert "no colon" not in done.stderr
 
+    @pytest.mark.waits
     def test_whoever_reads_our_output_may_leave(self):
         words = ["up", "--events", "--port", "0", "--rotate-s", "1", "--overlap-s", "0.5", "--duration", "60"]
         with subprocess.Popen(
@@ -183,6 +185,7 @@ class TestHelp:
                 inspect.signature(body).bind(**{option.name: None for option in command.params}), path
 
 
+@pytest.mark.waits
 class TestDoctor:
     def test_each_line_is_ok_or_a_fix(self):
         done = run("doctor")

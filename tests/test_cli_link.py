@@ -14,6 +14,8 @@ from phalanx.cli.link import _find
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io import Client, Server
 
+pytestmark = pytest.mark.waits
+
 
 class TestConnect:
     def test_two_robots_of_one_name_are_told_apart_by_address_only(self):

@@ -212,6 +212,7 @@ class TestRun:
         assert f"{path}:2: scenario has no 'defense'" in err
         assert "did you mean defence?" in err
 
+    @pytest.mark.waits
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
     def test_ctrl_c_and_kill_end_it_with_a_whole_recording(self, tmp_path, number):
         path = tmp_path / "x.mcap"

@@ -19,6 +19,8 @@ from conftest import a_gateway, bare_mosquitto, child, run, secrets_of
 from phalanx.gateway.up import for_at_most
 from phalanx.io.ports import free_port
 
+pytestmark = pytest.mark.waits
+
 
 def children_of(pid: int) -> list[int]:
     out = subprocess.run(["pgrep", "-P", str(pid)], capture_output=True, text=True, check=False).stdout
@@ -90,6 +92,7 @@ class TestUp:
             table = run("link", "connect", ready["qr_url"])
             assert len(table.stdout.splitlines()) == 5
 
+    @pytest.mark.alone
     @pytest.mark.parametrize(
         ("number", "defence"), [(signal.SIGINT, "none"), (signal.SIGTERM, "none"), (signal.SIGINT, "bound")]
     )

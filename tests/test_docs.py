@@ -146,6 +146,7 @@ def test_the_readme_shows_the_example_that_is_in_the_tree():
     assert fences((ROOT / "README.md").read_text(), "python") == [(ROOT / "examples" / "ten_lines.py").read_text()]
 
 
+@pytest.mark.waits
 async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
     async with open_broker("auto") as broker:
         example = await asyncio.create_subprocess_exec(
@@ -169,6 +170,7 @@ async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
             await example.communicate()  # to the end of the pipe, so that it closes before the event loop
 
 
+@pytest.mark.waits
 async def test_own_robots_stand_behind_the_whole_gateway():
     example = await asyncio.create_subprocess_exec(
         sys.executable, ROOT / "examples" / "own_swarm.py", stdout=asyncio.subprocess.PIPE

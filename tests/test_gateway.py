@@ -19,6 +19,8 @@ from phalanx.io import Client, Server
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 
+pytestmark = pytest.mark.waits
+
 NOW = 1_700_000_000.0
 
 
@@ -214,6 +216,7 @@ class TestGateway:
             for job in jobs:
                 job.cancel()
 
+    @pytest.mark.alone
     async def test_one_encryption_a_tick_whatever_the_number_of_visitors(self, broker):
         swarm = Dotbots(3, 1, time.time)
         rates = []

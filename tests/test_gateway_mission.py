@@ -195,6 +195,7 @@ class TestSwarm:
         assert [code.text for code in told.plan.codes] == ["7d1f0c52a9e84b3666c0e2f1b8d49a07"]
         assert len(told.controller) == 1
 
+    @pytest.mark.alone
     def test_robots_live_it_in_a_process_of_their_own_and_end_with_it(self):
         with MissionSwarm(PLAN, 2, 0, time.time) as swarm:
             swarm.begin(orders())
@@ -282,6 +283,7 @@ class TestWatch:
         assert '"door"' not in told
 
 
+@pytest.mark.waits
 class TestUp:
     async def test_a_visitor_is_told_the_building_and_what_is_decoded_and_drives_nobody(self, tmp_path):
         world, mission = tmp_path / "small.yaml", tmp_path / "through.yaml"

@@ -13,6 +13,8 @@ from phalanx.errors import Unavailable
 from phalanx.gateway import OperatorPages, VisitorPages
 from phalanx.gateway.serve_pages import PAGES
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.fixture
 async def operator():

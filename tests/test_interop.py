@@ -22,7 +22,7 @@ from phalanx.config import LinkConfig
 from phalanx.io import ANY, Client, Server
 from phalanx.link import Pin, QrUrl
 
-pytestmark = [pytest.mark.peers, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
 
 HERE = Path(__file__).parent
 WEB = HERE.parent / "web"

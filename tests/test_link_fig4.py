@@ -188,6 +188,7 @@ def test_a_configuration_out_of_range_is_refused(change):
         Config(**change)
 
 
+@pytest.mark.waits
 async def test_through_a_real_broker_every_packet_comes_back_plain_and_sealed(tmp_path):
     told = []
     path = await measure(tmp_path, QUICK, "mosquitto", on_progress=lambda done, of: told.append((done, of)))
@@ -211,6 +212,7 @@ async def test_through_a_real_broker_every_packet_comes_back_plain_and_sealed(tm
         await measure(tmp_path, Config(duration_s=2, interval_s=0.04, lost_after_s=1), "mosquitto")
 
 
+@pytest.mark.waits
 async def test_what_goes_over_the_wire_is_the_packet_and_an_envelope(tmp_path):
     import aiomqtt
 
@@ -257,6 +259,7 @@ async def answers(port):
         await asyncio.sleep(0.02)
 
 
+@pytest.mark.waits
 async def test_a_broker_that_goes_and_comes_costs_packets_and_not_the_measurement(tmp_path):
     port = free_port()
     path = tmp_path / CSV_NAME
@@ -297,6 +300,7 @@ def a_process_of_mosquitto(port, folder):
         process.wait()
 
 
+@pytest.mark.waits
 async def test_packets_that_come_after_all_are_late_with_their_true_latency(tmp_path):
     port = free_port()
     path = tmp_path / CSV_NAME
@@ -319,6 +323,7 @@ async def test_packets_that_come_after_all_are_late_with_their_true_latency(tmp_
         assert summary.mean_ms > summary.median_ms
 
 
+@pytest.mark.waits
 async def test_ctrl_c_does_not_wait_for_a_broker_that_hangs(tmp_path):
     port = free_port()
     csv = tmp_path / CSV_NAME
@@ -333,12 +338,14 @@ async def test_ctrl_c_does_not_wait_for_a_broker_that_hangs(tmp_path):
     assert csv.read_text().count(",cut,\n") >= 2
 
 
+@pytest.mark.waits
 async def test_a_broker_that_never_was_is_told_in_one_line(tmp_path):
     config = Config(duration_s=1, connect_timeout_s=0.5)
     with pytest.raises(Unavailable, match=r"no broker at mqtt://127\.0\.0\.1:\d+ within 0\.5 s"):
         await measure(tmp_path, config, f"mqtt://127.0.0.1:{free_port()}")
 
 
+@pytest.mark.waits
 def test_ctrl_c_keeps_the_rows_and_the_same_command_goes_on(tmp_path):
     csv = tmp_path / CSV_NAME
     command = ("reproduce", "link-fig4", "--duration", "4", "--out", str(tmp_path), "--json")

@@ -39,6 +39,7 @@ async def drive(ready: dict, n: int) -> int:
     return sent
 
 
+@pytest.mark.alone
 @pytest.mark.slow
 @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
 async def test_no_command_of_fifty_visitors_is_lost(broker):

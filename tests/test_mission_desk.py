@@ -109,6 +109,7 @@ class TestDesk:
         await desk("compile", {"mission": slow, "profile": "sealed"})
         assert (await desk("send", {"id": job["id"]}))[0] == 409
 
+    @pytest.mark.alone
     async def test_who_ends_the_gateway_does_not_wait_for_a_mission_of_minutes(self):
         see = ", ".join(f"{{position: [1.5, {k / 100}]}}" for k in range(250))
         slow = THROUGH.replace("{position: [1.5, 3.0]}", f"[{see}]").replace("kdf_log2_n: 4", "kdf_log2_n: 15")

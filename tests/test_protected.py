@@ -281,6 +281,7 @@ def state_of(ready: dict) -> dict:
     return json.load(urllib.request.urlopen(request))
 
 
+@pytest.mark.waits
 class TestUp:
     async def test_a_visitor_drives_and_the_operator_compromises_and_everybody_sees_it_stopped(self):
         with a_gateway("--defence", "bound") as (up, ready):

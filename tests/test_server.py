@@ -15,6 +15,8 @@ from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
 from phalanx.io import Client, Server, parse_broker_url
 
+pytestmark = pytest.mark.waits
+
 
 class TestEverydayUse:
     async def test_command_request_and_notification(self, any_broker):

@@ -20,6 +20,8 @@ from phalanx.io import ANY, Client, Login, Server
 from phalanx.io.mosquitto import mosquitto
 from phalanx.io.ports import free_port
 
+pytestmark = pytest.mark.waits
+
 
 class TestBrokersThatComeAndGo:
     async def test_commands_flow_again_within_five_seconds_of_a_killed_brokers_return(self, tmp_path):

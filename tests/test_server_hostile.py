@@ -20,6 +20,8 @@ from phalanx.io import Client, Login, Server
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
 
+pytestmark = pytest.mark.waits
+
 
 class TestHostileMessages:
     async def test_ten_thousand_random_and_mutated_messages_and_the_server_still_answers(self, broker):
