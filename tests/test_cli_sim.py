@@ -15,8 +15,9 @@ from mcap.reader import make_reader
 from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
+from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import ATTACKS
-from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.scenario import Scenario, parse_attack
 
@@ -70,7 +71,7 @@ class TestRun:
         assert told["bytes_per_s_per_robot"]["audit"] > told["bytes_per_s_per_robot"]["app"] > 0
         assert 0.9 < told["broadcast_delivery"] <= 1
 
-    @pytest.mark.parametrize("name", built_in_names())
+    @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_every_built_in_scenario_runs(self, said, name):
         told = said("sim", "run", name, "--duration", "2")
         assert told["robots"] == find_scenario(name).robots
@@ -241,9 +242,9 @@ class TestRun:
 class TestLists:
     def test_scenarios(self, phalanx, said):
         listed = said("sim", "list")["scenarios"]
-        assert [each["name"] for each in listed] == built_in_names()
+        assert [each["name"] for each in listed] == list(built_in("scenarios"))
         _, out, _ = phalanx("sim", "list")
-        assert [line.split()[0] for line in out.splitlines()] == built_in_names()
+        assert [line.split()[0] for line in out.splitlines()] == list(built_in("scenarios"))
 
     def test_the_schema(self, phalanx):
         code, out, _ = phalanx("sim", "schema")

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.cli.mission.files import _missions, read_plain
+from phalanx.cli.mission.files import read_plain
+from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.gateway import OperatorPages
 from phalanx.gateway.missions.desk import MissionDesk, _read, parse_profile
@@ -141,7 +142,7 @@ class TestDesk:
 
     @pytest.mark.parametrize("name", ["office", "delivery", "inspection"])
     async def test_a_mission_that_is_read_and_written_again_is_the_same(self, desk, name):
-        text = (_missions() / f"{name}.yaml").read_text()
+        text = built_in("missions")[name].read_text()
         status, told = await desk("read", {"mission": text})
         assert status == 200
         again = {

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import phalanx
 from phalanx.config import BtiConfig
+from phalanx.config.builtin import built_in
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
@@ -20,7 +21,6 @@ from phalanx.robot.attacks import ATTACKS
 from phalanx.sim.scenarios.file import (
     MOST_BYTES,
     SCHEMA_NAME,
-    built_in_names,
     find_scenario,
     parse_scenario,
     read_scenario,
@@ -196,8 +196,8 @@ class TestBuiltIn:
             assert scenario.starts_m.max() == 100
 
     def test_each_is_named_as_its_file_and_says_what_it_shows(self):
-        assert {"bti-fig8", "bti-fig9", "flock-12", "grid-324"} <= set(built_in_names())
-        for name in built_in_names():
+        assert {"bti-fig8", "bti-fig9", "flock-12", "grid-324"} <= set(built_in("scenarios"))
+        for name in built_in("scenarios"):
             scenario = find_scenario(name)
             assert scenario.name == name
             assert scenario.about

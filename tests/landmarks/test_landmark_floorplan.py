@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from landmark_world import away
 
+from phalanx.config.builtin import built_in
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import floorplan_of_yaml, landmarks_of
-from phalanx.sim.building.floorplan import MAPS, builtin_maps, load_floorplan
+from phalanx.sim.building.floorplan import MAPS, load_floorplan
 
 OFFICE = yaml.safe_load((MAPS / "office_40x40.yaml").read_text())
 
@@ -172,8 +173,8 @@ class TestFiles:
             pass
 
     def test_the_built_in_maps_load_and_have_landmarks(self):
-        assert {"office_40x40", "office_30x25"} <= set(builtin_maps())
-        for name in builtin_maps():
+        assert {"office_40x40", "office_30x25"} <= set(built_in("maps"))
+        for name in built_in("maps"):
             assert landmarks_of(load_floorplan(name))
 
     def test_a_map_that_is_not_there_is_said(self, tmp_path):

@@ -11,13 +11,13 @@ from click.testing import CliRunner
 
 from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import (
-    built_in_missions,
     parse_box,
     parse_robots,
     parse_window,
     read_plain,
     read_trusted,
 )
+from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import Landmark, Profile, parse_mission
 from phalanx.mission.file.records import FOREVER_S
@@ -228,7 +228,7 @@ def test_options_are_read_as_they_are_written(folder):
 
 
 class TestBuiltIn:
-    @pytest.mark.parametrize("name", built_in_missions())
+    @pytest.mark.parametrize("name", built_in("missions"))
     @pytest.mark.parametrize("profile", Profile)
     def test_all_that_comes_with_phalanx_has_nothing_wrong(self, name, profile):
         mission = read_plain(name)

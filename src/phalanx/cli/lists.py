@@ -7,17 +7,18 @@ from typing import Any
 
 import click
 
+from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
-from phalanx.sim.scenarios.file import built_in_names, find_scenario, scenario_schema
+from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 
 from .terminal import beside, print_json
 
 
 def list_scenarios(as_json: bool) -> None:
     """Prints the scenarios that come with phalanx."""
-    found = [find_scenario(name) for name in built_in_names()]
+    found = [find_scenario(name) for name in built_in("scenarios")]
     if as_json:
         rows = [
             {

@@ -11,6 +11,8 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.config.defence import DEFENCES
 
+from .complete import a_mission
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
 
@@ -110,6 +112,7 @@ duration_option = click.option(
 furnish_option = click.option(
     "--furnish",
     metavar="MISSION.yaml|BUILTIN",
+    shell_complete=a_mission,
     help="What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
     " its actions, and puts them where its parts begin.",
 )

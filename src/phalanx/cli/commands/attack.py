@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from phalanx.cli.complete import an_attack
 from phalanx.cli.options import defence_option, json_option, swarm_options
 
 from .runs import runs
@@ -22,7 +23,7 @@ def list_attacks() -> None:
 
 
 @attack.command(epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
-@click.argument("name", metavar="NAME[:robot=I,at=T,…]")
+@click.argument("name", shell_complete=an_attack, metavar="NAME[:robot=I,at=T,…]")
 @defence_option(
     default="bound",
     show_default=True,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
 from phalanx.cli.options import furnish_option, json_option, record_option
 
 from .runs import runs
@@ -31,10 +32,16 @@ def mission() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission build office --out office.phxm --sign-key operator.pem")
-@click.argument("source", required=False, metavar=MISSION)
+@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
 @profile_option
-@click.option("--map", "plan", metavar="MAP", help="Floor plan: explore it, or check the mission against it.")
+@click.option(
+    "--map",
+    "plan",
+    metavar="MAP",
+    shell_complete=a_map,
+    help="Floor plan: explore it, or check the mission against it.",
+)
 @start_option
 @click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
 @click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
@@ -51,7 +58,7 @@ def build() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
 @json_option
 @runs("mission.author", "inspect")
 def inspect() -> None:
@@ -59,7 +66,7 @@ def inspect() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
 @click.option("--trust", multiple=True, metavar="KEY", help="Public key: 64 hex digits or a PEM file; repeatable.")
 @click.option("--robot", type=click.IntRange(0, 65_535), help="Whether this robot may run it.")
 @click.option("--at", "now_s", type=float, help="When, in seconds on the mission's clock; now without.")
@@ -73,10 +80,14 @@ def verify() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission audit office --profile paper")
-@click.argument("source", required=False, metavar=MISSION)
+@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
 @profile_option
 @click.option(
-    "--map", "plan", metavar="MAP", help="The mission that build makes of this map, or what to check against."
+    "--map",
+    "plan",
+    metavar="MAP",
+    shell_complete=a_map,
+    help="The mission that build makes of this map, or what to check against.",
 )
 @start_option
 @click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
@@ -87,12 +98,13 @@ def audit() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
-@click.argument("source", required=False, metavar=MISSION)
+@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
 @picture_option
 @click.option(
     "--map",
     "plan",
     metavar="MAP",
+    shell_complete=a_map,
     help="Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.",
 )
 @start_option
@@ -107,7 +119,7 @@ def draw() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission crack office.phxm --box 0,0,40,40 --budget 60")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
 @click.option("--key", type=click.Path(path_type=Path), help="The start key, captured too (sealed profile).")
 @click.option("--box", metavar="X0,Y0,X1,Y1", default="0,0,40,40", show_default=True, help="Where to look, metres.")
 @click.option("--budget", type=click.FloatRange(min=0.1), default=30.0, show_default=True, help="Seconds to go on.")
@@ -121,8 +133,13 @@ def crack() -> None:
     epilog="Examples: phalanx mission run office --world office_40x40 --robots 4 --noise 0.03,0.05,stage; "
     "phalanx mission run two-a.phxm two-b.phxm --furnish inspection"
 )
-@click.argument("sources", nargs=-1, required=True, metavar="FILE...|BUILTIN")
-@click.option("--world", metavar="NAME|FILE", help="The building; without, the one the mission names.")
+@click.argument("sources", nargs=-1, required=True, shell_complete=a_mission_or_encoded, metavar="FILE...|BUILTIN")
+@click.option(
+    "--world",
+    metavar="NAME|FILE",
+    shell_complete=a_map,
+    help="The building; without, the one the mission names.",
+)
 @furnish_option
 @click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
 @click.option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from phalanx.cli.complete import a_scenario, an_attack_by_robots
 from phalanx.cli.options import defence_option, json_option, record_option, swarm_options
 
 from .runs import runs
@@ -18,13 +19,14 @@ def sim() -> None:
     epilog="Example: phalanx sim run bti-fig9 --attack spoof:robot=7,at=20 --duration 60; "
     "docs/scenarios.md says what a file may hold"
 )
-@click.argument("scenario")
+@click.argument("scenario", shell_complete=a_scenario)
 @swarm_options
 @defence_option(help="none, the paper's as printed, or ours.")
 @click.option(
     "--attack",
     "attacks",
     multiple=True,
+    shell_complete=an_attack_by_robots,
     metavar="NAME[:robot=I,at=T,…]",
     help="Instead of the scenario's own; again for a further robot.",
 )

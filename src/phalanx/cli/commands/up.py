@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from phalanx.cli.complete import a_map, a_mission_or_encoded
 from phalanx.cli.options import (
     broker_options,
     defence_option,
@@ -28,6 +29,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "missions",
     multiple=True,
     metavar="FILE|BUILTIN",
+    shell_complete=a_mission_or_encoded,
     help="Robots live this mission, and are not driven; the operator's page has an editor for others."
     " Repeatable, for the FILEs of its parts.",
 )
@@ -35,6 +37,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @click.option(
     "--world",
     metavar="NAME|FILE",
+    shell_complete=a_map,
     help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
 )
 @click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")

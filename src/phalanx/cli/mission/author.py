@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, end_status_line, print_json, status_line, talk
+from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
@@ -27,7 +28,6 @@ from phalanx.sim.building.floorplan import load_floorplan
 from .crack import span
 from .draw import check_drawable, draw_mission, lived
 from .files import (
-    built_in_missions,
     parse_robots,
     parse_window,
     read_encoded,
@@ -99,7 +99,7 @@ def build_files(
 def _explored(name: str | None, start: str | None, what: str) -> Mission:
     """The mission to find every landmark of a map."""
     if name is None:
-        raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in_missions())}, or --map MAP")
+        raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
     plan = load_floorplan(name)
     if start is not None:
         plan = begun_at(plan, parse_start(start))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.resources
 import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +13,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
@@ -48,7 +47,7 @@ _UniqueKeys.add_constructor(
 )
 
 
-def read_bytes(path: Path | Traversable, limit: int, what: str) -> bytes:
+def read_bytes(path: Path, limit: int, what: str) -> bytes:
     """A file's bytes.
 
     Raises: UsageError: it cannot be read, or is longer than any of its kind.
@@ -63,23 +62,14 @@ def read_bytes(path: Path | Traversable, limit: int, what: str) -> bytes:
     return data
 
 
-def _missions() -> Traversable:
-    return importlib.resources.files("phalanx") / "data" / "missions"
-
-
-def built_in_missions() -> list[str]:
-    """Missions that come with Phalanx."""
-    return sorted(entry.name.removesuffix(".yaml") for entry in _missions().iterdir())
-
-
 def read_plain(source: str) -> Mission:
     """A plain mission: a file's, or one that comes with Phalanx.
 
     Raises: UsageError.
     """
-    known = built_in_missions()
-    path: Path | Traversable = _missions() / f"{source}.yaml" if source in known else Path(source)
-    data = read_bytes(path, TEXT_LIMIT, f"a mission's YAML file, or one of {', '.join(known)}")
+    known = built_in("missions")
+    wanted = f"a mission's YAML file, or one of {', '.join(known)}"
+    data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
     if data.startswith(MAGIC):
         raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
     try:
@@ -87,7 +77,7 @@ def read_plain(source: str) -> Mission:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UsageError(f"{source} is not YAML: {' '.join(str(error).split())[:200]}") from error
     if words is None:
-        raise UsageError(f"{source} is empty", f"a mission's YAML file, or one of {', '.join(known)}")
+        raise UsageError(f"{source} is empty", wanted)
     return plain_mission(words)
 
 
@@ -222,9 +212,10 @@ def is_encoded(source: str) -> bool:
 
     Raises: UsageError: there is neither.
     """
-    if source in built_in_missions():
+    known = built_in("missions")
+    if source in known:
         return False
-    what = f"a mission's file, or one of {', '.join(built_in_missions())}"
+    what = f"a mission's file, or one of {', '.join(known)}"
     data = read_bytes(Path(source), FILE_LIMIT, what)
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 

@@ -6,18 +6,14 @@ import gzip
 import zlib
 from pathlib import Path
 
+from phalanx.config.builtin import DATA, built_in
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
+MAPS = DATA / "maps"
 DEFAULT = "office_40x40"
 _PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
-
-
-def builtin_maps() -> list[str]:
-    """Names of the maps that come with the package."""
-    return sorted(path.stem for path in MAPS.glob("*.yaml"))
 
 
 def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
@@ -31,7 +27,7 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
     if not path.suffix:
         path = MAPS / f"{path.name}.yaml"
         if not path.exists():
-            raise UsageError(f"there is no map {str(name_or_path)!r}", f"a YAML file, or {', '.join(builtin_maps())}")
+            raise UsageError(f"there is no map {str(name_or_path)!r}", f"a YAML file, or {', '.join(built_in('maps'))}")
     words = _read(path, FILE_MAX_BYTES)
     if "image" not in read_yaml(words, path.name):
         return floorplan_of_yaml(words, path.stem)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import importlib.resources
 import re
 import types
 import typing
@@ -20,6 +19,7 @@ from typing import Any, Literal, NoReturn, get_args, get_origin
 import yaml
 
 from phalanx.config import BtiConfig
+from phalanx.config.builtin import built_in
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
 
@@ -41,20 +41,16 @@ STRING = "tag:yaml.org,2002:str"
 NULL = "tag:yaml.org,2002:null"
 
 
-def built_in_names() -> list[str]:
-    """The scenarios that come with this package."""
-    return sorted(Path(entry.name).stem for entry in _folder().iterdir() if entry.name.endswith(".yaml"))
-
-
 def find_scenario(name: str) -> Scenario:
     """The built-in scenario of that name, or the one in the file of that name.
 
     Raises: UsageError: there is neither, or the file is not a scenario. Unavailable: it cannot be read.
     """
-    if name in built_in_names():
-        return parse_scenario((_folder() / f"{name}.yaml").read_bytes(), f"{name}.yaml")
+    known = built_in("scenarios")
+    if name in known:
+        return parse_scenario(known[name].read_bytes(), f"{name}.yaml")
     if Path(name).suffix not in (".yaml", ".yml") and not Path(name).exists():
-        near = difflib.get_close_matches(name, built_in_names(), 1, 0.5)
+        near = difflib.get_close_matches(name, known, 1, 0.5)
         raise UsageError(
             f"no scenario {name!r}",
             (f"did you mean {near[0]}? " if near else "") + "phalanx sim list shows them; a file ends in .yaml",
@@ -261,10 +257,6 @@ def _shown(node: yaml.Node) -> str:
     if isinstance(node, yaml.ScalarNode):
         return repr(node.value if len(node.value) <= MOST_DIGITS else node.value[:MOST_DIGITS] + "…")
     return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
-
-
-def _folder() -> Any:
-    return importlib.resources.files("phalanx") / "data" / "scenarios"
 
 
 def _keys(kind: Any) -> dict[str, dataclasses.Field[Any]]:

@@ -1,0 +1,53 @@
+"""What the Tab key offers beside commands and options: names that come with the package, and files of their kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem
+
+from phalanx.config.builtin import built_in
+
+Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
+    """Completes a word to one of `names`, or to a file with one of `endings`; where neither fits, to any file.
+
+    Args:
+        names: asked for when somebody presses Tab.
+        endings: like ".yaml"; without any, no file is offered.
+    """
+
+    def complete(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
+        folder = Path(begun if begun.endswith("/") else Path(begun).parent)
+        files = [path for path in folder.glob("*") if path.suffix in endings]
+        words = sorted([*names(), *(f"./{path}" if begun.startswith("./") else str(path) for path in files)])
+        fitting = [CompletionItem(word) for word in words if word.startswith(begun)]
+        # The shell offers files itself, and goes into folders.
+        return fitting or ([CompletionItem(begun, type="file")] if endings else [])
+
+    return complete
+
+
+def _attacks() -> Iterable[str]:
+    from phalanx.robot.attacks import ATTACKS  # noqa: PLC0415 - help need not wait for it
+
+    return ATTACKS
+
+
+def _all_attacks() -> Iterable[str]:
+    from phalanx.robot.attacks.missions import MISSION_ATTACKS  # noqa: PLC0415 - as above
+
+    return (*_attacks(), *MISSION_ATTACKS)
+
+
+a_scenario = offer(lambda: built_in("scenarios"), ".yaml", ".yml")
+a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
+a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
+a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
+an_encoded_mission = offer(tuple, ".phxm")
+an_attack_by_robots = offer(_attacks)
+an_attack = offer(_all_attacks)

@@ -1,0 +1,98 @@
+"""The Tab key: click's protocol between a shell and a child process, and a real bash."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from phalanx.config.builtin import built_in
+from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks.missions import MISSION_ATTACKS
+
+SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
+
+
+@pytest.fixture
+def shell(tmp_path):
+    """A folder with a user's files, and an environment in which `phalanx` is a command."""
+    command = tmp_path / "bin" / "phalanx"
+    command.parent.mkdir()
+    command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m phalanx "$@"\n')
+    command.chmod(0o755)
+    here = tmp_path / "here"
+    (here / "more").mkdir(parents=True)
+    for name in ("mine.yaml", "more/other.yaml", "made.phxm", "notes.txt"):
+        (here / name).touch()
+    return here, {**os.environ, "PATH": f"{command.parent}:{os.environ['PATH']}"}
+
+
+def told(shell, *words: str, **said: str) -> list[str]:
+    here, environment = shell
+    done = subprocess.run(
+        [*words], cwd=here, env=environment | said, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert not done.stderr
+    return done.stdout.splitlines()
+
+
+def offered(shell, line: str) -> list[str]:
+    """What is offered for the last word of a command line."""
+    words = line.split(" ")
+    said = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1), "_PHALANX_COMPLETE": "bash_complete"}
+    return [words.partition(",")[2] for words in told(shell, "phalanx", **said) if words.startswith("plain,")]
+
+
+@pytest.mark.parametrize(
+    "line, names, files",
+    [
+        ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
+        ("phalanx sim run flock-12 --attack ", ATTACKS, []),
+        ("phalanx attack run ", [*ATTACKS, *MISSION_ATTACKS], []),
+        ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
+        ("phalanx mission build --map ", MAPS, ["mine.yaml"]),
+        ("phalanx mission run ", MISSIONS, ["made.phxm", "mine.yaml"]),
+        ("phalanx mission run office --world ", MAPS, ["mine.yaml"]),
+        ("phalanx mission inspect ", [], ["made.phxm"]),
+        ("phalanx up --mission ", MISSIONS, ["made.phxm", "mine.yaml"]),
+        ("phalanx up --furnish ", MISSIONS, ["mine.yaml"]),
+        ("phalanx up --defence ", ["bound", "none", "paper"], []),
+    ],
+)
+def test_names_and_files_are_offered(shell, line, names, files):
+    assert sorted(offered(shell, line)) == sorted([*names, *files])
+
+
+def test_what_is_begun_is_ended(shell):
+    assert offered(shell, "phalanx sim run bti") == ["bti-fig8", "bti-fig9"]
+    assert offered(shell, "phalanx sim run more/") == ["more/other.yaml"]
+    assert offered(shell, "phalanx sim run ./m") == ["./mine.yaml"]
+    assert offered(shell, "phalanx attack run spo") == ["spoof", "spoof-scan"]
+
+
+def test_commands_are_offered_and_the_shell_offers_other_files(shell):
+    assert offered(shell, "phalanx si") == ["sim"]
+    assert offered(shell, "phalanx sim ") == ["list", "run", "schema"]
+    assert {"bti-fig8", "link-fig4", "mission-fig10"} <= set(offered(shell, "phalanx reproduce "))
+    said = {"COMP_WORDS": "phalanx sim run no", "COMP_CWORD": "3", "_PHALANX_COMPLETE": "bash_complete"}
+    assert told(shell, "phalanx", **said) == ["file,no"]
+
+
+@pytest.mark.skipif(not shutil.which("bash"), reason="no bash")
+def test_bash_completes(shell):
+    script = (
+        'eval "$(_PHALANX_COMPLETE=bash_source phalanx)"; complete -p phalanx;'
+        'COMP_WORDS=(phalanx sim run bti-fig); COMP_CWORD=3; _phalanx_completion phalanx; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    bound, *offers = told(shell, "bash", "-c", script)
+    assert bound == "complete -o nosort -F _phalanx_completion phalanx"
+    assert offers == ["bti-fig8", "bti-fig9"]
+
+
+@pytest.mark.parametrize("name", ["bash", "zsh", "fish"])
+def test_each_shell_has_a_script(shell, name):
+    assert any("_PHALANX_COMPLETE" in line for line in told(shell, "phalanx", _PHALANX_COMPLETE=f"{name}_source"))
