@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.signals import handled_by
 
 from .recording import Recording
@@ -17,6 +18,7 @@ from .scenario import Scenario
 
 # As often as the robots act.
 STEP_S = 0.25
+TINY = 1e-9  # a step is not followed by one of nothing because 0.3 / 0.1 is more than 3
 
 
 @contextlib.contextmanager
@@ -41,21 +43,29 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         yield check
 
 
-def play(scenario: Scenario, record: Path | None = None, on_step: Callable[[Run], None] = lambda _run: None) -> Run:
+def play(
+    scenario: Scenario,
+    record: Path | None = None,
+    on_step: Callable[[Run], None] = lambda _run: None,
+    controller: Callable[[int], Controller] | None = None,
+    step_s: float = STEP_S,
+) -> Run:
     """The run, at the end of the scenario.
 
     Args:
         scenario: what runs.
         record: MCAP file to write, or None.
-        on_step: called at each quarter of a simulated second; whatever it raises ends the run, the recording complete.
+        on_step: called each `step_s` from 0 on, and at the end; what it raises ends the run, the recording complete.
+        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+        step_s: between two steps, simulated seconds.
     Raises: UsageError, Unavailable: the recording cannot be written.
     """
-    run = Run(scenario)
+    run = Run(scenario, controller)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(Recording(record, scenario)) if record else None
-        for k in range(math.ceil(scenario.duration_s / STEP_S) + 1):
-            run.advance(min(k * STEP_S, scenario.duration_s))
+        for k in range(math.ceil(scenario.duration_s / step_s - TINY) + 1):
+            run.advance(min(k * step_s, scenario.duration_s))
             if recording:
                 recording.write(run, run.new_verdicts())
             on_step(run)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -221,6 +221,18 @@ class Scenario:
             discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
             boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
         )
+
+
+def parse_attacks(said: Sequence[str | AttackSpec]) -> tuple[AttackSpec, ...]:
+    """The attacks of each of these words (`parse_attack`); "none" alone is none.
+
+    Raises: UsageError: words of another form, or "none" beside an attack.
+    """
+    if list(said) == ["none"]:
+        return ()
+    if "none" in said:
+        raise UsageError("an attack and none", "one or the other")
+    return tuple(parse_attack(each) if isinstance(each, str) else each for each in said)
 
 
 def parse_attack(words: str) -> AttackSpec:

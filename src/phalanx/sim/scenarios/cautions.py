@@ -1,0 +1,53 @@
+"""What is said before a scenario runs that can hardly end well."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phalanx.sim.audited.setup import audits_share
+
+from .scenario import Scenario
+
+# Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
+MOST_AUDITS = 0.45
+
+
+def cautions(scenario: Scenario) -> list[str]:
+    """One line each: the audits will saturate the channel, or robots have nobody to audit them."""
+    if scenario.defence == "none":
+        return []
+    return [*_crowded(scenario), *_lonely(scenario)]
+
+
+def _crowded(scenario: Scenario) -> list[str]:
+    share = audits_share(scenario.bti, scenario.radio, scenario.robots_in_range)
+    if share <= MOST_AUDITS:
+        return []
+    want = f"{scenario.robots_in_range:.0f} robots in one radio range: their audits want {share:.0%} of the channel"
+    return [f"{want}, and above {MOST_AUDITS:.0%} robots may be stopped for want of a quorum"]
+
+
+def _lonely(scenario: Scenario) -> list[str]:
+    needed = scenario.bti.tokens_needed
+    lonely = int((neighbours_at_start(scenario, needed) < needed).sum())
+    if lonely == 0:
+        return []
+    who = "none of the robots has" if lonely == scenario.robots else f"{lonely} of {scenario.robots} robots do not have"
+    others = f"the {needed} others (f_max + 1) within {scenario.radio.range_m:.0f} m at the start that a quorum takes"
+    ends = f"without them a robot is stopped after {scenario.bti.t_val_ms / 1000:g} s"
+    return [f"{who} {others}: {ends}; more robots, a closer grid or a smaller f_max help"]
+
+
+def neighbours_at_start(scenario: Scenario, enough: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """(N,), how many others each robot has in range when it starts, or `enough` where there are more."""
+    edge, step_m, range_m = scenario.robots_per_edge, scenario.grid_step_m, scenario.radio.range_m
+    rows, columns = np.divmod(np.arange(scenario.robots), edge)
+    count = np.zeros(scenario.robots, np.int64)
+    # In a corner, two columns or rows on hold as many as are asked for, if the grid has them.
+    far = min(edge, enough + 1, int(range_m / step_m) + 1)
+    for across in range(-far, far + 1):
+        for up in range(-far, far + 1):
+            if (across or up) and (across * step_m) ** 2 + (up * step_m) ** 2 <= range_m**2:
+                there = (columns + across >= 0) & (columns + across < edge) & (rows + up >= 0)
+                count += there & ((rows + up) * edge + columns + across < scenario.robots)
+    return np.minimum(count, enough)

@@ -1,0 +1,132 @@
+"""A researcher's own class in a file, found by "FILE.py:CLASS", and its mistakes, told in one line with file and line.
+
+Files are run as Python runs a script: whoever names one trusts it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib.util
+import logging
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.robot.controllers.python_controller import Controller
+
+from .scenario import CONTROLLERS, Scenario
+
+TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
+logger = logging.getLogger(__name__)
+
+
+def is_file(words: str) -> bool:
+    """Whether "FILE.py:CLASS" is meant, and not a name of ours."""
+    return words.partition(":")[0].endswith(".py")
+
+
+def file_of(words: str) -> Path:
+    """The file in "FILE.py:CLASS"."""
+    return Path(words.partition(":")[0])
+
+
+def find_controller(words: str, scenario: Scenario) -> tuple[Scenario, Callable[[int], Controller] | None]:
+    """The scenario, and what makes its controllers: None where that is a bundled one, by its name.
+
+    Args:
+        words: "FILE.py:CLASS", or the name of a bundled controller.
+        scenario: what will run.
+    Raises: as `find_class`. UsageError: no such name.
+    """
+    if is_file(words):
+        return scenario, find_class(words, Controller)
+    if words not in CONTROLLERS:
+        raise UsageError(f"no controller {words!r}", f"{', '.join(CONTROLLERS)}, or FILE.py:CLASS")
+    return replace(scenario, controller=words), None
+
+
+def find_class(words: str, kind: type[Any]) -> Any:
+    """The class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
+
+    For a controller, CLASS may also be a function that makes one for a robot's id.
+
+    Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
+    """
+    path, name = file_of(words), words.partition(":")[2]
+    module = _run(path)
+    own = {
+        key: value
+        for key, value in vars(module).items()
+        if isinstance(value, type) and issubclass(value, kind) and value.__module__ == module.__name__
+    }
+    if not name:
+        if len(own) != 1:
+            raise UsageError(f"{path} has {len(own)} classes derived from {kind.__name__}", f"{path}:CLASS names one")
+        return next(iter(own.values()))
+    found = getattr(module, name, None)
+    if found is None:
+        near = difflib.get_close_matches(name, own, 1, 0.3) or list(own)
+        guess = f"did you mean {near[0]}?" if near else f"derive one from {kind.__module__}.{kind.__name__}"
+        raise UsageError(f"{path} has no {name}", guess)
+    if isinstance(found, type) and not issubclass(found, kind):
+        raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from {kind.__module__}.{kind.__name__}")
+    if not callable(found):
+        raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
+    if left := sorted(getattr(found, "__abstractmethods__", ())):
+        raise UsageError(f"{name} in {path} has no {', '.join(left)}", f"{kind.__name__} says what they do")
+    return found
+
+
+@contextlib.contextmanager
+def mistakes_in(*files: Path) -> Iterator[None]:
+    """What these files raise is a `UsageError` that names file and line; nobody has to read a traceback of ours.
+
+    Files that were not run are none of these. The traceback is logged, at DEBUG.
+    """
+    try:
+        yield
+    except (PhalanxError, KeyboardInterrupt):
+        raise
+    except (Exception, SystemExit) as error:
+        known = {str(file.resolve()) for file in files}
+        frames = traceback.extract_tb(error.__traceback__)
+        place = next((frame for frame in reversed(frames) if str(Path(frame.filename).resolve()) in known), None)
+        where, line = (place.filename, place.lineno) if place else ("", None)
+        if isinstance(error, SyntaxError) and str(Path(error.filename or "").resolve()) in known:
+            where, line = error.filename or "", error.lineno
+        if not where:
+            raise
+        logger.debug("%s:%s", where, line, exc_info=error)
+        said = error.msg if isinstance(error, SyntaxError) else str(error)
+        shown = next((file for file in files if str(file.resolve()) == str(Path(where).resolve())), where)
+        words = f"{shown}:{line}: {type(error).__name__}" + (f": {said}" if said else "")
+        raise UsageError(words.splitlines()[0], TRACEBACK_HINT) from error
+
+
+def _run(path: Path) -> ModuleType:
+    try:
+        path.read_bytes()
+    except FileNotFoundError as error:
+        raise UsageError(f"no file {path}", "FILE.py:CLASS") from error
+    except OSError as error:
+        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    name = f"phalanx_own_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there
+    beside = str(path.resolve().parent)
+    sys.path.insert(0, beside)  # what it imports from its own folder, as when it is run
+    try:
+        with mistakes_in(path):
+            spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(beside)
+    return module

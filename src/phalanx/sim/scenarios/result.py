@@ -1,0 +1,120 @@
+"""What came of a scenario under several seeds, as arrays, tables and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti.refusal import Refusal
+from phalanx.errors import Unavailable, UsageError
+
+from .scenario import Scenario
+
+Table = Literal["robots", "verdicts", "runs"]
+VERDICT = np.dtype([("seed", "i8"), ("time_s", "f8"), ("auditor", "i4"), ("auditee", "i4"), ("refusal", "i4")])
+RESEARCH_HINT = "pip install 'phalanx-swarm[research]'"
+# Of a summary, what is no number of the run as a whole.
+SERIES = ("distance_series", "compromised", "bytes_per_s_per_robot")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """S runs of a scenario, N robots, looked at T times. All arrays are the caller's own.
+
+    Args:
+        scenario: what ran; its seed is the first run's.
+        seeds: (S,) int64.
+        ids: (N,) int64, of robots.
+        times_s: (T,) float64, from 0, simulated seconds.
+        positions_m: (S, T, N, 2) float64, world frame.
+        velocities_mps: (S, T, N, 2) float64, world frame.
+        in_safe_mode: (S, T, N) bool.
+        compromised: (S, N) bool, whose robot it is that lies at some time: with another seed another may be drawn.
+        verdicts: (V,) VERDICT, each audit that ended, in the order of runs and then of time: ids of auditor and
+            auditee, and why it got no token as a number of `phalanx.bti.refusal.Refusal`, 0 if it got one.
+        summaries: (S,), what `phalanx sim run --json` prints of each run.
+    """
+
+    scenario: Scenario
+    seeds: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    times_s: NDArray[np.float64]
+    positions_m: NDArray[np.float64]
+    velocities_mps: NDArray[np.float64]
+    in_safe_mode: NDArray[np.bool_]
+    compromised: NDArray[np.bool_]
+    verdicts: NDArray[Any]
+    summaries: tuple[dict[str, Any], ...]
+
+    def __repr__(self) -> str:
+        runs, times, robots = self.in_safe_mode.shape
+        return f"<Result of {self.scenario.name or 'a scenario'}: {runs} runs, {times} times, {robots} robots>"
+
+    def to_pandas(self, table: Table = "robots") -> Any:
+        """A `pandas.DataFrame`, one thing a row.
+
+        Args:
+            table: robots: seed, time_s, robot, x_m, y_m, vx_mps, vy_mps, in_safe_mode, compromised; verdicts: as
+                `verdicts`, the refusal by name; runs: of each summary, what is one number or text.
+        Raises: Unavailable: pandas is not installed. UsageError: no such table.
+        """
+        columns = self._columns(table)
+        return _pandas().DataFrame(columns)
+
+    def to_parquet(self, path: str | Path, table: Table = "robots") -> Path:
+        """The file that now holds the table of `to_pandas`.
+
+        Raises: Unavailable: pandas or pyarrow is not installed, or the file cannot be written. UsageError: no such
+            table.
+        """
+        frame = self.to_pandas(table)
+        try:
+            frame.to_parquet(path, index=False)
+        except ImportError as error:
+            raise Unavailable("pyarrow is not installed", RESEARCH_HINT) from error
+        except OSError as error:
+            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
+        return Path(path)
+
+    def _columns(self, table: Table) -> dict[str, Any]:
+        if table == "verdicts":
+            names = {refusal.value: refusal.name for refusal in Refusal}
+            columns: dict[str, Any] = {name: self.verdicts[name].copy() for name in VERDICT.names or ()}
+            return columns | {"refusal": [names[number] for number in self.verdicts["refusal"].tolist()]}
+        if table == "runs":
+            one = {key for key in self.summaries[0] if key not in SERIES}
+            return {key: [_shown(told[key]) for told in self.summaries] for key in self.summaries[0] if key in one} | {
+                "compromised": [_shown([liar["robot"] for liar in told["compromised"]]) for told in self.summaries]
+            }
+        if table != "robots":
+            raise UsageError(f"no table {table!r}", "robots, verdicts or runs")
+        runs, times, robots = self.in_safe_mode.shape
+        shape = self.in_safe_mode.shape
+        return {
+            "seed": np.repeat(self.seeds, times * robots),
+            "time_s": np.tile(np.repeat(self.times_s, robots), runs),
+            "robot": np.tile(self.ids, runs * times),
+            "x_m": self.positions_m[..., 0].ravel(),
+            "y_m": self.positions_m[..., 1].ravel(),
+            "vx_mps": self.velocities_mps[..., 0].ravel(),
+            "vy_mps": self.velocities_mps[..., 1].ravel(),
+            "in_safe_mode": self.in_safe_mode.flatten(),
+            "compromised": np.broadcast_to(self.compromised[:, None, :], shape).flatten(),
+        }
+
+
+def _shown(value: Any) -> Any:
+    """A list of robots as text, which every table takes."""
+    return " ".join(map(str, value)) if isinstance(value, list) else value
+
+
+def _pandas() -> Any:
+    try:
+        import pandas as pd  # noqa: PLC0415 - optional
+    except ImportError as error:
+        raise Unavailable("pandas is not installed", RESEARCH_HINT) from error
+    return pd
