@@ -12,21 +12,23 @@ from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.robot.attacks import ATTACKS
 from phalanx.robot.attacks.harm import UNEARNED
 from phalanx.robot.attacks.missions import MISSION_ATTACKS
+from phalanx.sim.scenarios.own import find_controller, mistakes_in
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario, parse_attack
 
 from .attack_mission import options_of, show_trial
-from .sim import changed, progress, told
+from .sim import changed, progress, told, warn
 from .terminal import end_status_line, print_json, print_rows
 
 DURATION_S = 60.0
 
 
-def run(name: str, defence: Any, as_json: bool, **said: Any) -> int:
+def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
     first = parse_attack(name)
     if first.name in MISSION_ATTACKS:
-        tried = try_mission_attack(first.name, defence, said.pop("seed") or 0, options_of(name, said))
+        seed = said.pop("seed") or 0
+        tried = try_mission_attack(first.name, defence, seed, options_of(name, said | {"controller": controller}))
         show_trial(tried, as_json=as_json)
         return 0 if tried.kept else 1
     if first.name not in ATTACKS:
@@ -36,13 +38,16 @@ def run(name: str, defence: Any, as_json: bool, **said: Any) -> int:
     scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence)
     others = ATTACKS[first.name].liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
+    scenario, own = find_controller(controller, scenario)
+    warn(scenario)
     tell = {which: progress(scenario.duration_s, f"{which}: ") for which in ("attacked", "honest")}
 
     def on_step(which: str, run: Run) -> None:
         tell[which](run)
 
     try:
-        trial = try_attack(scenario, on_step)
+        with mistakes_in(controller):
+            trial = try_attack(scenario, on_step, own)
     finally:
         end_status_line()
     if as_json:

@@ -96,6 +96,9 @@ def defence_option(**more: Any) -> Callable[[Command], Command]:
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+controller_option = click.option(
+    "--controller", metavar="FILE.py:CLASS", help="What honest robots run: a controller of your own, or flock."
+)
 record_option = click.option(
     "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
 )

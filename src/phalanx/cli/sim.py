@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 import click
 
 from phalanx.errors import UsageError
-from phalanx.sim.audited.setup import audits_share
+from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.own import find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import Scenario, parse_attacks
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
@@ -30,8 +31,6 @@ TYPED = {
     "t_val_ms": "--t-val in ms",
     "seed": "--seed",
 }
-# Of the channel. Where all hear each other it works up to 0.6, but 324 robots at 20 m (0.46) lost some after 40 s.
-MOST_AUDITS = 0.45
 
 
 def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
@@ -55,15 +54,25 @@ def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
         raise UsageError(said_as, error.hint) from error
 
 
-def run(scenario: str, defence: Any, attacks: tuple[str, ...], record: Path | None, as_json: bool, **said: Any) -> int:
+def run(
+    scenario: str,
+    defence: Any,
+    attacks: tuple[str, ...],
+    controller: str | None,
+    record: Path | None,
+    as_json: bool,
+    **said: Any,
+) -> int:
     """Runs a scenario and sums it up on stdout."""
     chosen = changed(
-        find_scenario(scenario), said, defence=defence, attacks=tuple(map(parse_attack, attacks)) if attacks else None
+        find_scenario(scenario), said, defence=defence, attacks=parse_attacks(attacks) if attacks else None
     )
-    warn_if_crowded(chosen)
+    chosen, own = find_controller(controller, chosen)
+    warn(chosen)
     before = _written(record)
     try:
-        ended = play(chosen, record, progress(chosen.duration_s))
+        with mistakes_in(controller):
+            ended = play(chosen, record, progress(chosen.duration_s), own)
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)
@@ -83,15 +92,10 @@ def _written(record: Path | None) -> int:
     return record.stat().st_mtime_ns if record and record.exists() else 0
 
 
-def warn_if_crowded(scenario: Scenario) -> None:
-    """One line on stderr if the audits will saturate the channel."""
-    share = audits_share(scenario.bti, scenario.radio, scenario.robots_in_range)
-    if scenario.defence != "none" and share > MOST_AUDITS:
-        click.echo(
-            f"phalanx: warning: {scenario.robots_in_range:.0f} robots in one radio range: their audits want "
-            f"{share:.0%} of the channel, and above {MOST_AUDITS:.0%} robots may be stopped for want of a quorum",
-            err=True,
-        )
+def warn(scenario: Scenario) -> None:
+    """A line on stderr for each thing by which the scenario can hardly end well."""
+    for words in cautions(scenario):
+        click.echo(f"phalanx: warning: {words}", err=True)
 
 
 def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli.complete import an_attack
-from phalanx.cli.options import defence_option, json_option, swarm_options
+from phalanx.cli.options import controller_option, defence_option, json_option, swarm_options
 
 from .runs import runs
 
@@ -30,6 +30,7 @@ def list_attacks() -> None:
     help="none, the paper's, or ours; of a mission: a plain graph, the paper profile unsigned, or sealed and signed.",
 )
 @swarm_options
+@controller_option
 @json_option
 @runs("attack", "run")
 def run() -> None:
@@ -37,5 +38,6 @@ def run() -> None:
 
     Ends with 1 if a robot that should have been stopped in time was not, if one was on the air for longer than its
     bucket lets it, or if a mission's verdict is not what was seen.
-    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and --json.
+    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and
+    --json.
     """

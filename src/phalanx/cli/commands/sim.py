@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import defence_option, json_option, record_option, swarm_options
+from phalanx.cli.options import controller_option, defence_option, json_option, record_option, swarm_options
 
 from .runs import runs
 
@@ -28,8 +28,9 @@ def sim() -> None:
     multiple=True,
     shell_complete=an_attack_by_robots,
     metavar="NAME[:robot=I,at=T,…]",
-    help="Instead of the scenario's own; again for a further robot.",
+    help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
 )
+@controller_option
 @record_option
 @json_option
 @runs("sim", "run")

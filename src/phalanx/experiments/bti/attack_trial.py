@@ -10,6 +10,7 @@ import numpy as np
 
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import ATTACKS, Attack, idle_options
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
 from phalanx.sim.scenarios.play import play
@@ -176,12 +177,17 @@ def airtime_since(run: Run, i: int, before: Sent) -> Airtime:
     )
 
 
-def try_attack(scenario: Scenario, on_step: Callable[[str, Run], None] = lambda _which, _run: None) -> Trial:
+def try_attack(
+    scenario: Scenario,
+    on_step: Callable[[str, Run], None] = lambda _which, _run: None,
+    controller: Callable[[int], Controller] | None = None,
+) -> Trial:
     """Both runs of a scenario: as it is, and without its attacks.
 
     Args:
         scenario: with one kind of attack, in one robot or several, from the same moment on.
         on_step: called at each step with which of the runs it is: attacked or honest.
+        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
     Raises: UsageError: nobody attacks, or in different ways.
     """
     names = {attack.name for attack in scenario.attacks}
@@ -198,8 +204,8 @@ def try_attack(scenario: Scenario, on_step: Callable[[str, Run], None] = lambda 
             before.update((i, sent(run, i)) for i in run.robots)
         on_step("attacked", run)
 
-    attacked = play(scenario, on_step=on_attacked)
-    honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run))
+    attacked = play(scenario, on_step=on_attacked, controller=controller)
+    honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller)
     liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Attack)]
     correct = ~np.isin(attacked.ids, list(attacked.compromised))
     to_goal_m = np.sqrt(((honest.positions_m - np.array(scenario.goal_m)) ** 2).sum(axis=1))[correct]

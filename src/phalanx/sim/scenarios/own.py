@@ -26,25 +26,17 @@ TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
 logger = logging.getLogger(__name__)
 
 
-def is_file(words: str) -> bool:
-    """Whether "FILE.py:CLASS" is meant, and not a name of ours."""
-    return words.partition(":")[0].endswith(".py")
-
-
-def file_of(words: str) -> Path:
-    """The file in "FILE.py:CLASS"."""
-    return Path(words.partition(":")[0])
-
-
-def find_controller(words: str, scenario: Scenario) -> tuple[Scenario, Callable[[int], Controller] | None]:
-    """The scenario, and what makes its controllers: None where that is a bundled one, by its name.
+def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Callable[[int], Controller] | None]:
+    """The scenario, and what makes its controllers: None where that is a bundled one.
 
     Args:
-        words: "FILE.py:CLASS", or the name of a bundled controller.
+        words: "FILE.py:CLASS", the name of a bundled controller, or None for the scenario's.
         scenario: what will run.
     Raises: as `find_class`. UsageError: no such name.
     """
-    if is_file(words):
+    if words is None:
+        return scenario, None
+    if _is_file(words):
         return scenario, find_class(words, Controller)
     if words not in CONTROLLERS:
         raise UsageError(f"no controller {words!r}", f"{', '.join(CONTROLLERS)}, or FILE.py:CLASS")
@@ -58,7 +50,7 @@ def find_class(words: str, kind: type[Any]) -> Any:
 
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
-    path, name = file_of(words), words.partition(":")[2]
+    path, name = Path(words.partition(":")[0]), words.partition(":")[2]
     module = _run(path)
     own = {
         key: value
@@ -84,11 +76,12 @@ def find_class(words: str, kind: type[Any]) -> Any:
 
 
 @contextlib.contextmanager
-def mistakes_in(*files: Path) -> Iterator[None]:
-    """What these files raise is a `UsageError` that names file and line; nobody has to read a traceback of ours.
+def mistakes_in(*named: str | None) -> Iterator[None]:
+    """What the files in these "FILE.py:CLASS" raise is a `UsageError` that names file and line.
 
-    Files that were not run are none of these. The traceback is logged, at DEBUG.
+    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing.
     """
+    files = [Path(words.partition(":")[0]) for words in named if words and _is_file(words)]
     try:
         yield
     except (PhalanxError, KeyboardInterrupt):
@@ -109,6 +102,10 @@ def mistakes_in(*files: Path) -> Iterator[None]:
         raise UsageError(words.splitlines()[0], TRACEBACK_HINT) from error
 
 
+def _is_file(words: str) -> bool:
+    return words.partition(":")[0].endswith(".py")
+
+
 def _run(path: Path) -> ModuleType:
     try:
         path.read_bytes()
@@ -125,7 +122,7 @@ def _run(path: Path) -> ModuleType:
     beside = str(path.resolve().parent)
     sys.path.insert(0, beside)  # what it imports from its own folder, as when it is run
     try:
-        with mistakes_in(path):
+        with mistakes_in(str(path)):
             spec.loader.exec_module(module)
     finally:
         sys.path.remove(beside)

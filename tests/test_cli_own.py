@@ -1,0 +1,171 @@
+"""A researcher's own classes on the command line: run from their file, and their mistakes told with file and line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+
+from conftest import PHALANX, ROOT
+from phalanx.cli.main import run_command
+from phalanx.sim import Scenario, simulate
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.scenario import parse_attack
+
+pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
+
+OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
+QUICK = ("--duration", "2", "--robots", "6")
+WHOLE = """
+from phalanx.robot.controllers.python_controller import Controller
+
+class Mine(Controller):
+    def encode(self):
+        return b""
+    def decode(self, encoding):
+        pass
+    def on_recv(self, t_ms, frame):
+        pass
+    def on_input(self, step, t_ms, reading):
+        return []
+"""
+
+
+@pytest.fixture
+def phalanx(capsys):
+    """Exit code, stdout, stderr of a command."""
+
+    def call(*words: str):
+        code = run_command(list(words))
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A file mine.py in the working folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text: str, name: str = "mine.py") -> str:
+        (tmp_path / name).write_text(text)
+        return f"{name}:Mine"
+
+    return write
+
+
+class TestController:
+    def test_sim_run_runs_it(self, phalanx):
+        code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", OWN, "--json")
+        assert code == 0, err
+        scenario = find_scenario("flock-12").with_options(robots=6, duration_s=2.0)
+        assert json.loads(out)["digest"] == simulate(scenario, controller=OWN).summaries[0]["digest"]
+
+    def test_attack_run_runs_it_and_runs_it_where_nobody_lies(self, phalanx):
+        words = ("--robots", "6", "--duration", "3", "--defence", "none", "--controller", OWN, "--json")
+        code, out, err = phalanx("attack", "run", "hijack:robot=2,at=1", *words)
+        assert code == 0, err
+        told = json.loads(out)
+        liar, nobody = (parse_attack("hijack:robot=2,at=1"),), ()
+        for which, attacks in (("attacked", liar), ("honest", nobody)):
+            scenario = Scenario(robots=6, duration_s=3.0, defence="none", attacks=attacks)
+            assert told[which]["digest"] == simulate(scenario, controller=OWN).summaries[0]["digest"]
+
+    def test_a_class_may_go_unnamed_where_there_is_one(self, phalanx, mine):
+        mine(WHOLE)
+        code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", "mine.py")
+        assert code == 0, err
+
+    def test_it_may_import_what_lies_beside_it(self, phalanx, mine):
+        mine("GOAL_M = 3", "beside_mine.py")
+        words = mine("from beside_mine import GOAL_M\n" + WHOLE)
+        code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", words)
+        assert code == 0, err
+
+    @pytest.mark.parametrize(
+        "change, complaint",
+        [
+            ({"return []": "return [] +"}, "mine.py:12: SyntaxError: invalid syntax"),
+            ({"return []": "return steps"}, "mine.py:12: NameError: name 'steps' is not defined"),
+            ({"return []": "raise SystemExit"}, "mine.py:12: SystemExit"),
+            ({'return b""': "return bytes([300])"}, "mine.py:6: ValueError: bytes must be in range(0, 256)"),
+            ({"pass\n    def on_input": "frame[99]\n    def on_input"}, "mine.py:10: IndexError: index out of range"),
+            ({"import Controller": "import Controler"}, "mine.py:2: ImportError: cannot import name 'Controler'"),
+            ({"class Mine": "1 / 0\nclass Mine"}, "mine.py:4: ZeroDivisionError: division by zero"),
+            ({"def encode": "def encod"}, "Mine in mine.py has no encode"),
+            ({"(Controller)": ""}, "Mine in mine.py is no Controller"),
+            ({"class Mine": "class Miner"}, "mine.py has no Mine"),
+            ({"return []": "return None"}, "on_input returned None"),
+        ],
+    )
+    def test_a_mistake_is_one_line_with_file_and_line(self, phalanx, mine, change, complaint):
+        text = WHOLE
+        for was, becomes in change.items():
+            assert was in text
+            text = text.replace(was, becomes)
+        if "frame[99]" in text:
+            text = text.replace("return []", "from struct import pack\n        " + SEND)
+        code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", mine(text))
+        assert code == 2
+        assert out == ""
+        assert "Traceback" not in err
+        error, hint = err.splitlines()[-2:]
+        assert error.startswith(f"phalanx: error: {complaint}")
+        assert hint.startswith("phalanx: hint: ")
+
+    def test_the_traceback_is_there_for_who_wants_it(self, phalanx, mine):
+        words = mine(WHOLE.replace("return []", "return steps"))
+        code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", words)
+        assert code == 2
+        assert err.splitlines()[-1] == "phalanx: hint: phalanx --log-level debug shows the whole traceback"
+        command = [*PHALANX, "--log-level", "debug", "sim", "run", "flock-12", *QUICK, "--controller", words]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 2
+        assert "in on_input\n    return steps" in done.stderr
+
+    @pytest.mark.parametrize(
+        "words, complaint",
+        [
+            ("nowhere.py:Mine", "no file nowhere.py"),
+            ("flok", "no controller 'flok'"),
+            (f"{ROOT / 'examples' / 'own_controller.py'}:GOAL_M", "GOAL_M in"),
+        ],
+    )
+    def test_what_is_no_controller_is_refused(self, phalanx, words, complaint):
+        code, _, err = phalanx("sim", "run", "flock-12", "--controller", words)
+        assert code == 2
+        assert complaint in err
+
+    def test_an_attack_on_a_mission_takes_none(self, phalanx):
+        code, _, err = phalanx("attack", "run", "dead-wheel", "--controller", OWN)
+        assert code == 2
+        assert "--controller" in err
+
+
+SEND = 'return [__import__("phalanx.robot.controllers.python_controller", fromlist="Send").Send(b"hello")]'
+
+
+class TestNobodyLies:
+    def test_a_scenario_runs_without_its_attacks(self, phalanx):
+        code, out, _ = phalanx("sim", "run", "bti-fig9", "--attack", "none", "--duration", "1", "--json")
+        assert code == 0
+        assert json.loads(out)["compromised"] == []
+
+    def test_none_and_an_attack_is_refused(self, phalanx):
+        code, _, err = phalanx("sim", "run", "bti-fig9", "--attack", "none", "--attack", "spoof")
+        assert code == 2
+        assert "an attack and none" in err
+
+
+class TestQuorum:
+    @pytest.mark.parametrize("command", [("sim", "run", "flock-12"), ("attack", "run", "hijack:at=0.5")])
+    def test_what_cannot_have_one_is_warned_of_once_before_it_runs(self, phalanx, command):
+        code, _, err = phalanx(*command, "--robots", "3", "--duration", "1")
+        assert code == 0
+        assert err.startswith("phalanx: warning: none of the robots has the 4 others (f_max + 1) within 116 m at the")
+        assert err.count("warning") == 1
+        code, _, err = phalanx(*command, "--robots", "3", "--duration", "1", "--f-max", "1")
+        assert code == 0
+        assert "warning" not in err
