@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
-from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import ATTACKS
+from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.scenario import Scenario, parse_attack

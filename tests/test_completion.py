@@ -10,9 +10,9 @@ import sys
 
 import pytest
 
-from phalanx.config.builtin import built_in
 from phalanx.robot.attacks import ATTACKS
 from phalanx.robot.attacks.missions import MISSION_ATTACKS
+from phalanx.sim.builtin import built_in
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
 

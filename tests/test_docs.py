@@ -362,6 +362,15 @@ def test_every_page_of_the_site_is_in_its_contents():
         assert str(page.relative_to(DOCS)) in contents
 
 
+def test_every_decision_is_in_the_list_of_decisions_in_order():
+    listed = re.findall(
+        r"^\| \[(\d{4})\]\((\1-[\w-]+\.md)\) \| \S.* \|$", (DOCS / "adr" / "index.md").read_text(), re.MULTILINE
+    )
+    assert [name for _, name in listed] == sorted(path.name for path in (DOCS / "adr").glob("0*.md"))
+    for number, name in listed:
+        assert (DOCS / "adr" / name).read_text().startswith(f"# {number} ")
+
+
 def test_the_site_loads_nothing_from_elsewhere():
     config = (ROOT / "mkdocs.yml").read_text()
     assert re.search(r"^  font: false$", config, re.MULTILINE)

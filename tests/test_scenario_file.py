@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 import phalanx
 from phalanx.config import BtiConfig
-from phalanx.config.builtin import built_in
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import ATTACKS
+from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import (
     MOST_BYTES,
     SCHEMA_NAME,
@@ -193,7 +193,7 @@ class TestBuiltIn:
         for name, defence in (("bti-fig8", "none"), ("bti-fig9", "bound")):
             scenario = find_scenario(name)
             assert scenario == Scenario(name=name, about=scenario.about, defence=defence, attacks=(SPOOF,))
-            assert scenario.starts_m.max() == 100
+            assert max(map(max, scenario.starts_m)) == 100
 
     def test_each_is_named_as_its_file_and_says_what_it_shows(self):
         assert {"bti-fig8", "bti-fig9", "flock-12", "grid-324"} <= set(built_in("scenarios"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from phalanx.config.builtin import built_in
+from phalanx.sim.builtin import built_in
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 

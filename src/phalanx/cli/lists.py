@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from phalanx.config.builtin import built_in
 from phalanx.config.defence import DEFENCES
 from phalanx.robot.attacks import ATTACKS, Attack
 from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
+from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 
 from .terminal import beside, print_json

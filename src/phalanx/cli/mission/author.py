@@ -15,7 +15,6 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, end_status_line, print_json, status_line, talk
-from phalanx.config.builtin import built_in
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
@@ -24,6 +23,7 @@ from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
 from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.builtin import built_in
 
 from .crack import span
 from .draw import check_drawable, draw_mission, lived

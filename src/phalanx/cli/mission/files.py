@@ -13,11 +13,11 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
-from phalanx.config.builtin import built_in
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.refused import MalformedMission
+from phalanx.sim.builtin import built_in
 
 Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20

@@ -6,10 +6,10 @@ import gzip
 import zlib
 from pathlib import Path
 
-from phalanx.config.builtin import DATA, built_in
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
+from phalanx.sim.builtin import DATA, built_in
 
 MAPS = DATA / "maps"
 DEFAULT = "office_40x40"

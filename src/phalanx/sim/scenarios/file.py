@@ -19,9 +19,9 @@ from typing import Any, Literal, NoReturn, get_args, get_origin
 import yaml
 
 from phalanx.config import BtiConfig
-from phalanx.config.builtin import built_in
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
+from phalanx.sim.builtin import built_in
 
 from .scenario import Scenario
 

@@ -8,9 +8,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
@@ -124,10 +121,10 @@ class Scenario:
         return math.isqrt(self.robots - 1) + 1
 
     @property
-    def starts_m(self) -> NDArray[np.float64]:
-        """(N, 2), where the robots stand at first; all are at rest."""
-        rows, columns = np.divmod(np.arange(self.robots), self.robots_per_edge)
-        return np.stack((columns, rows), axis=1) * self.grid_step_m
+    def starts_m(self) -> list[tuple[float, float]]:
+        """N places, where the robots stand at first; all are at rest."""
+        edge, step_m = self.robots_per_edge, self.grid_step_m
+        return [(i % edge * step_m, i // edge * step_m) for i in range(self.robots)]
 
     @property
     def robots_in_range(self) -> float:
