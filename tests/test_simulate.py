@@ -21,8 +21,9 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.sim import AttackSpec, Result, Scenario, simulate
+from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.cautions import cautions, neighbours_at_start
-from phalanx.sim.scenarios.file import built_in_names, find_scenario
+from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
@@ -238,7 +239,7 @@ class TestCautions:
         assert cautions(Scenario(robots=25, grid_step_m=100.0))[0].startswith("16 of 25 robots do not have")
         assert cautions(Scenario(robots=25)) == []
 
-    @pytest.mark.parametrize("name", built_in_names())
+    @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_none_of_ours_is_warned_of(self, name):
         assert cautions(find_scenario(name)) == []
 
@@ -246,7 +247,8 @@ class TestCautions:
     @pytest.mark.parametrize("grid_step_m", [1.0, 30.0, 64.0, 110.0, 200.0])
     def test_neighbours_are_counted_as_the_world_does(self, robots, grid_step_m):
         scenario = Scenario(robots=robots, grid_step_m=grid_step_m)
-        apart = np.linalg.norm(scenario.starts_m[:, None] - scenario.starts_m[None], axis=2)
+        starts_m = np.array(scenario.starts_m)
+        apart = np.linalg.norm(starts_m[:, None] - starts_m[None], axis=2)
         near = (apart <= scenario.radio.range_m).sum(axis=1) - 1
         for enough in (2, 4, 16):
             np.testing.assert_array_equal(neighbours_at_start(scenario, enough), np.minimum(near, enough))
