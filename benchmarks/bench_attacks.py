@@ -24,13 +24,15 @@ from dataclasses import astuple, dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 
+from phalanx.config.defence import DEFENCES
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
 from phalanx.experiments.growing_table import ELSEWHERE, GrowingTable
 from phalanx.experiments.version import version
-from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.liar import Liar
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import DEFENCES, AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 ROBOTS = 25
 # Rounds come every 4 s: attacks begin anywhere from the first second of grace to the fifth of them.
@@ -107,7 +109,7 @@ class ResultFile(GrowingTable):
 def one_run(task: tuple[str, str, int, str]) -> Result:
     """An attack in a swarm of its own."""
     name, defence, seed, by = task
-    kind = ATTACKS[name]
+    kind = IN_FLOCKS[name]
     lasting = kind.verdicts[defence] in LASTING
     drawn = hashlib.sha256(f"{name} {seed}".encode()).digest()[0] / 256
     at_s = EARLIEST_S + drawn * (LATEST_S - EARLIEST_S)
@@ -117,7 +119,7 @@ def one_run(task: tuple[str, str, int, str]) -> Result:
     liars = (AttackSpec(name=name, at_s=at_s),) * (f_max if lasting else kind.liars(f_max))
     run = Run(scenario.with_options(attacks=liars))
     run.advance(at_s)
-    robots = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Attack)]
+    robots = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
     before = [sent(run, robot.i) for robot in robots]
     run.advance(at_s + lasts_s)
     told = run.summary()
@@ -170,7 +172,7 @@ def table(results: Iterable[Result]) -> int:
     )
     wrong = 0
     for (name, defence), group in sorted(groups.items()):
-        verdict = ATTACKS[name].verdicts[defence]
+        verdict = IN_FLOCKS[name].verdicts[defence]
         took_s = [result.after_s for result in group if not math.isnan(result.after_s)]
         times = f"{statistics.median(took_s):10.2f}{max(took_s):8.2f}" if took_s else f"{'-':>10}{'-':>8}"
         bucket = f"{max(result.bucket for result in group):11.0%}" if defence == "bound" else f"{'-':>11}"
@@ -202,11 +204,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=SAMPLE, help="of each attack; the long table has 200")
     parser.add_argument("--defence", choices=DEFENCES, default="bound")
-    parser.add_argument("--attacks", default=",".join(ATTACKS), help="names, with commas between")
+    parser.add_argument("--attacks", default=",".join(IN_FLOCKS), help="names, with commas between")
     parser.add_argument("--out", type=Path, help="CSV to keep the runs in, and to go on from")
     said = parser.parse_args()
     names = said.attacks.split(",")
-    if unknown := set(names) - set(ATTACKS):
+    if unknown := set(names) - set(IN_FLOCKS):
         parser.error(f"no attack {', '.join(sorted(unknown))}")
     by = version()
     # Seed by seed, so that a table that was stopped has something of everything.

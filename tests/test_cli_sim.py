@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
-from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 from phalanx.sim.scenarios.play import play
@@ -253,14 +253,14 @@ class TestLists:
 
     def test_attacks_with_what_each_defence_makes_of_them(self, phalanx, said):
         listed = said("attack", "list")["attacks"]
-        assert [each["name"] for each in listed] == sorted(ATTACKS)
+        assert [each["name"] for each in listed] == sorted(IN_FLOCKS)
         for each in listed:
             assert set(each["verdicts"]) == {"none", "paper", "bound"}
             assert each["does"]
             assert each["stopped_by"]
-            assert each["robots"] == ("f_max" if ATTACKS[each["name"]].crowd else 1)
+            assert each["robots"] == ("f_max" if IN_FLOCKS[each["name"]].crowd else 1)
         _, out, _ = phalanx("attack", "list")
-        for name in ATTACKS:
+        for name in IN_FLOCKS:
             assert any(line.startswith(f"{name} ") for line in out.splitlines())
 
 

@@ -10,8 +10,7 @@ import sys
 
 import pytest
 
-from phalanx.robot.attacks import ATTACKS
-from phalanx.robot.attacks.missions import MISSION_ATTACKS
+from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.sim.builtin import built_in
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
@@ -51,8 +50,8 @@ def offered(shell, line: str) -> list[str]:
     "line, names, files",
     [
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
-        ("phalanx sim run flock-12 --attack ", ATTACKS, []),
-        ("phalanx attack run ", [*ATTACKS, *MISSION_ATTACKS], []),
+        ("phalanx sim run flock-12 --attack ", IN_FLOCKS, []),
+        ("phalanx attack run ", ATTACKS, []),
         ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
         ("phalanx mission build --map ", MAPS, ["mine.yaml"]),
         ("phalanx mission run ", MISSIONS, ["made.phxm", "mine.yaml"]),

@@ -8,7 +8,8 @@ import pytest
 
 from phalanx.config import BtiConfig
 from phalanx.experiments.bti.attack_trial import stop_bound_s
-from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.liar import Liar
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
@@ -26,14 +27,14 @@ def moment(name: str, seed: int) -> float:
 def attacked(name: str, seed: int) -> Run:
     """The paper's 25 robots on a grid, the attack in as many of them as it takes."""
     at_s = moment(name, seed)
-    liars = (AttackSpec(name=name, at_s=at_s),) * ATTACKS[name].liars(BtiConfig().f_max)
+    liars = (AttackSpec(name=name, at_s=at_s),) * IN_FLOCKS[name].liars(BtiConfig().f_max)
     made = Scenario(name="p1-p2", robots=ROBOTS, seed=seed, duration_s=at_s + 13.0, attacks=liars)
     run = Run(made)
     run.advance(made.duration_s)
     return run
 
 
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", IN_FLOCKS)
 def test_whoever_deviates_is_stopped_in_time_and_nobody_else_is_stopped(name):
     for seed in SEEDS:
         run = attacked(name, seed)
@@ -41,13 +42,13 @@ def test_whoever_deviates_is_stopped_in_time_and_nobody_else_is_stopped(name):
         if name not in SATURATES:
             assert summary["correct_in_safe_mode"] == [], f"seed {seed}"
             assert summary["without_quorum"] == [], f"seed {seed}"
-        liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Attack)]
+        liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
         for liar, told in zip(liars, summary["compromised"]):
-            if ATTACKS[name].verdicts["bound"] == "stopped":
+            if IN_FLOCKS[name].verdicts["bound"] == "stopped":
                 bound_s = stop_bound_s(run.scenario, output_missing=liar.output_missing)
                 assert told["first_deviation_s"] is not None, f"seed {seed}"
                 assert told["safe_mode_s"] is not None, f"seed {seed}"
                 assert 0 <= told["safe_mode_s"] - told["first_deviation_s"] <= bound_s, f"seed {seed}"
             else:
-                assert told["first_deviation_s"] is None, f"seed {seed}: declared {ATTACKS[name].verdicts['bound']}"
+                assert told["first_deviation_s"] is None, f"seed {seed}: declared {IN_FLOCKS[name].verdicts['bound']}"
                 assert told["safe_mode_s"] is None or name in SATURATES, f"seed {seed}: it stopped itself"

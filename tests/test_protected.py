@@ -16,7 +16,7 @@ from phalanx.errors import Unknown, UsageError
 from phalanx.gateway.simulated import choose_protection
 from phalanx.io import Client
 from phalanx.robot import Led, Point
-from phalanx.robot.attacks import ATTACKS as EVERY_ATTACK
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.shield import Shielded
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, draw_places
 
@@ -51,7 +51,7 @@ def apart(a: Point, b: Point) -> float:
     return math.dist((a.x_mm, a.y_mm), (b.x_mm, b.y_mm))
 
 
-ATTACKS = [name for name, attack in EVERY_ATTACK.items() if attack.on_wheels]
+ATTACKS = [name for name, attack in IN_FLOCKS.items() if attack.on_wheels]
 
 
 def nearest_mm(at: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import (
     MOST_BYTES,
@@ -248,7 +248,7 @@ class TestPage:
         (example,) = re.findall(r"^```yaml\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)
         scenario = parse_scenario(example.encode(), "nine.yaml")
         assert (scenario.robots, scenario.bti.f_max, len(scenario.obstacles)) == (9, 2, 1)
-        assert scenario.attacks[0].name in ATTACKS
+        assert scenario.attacks[0].name in IN_FLOCKS
 
     def test_its_words_on_reading_a_recording_read_one(self, tmp_path, monkeypatch, capsys):
         (script,) = re.findall(r"^```python\n(.*?)^```$", self.PAGE, re.MULTILINE | re.DOTALL)

@@ -17,7 +17,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.robot import node
-from phalanx.robot.attacks.attack import MOTION
+from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.sim.audited.setup import limits_of, power_up
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario

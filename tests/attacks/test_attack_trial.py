@@ -8,14 +8,16 @@ import pytest
 from trials import AT_S, F_MAX, scenario
 
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import Airtime, Stop, Trial, airtime_since, sent, try_attack
-from phalanx.robot.attacks import ATTACKS, check_options
+from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, sent, try_attack
+from phalanx.experiments.trial import said_of
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec
 
 TOLD = {"duration_s": 60.0}
-STOPPED = Trial("crash", "bound", "stopped", 10.101, (), 0.0, "m", "", 1.0, TOLD, TOLD, 0.0, missing_s=0.15)
-LIMITED = Trial("frame-flood", "bound", "limited", None, (), 0.0, "%", "", 1.0, TOLD, TOLD, 0.0)
+SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}
+STOPPED = FlockTrial(**said_of(IN_FLOCKS["crash"], "bound"), **SAME, bound_s=10.101, missing_s=0.15)
+LIMITED = FlockTrial(**said_of(IN_FLOCKS["frame-flood"], "bound"), **SAME, bound_s=None)
 
 
 @pytest.mark.parametrize(
@@ -57,12 +59,12 @@ def test_a_robot_is_on_the_air_for_as_long_as_its_frames_take():
 
 
 def test_every_option_of_every_attack_is_taken_with_each_of_its_values_and_no_other():
-    assert {name for name, kind in ATTACKS.items() if kind.options} == {"spoof"}
-    for kind in ATTACKS.values():
+    assert {name for name, kind in IN_FLOCKS.items() if kind.options} == {"spoof"}
+    for kind in IN_FLOCKS.values():
         for name, option in kind.options.items():
             for value in option.values:
-                check_options(kind, {name: value})
+                kind.check({name: value})
             with pytest.raises(UsageError, match=f"{kind.name} have {name}=7.5"):
-                check_options(kind, {name: 7.5})
+                kind.check({name: 7.5})
         with pytest.raises(UsageError, match="no 'nothing'"):
-            check_options(kind, {"nothing": 1.0})
+            kind.check({"nothing": 1.0})

@@ -14,7 +14,7 @@ from trials import AT_S, F_MAX, run, scenario
 from phalanx.bti import request, rounds
 from phalanx.config import BtiConfig
 from phalanx.robot import node
-from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
@@ -93,6 +93,6 @@ def test_robots_that_audit_nobody_starve_those_with_fewer_than_f_max_plus_one_co
 
 
 def test_these_are_all_that_are_harmless_everywhere():
-    assert {name for name, kind in ATTACKS.items() if set(kind.verdicts.values()) == {"harmless"}} == {
+    assert {name for name, kind in IN_FLOCKS.items() if set(kind.verdicts.values()) == {"harmless"}} == {
         "slot-squat", "stale-answers", "wrong-checkpoint", "drain", "refuse-to-audit",
     }  # fmt: skip

@@ -10,7 +10,8 @@ from phalanx.experiments.missions.attacked import ROBOT, ROBOT_CONFIG, Operator,
 from phalanx.experiments.missions.errand import errand
 from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.mission import State, Walker, parse_mission, parse_start_key
-from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
+from phalanx.robot.attacks import ATTACKS
+from phalanx.robot.attacks.missions.between import Between
 
 
 class Remembers(Walker):
@@ -40,7 +41,7 @@ def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(d
     sent = Operator(defence, 0).send(errand(), ROBOT, 1)
     monkeypatch.setattr("phalanx.experiments.missions.attacked.Walker", Remembers)
     monkeypatch.setattr(Remembers, "lived", [])
-    assert walk(MissionAttack(plan_of(defence, 0, 0.0, {})), sent, defence, 0).done
+    assert walk(Between(plan_of(defence, 0, 0.0, {})), sent, defence, 0).done
 
     key = parse_start_key(sent.key) if defence == "bound" else None
     honest = decoded(Walker(parse_mission(sent.file), key, ROBOT_CONFIG), Remembers.lived)
@@ -62,7 +63,7 @@ def test_whatever_bit_is_changed_nothing_else_is_decoded_and_nothing_else_done(d
 @pytest.mark.parametrize("name", ["forge-graph", "replay-day", "replay-robot", "replay-again"])
 def test_it_is_the_signature_the_window_the_names_and_the_memory_that_stop_it(name):
     """Without them the mission runs: it is a true one, or as good as one."""
-    trial = try_mission_attack(name, "bound", options={"unchecked": 1})
+    trial = try_mission_attack(ATTACKS[name], "bound", options={"unchecked": 1})
     assert not trial.kept
     assert trial.attacked.done
     assert trial.harm >= 1
@@ -73,14 +74,14 @@ def test_a_changed_bit_is_stopped_without_a_look_at_the_signature_too(share):
     """The robot drives as far as the file is true."""
     sent = Operator("bound", 0).send(errand(), ROBOT, 1)
     bit = int(share * 8 * len(parse_mission(sent.file).signed_part()))
-    trial = try_mission_attack("flip-bit", "bound", options={"unchecked": 1, "bit": bit})
+    trial = try_mission_attack(ATTACKS["flip-bit"], "bound", options={"unchecked": 1, "bit": bit})
     assert trial.kept
     assert trial.attacked.refused != "not_authentic"
     assert "hand_over" not in trial.attacked.actions
 
 
 def test_a_clock_that_was_set_back_brings_no_mission_back_that_the_robot_has_started():
-    class Started(MISSION_ATTACKS["set-clock"]):
+    class Started(ATTACKS["set-clock"].kind):
         again = True
 
     attack = Started(plan_of("bound", 0, 0.0, {}))

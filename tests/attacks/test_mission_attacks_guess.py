@@ -6,30 +6,30 @@ from functools import cache
 
 import pytest
 
+from phalanx.config.defence import DEFENCES
 from phalanx.config.mission import CodingConfig
 from phalanx.experiments.missions.attacked import ROBOT, Operator, plan_of
 from phalanx.experiments.missions.errand import TOKEN, errand
 from phalanx.experiments.missions.guess import try_guess
 from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.mission import parse_start_key
-from phalanx.robot.attacks.missions import MISSION_ATTACKS, Guess
-from phalanx.sim.scenarios.scenario import DEFENCES
+from phalanx.robot.attacks import ATTACKS, ON_MISSIONS
 
-GUESSES = [name for name, kind in MISSION_ATTACKS.items() if issubclass(kind, Guess)]
+GUESSES = [name for name, attack in ON_MISSIONS.items() if attack.scene == "file"]
 CHEAP = CodingConfig(delta_mm=800, kdf_log2_n=1, kdf_r=1)
 PLACES = 3  # nodes that are a place and nothing else; the others take a token or a message
 
 
 @cache
 def trial(name: str, defence: str):
-    return try_mission_attack(name, defence)
+    return try_mission_attack(ATTACKS[name], defence)
 
 
 def guess(name: str, defence: str, chance=None, **more):
     plan = plan_of(defence, 0, 0.0, {})
     if chance is not None:
         object.__setattr__(plan, "chance", chance)
-    return try_guess(MISSION_ATTACKS[name](plan), defence, 0, **more)
+    return try_guess(ATTACKS[name].kind(plan), defence, 0, **more)
 
 
 class Loaded:
@@ -46,7 +46,7 @@ class Loaded:
 @pytest.mark.parametrize("defence", DEFENCES)
 @pytest.mark.parametrize("name", GUESSES)
 def test_the_guess_comes_to_what_it_declares(name, defence):
-    told, verdict = trial(name, defence).attacked, MISSION_ATTACKS[name].verdicts[defence]
+    told, verdict = trial(name, defence).attacked, ATTACKS[name].verdicts[defence]
     assert trial(name, defence).kept
     assert (told.read > 0) == (verdict == "bites")
     if defence == "none":

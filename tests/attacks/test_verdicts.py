@@ -9,12 +9,14 @@ import pytest
 from trials import AT_S, F_MAX, MOST_TAKEN, attacked, check, honest, run, scenario
 
 from phalanx.bti.refusal import Refusal
+from phalanx.config.defence import DEFENCES
 from phalanx.experiments.bti.attack_trial import stop_bound_s
-from phalanx.robot.attacks import ATTACKS, Plan
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.liar import Plan, lying
 from phalanx.sim.audited.loop import clock_ms
 from phalanx.sim.audited.world import PYTHON
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import DEFENCES, AttackSpec
+from phalanx.sim.scenarios.scenario import AttackSpec
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.
@@ -43,10 +45,10 @@ HOLES_OF_THE_PAPER = {
 
 
 @pytest.mark.parametrize("defence", DEFENCES)
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", IN_FLOCKS)
 def test_the_attack_comes_to_what_it_declares(name, defence):
     trial = attacked(name, defence)
-    check(trial, ATTACKS[name].verdicts[defence])
+    check(trial, IN_FLOCKS[name].verdicts[defence])
     if defence == "bound" and name in REFUSED_FOR:
         assert trial.refusals[REFUSED_FOR[name]] > 0
     if defence == "bound" and name == "interleave":  # which of them depends on when others spoke
@@ -55,9 +57,9 @@ def test_the_attack_comes_to_what_it_declares(name, defence):
 
 def test_the_holes_of_the_printed_protocol_are_open_in_it_and_closed_in_ours():
     for name in HOLES_OF_THE_PAPER:
-        assert ATTACKS[name].verdicts["paper"] == "bites"
-        assert ATTACKS[name].verdicts["bound"] in ("stopped", "limited")
-    assert {name for name, kind in ATTACKS.items() if kind.verdicts["paper"] == "bites"} == HOLES_OF_THE_PAPER
+        assert IN_FLOCKS[name].verdicts["paper"] == "bites"
+        assert IN_FLOCKS[name].verdicts["bound"] in ("stopped", "limited")
+    assert {name for name, kind in IN_FLOCKS.items() if kind.verdicts["paper"] == "bites"} == HOLES_OF_THE_PAPER
 
 
 def test_the_strong_spoof_holds_the_flock_further_away_than_the_plain_one():
@@ -121,7 +123,7 @@ def test_f_max_of_them_starve_nobody(name):
         liars = [AttackSpec(name=name, at_s=AT_S) for _ in range(F_MAX)]
         summary = run(scenario("bound", *liars, robots=25, seed=seed)).summary()
         assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
-        if ATTACKS[name].verdicts["bound"] == "limited":
+        if IN_FLOCKS[name].verdicts["bound"] == "limited":
             assert all(told["safe_mode_s"] is None for told in summary["compromised"])
 
 
@@ -155,7 +157,7 @@ def test_a_robot_taken_over_on_its_way_is_honest_until_it_lies():
     running.advance(7.3)
     start_ms = clock_ms(running.world, 3) + 2000
     plan = Plan(tuple(range(1, 13)), made.goal_m, (), start_ms, 1 << 40, np.random.default_rng(0))
-    liar = running.robots[3] = ATTACKS["hijack"](running.world.fleet, 3, running.world.work, plan)
+    liar = running.robots[3] = lying(IN_FLOCKS["hijack"], running.world.fleet, 3, running.world.work, plan)
     running.world.runs[3] = PYTHON
     running.advance(9.2)
     assert liar.first_deviation_ms is None
@@ -170,7 +172,7 @@ def test_the_page_about_attacks_has_each_with_its_verdicts():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 6 and cells[0].startswith("`"):
             rows[cells[0].strip("`")] = cells[1:]
-    assert list(rows) == list(ATTACKS)
+    assert list(rows) == list(IN_FLOCKS)
     for name, (_, *verdicts, _) in rows.items():
         for defence, words in zip(DEFENCES, verdicts):
-            assert words.startswith(ATTACKS[name].verdicts[defence])
+            assert words.startswith(IN_FLOCKS[name].verdicts[defence])

@@ -9,8 +9,9 @@ from functools import cache
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.experiments.bti.attack_trial import Airtime, airtime_since, sent, stop_bound_s
-from phalanx.robot.attacks import ATTACKS, Attack
+from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.harm import STARVED
+from phalanx.robot.attacks.liar import Liar
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
@@ -57,15 +58,15 @@ class Trial:
 
     def __post_init__(self):
         self.summary = self.run.summary()
-        self.liars = [robot for _, robot in sorted(self.run.robots.items()) if isinstance(robot, Attack)]
-        self.kind = type(self.liars[0])
+        self.liars = [robot for _, robot in sorted(self.run.robots.items()) if isinstance(robot, Liar)]
+        self.attack = self.liars[0].attack
         self.verdicts = self.run.new_verdicts()
         self.refusals = Counter(why for _, _, tee, why in self.verdicts if tee in self.run.compromised)
 
     @property
     def harm(self) -> float:
         """Of the liar that did the most."""
-        return max(liar.harm.of(liar, self.run, self.beside) for liar in self.liars)
+        return max(self.attack.harm.of(liar, self.run, self.beside) for liar in self.liars)
 
     @property
     def bounds_s(self) -> list[float | None]:
@@ -93,7 +94,7 @@ class Trial:
 
 def attacked(name: str, defence: str, *, robot: int | None = None, **options: float) -> Trial:
     """The attack with as many liars as it takes, from 12 s on."""
-    liars = ATTACKS[name].liars(F_MAX)
+    liars = IN_FLOCKS[name].liars(F_MAX)
     specs = [AttackSpec(name=name, at_s=AT_S, options=options, robot=robot) for _ in range(liars)]
     return Trial(run(scenario(defence, *specs)), honest(defence))
 
@@ -114,9 +115,9 @@ def stopped(trial: Trial) -> None:
 
 
 def bites(trial: Trial) -> None:
-    assert trial.harm >= trial.kind.bites_from
+    assert trial.harm >= trial.attack.bites_from
     # Whoever starves others has done its harm when it is stopped itself.
-    assert trial.run.scenario.defence == "none" or trial.kind.harm is STARVED or goes_on(trial)
+    assert trial.run.scenario.defence == "none" or trial.attack.harm is STARVED or goes_on(trial)
 
 
 def goes_on(trial: Trial) -> bool:
@@ -131,7 +132,7 @@ def goes_on(trial: Trial) -> bool:
 def harmless(trial: Trial) -> None:
     if trial.run.scenario.defence != "none":  # where there are no audits, an attack on them can do nothing
         assert all(liar.gained > 0 for liar in trial.liars), "it acted"
-    assert trial.harm < trial.kind.bites_from
+    assert trial.harm < trial.attack.bites_from
     assert nobody_else_stopped(trial)
 
 
@@ -140,12 +141,12 @@ def limited(trial: Trial) -> None:
     assert all(told["safe_mode_s"] is None for told in trial.summary["compromised"]), "it goes on for ever"
     assert all(each.used_s <= each.bucket_s for each in trial.airtime)
     assert all(taken <= MOST_TAKEN * len(trial.liars) for taken in trial.taken_up.values())
-    assert trial.harm < trial.kind.bites_from
+    assert trial.harm < trial.attack.bites_from
     assert nobody_else_stopped(trial)
 
 
 def not_covered(trial: Trial) -> None:
-    assert trial.harm >= trial.kind.bites_from
+    assert trial.harm >= trial.attack.bites_from
     assert all(told["first_deviation_s"] is None for told in trial.summary["compromised"])
     assert all(told["safe_mode_s"] is None for told in trial.summary["compromised"])
     assert not {why for why in trial.refusals if why != Refusal.NONE}

@@ -1,22 +1,23 @@
-"""`phalanx attack`: the ways a robot can lie, and what each defence makes of them."""
+"""`phalanx attack run`: one attack, and what a defence makes of it."""
 
 from __future__ import annotations
 
-import difflib
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.attack_trial import Airtime, Stop, Trial, try_attack
-from phalanx.experiments.missions.trial import try_mission_attack
-from phalanx.robot.attacks import ATTACKS
-from phalanx.robot.attacks.harm import UNEARNED
-from phalanx.robot.attacks.missions import MISSION_ATTACKS
+from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, try_attack
+from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
+from phalanx.experiments.trial import Trial
+from phalanx.robot.attacks.attack import Attack, meant
+from phalanx.robot.attacks.library import ATTACKS
+from phalanx.robot.attacks.missions.harm import Guessed, Walked
 from phalanx.sim.scenarios.own import find_controller, mistakes_in
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario, parse_attack
 
-from .attack_mission import options_of, show_trial
+from .mission.crack import span
 from .sim import changed, progress, told, warn
 from .terminal import end_status_line, print_json, print_rows
 
@@ -26,17 +27,27 @@ DURATION_S = 60.0
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
     first = parse_attack(name)
-    if first.name in MISSION_ATTACKS:
+    if not (first.own or first.name in ATTACKS):
+        raise UsageError(f"no attack {first.name!r}", f"{meant(first.name, ATTACKS)}phalanx attack list has all")
+    trial: FlockTrial | MissionTrial
+    if first.attack.scene == "flock":
+        trial = _try_in_flock(first, said, defence, controller)
+    elif first.attack.scene == "team":
+        raise UsageError(f"{first.name} needs robots on missions that audit each other", "tests/mission has them")
+    else:
         seed = said.pop("seed") or 0
-        tried = try_mission_attack(first.name, defence, seed, options_of(name, said | {"controller": controller}))
-        show_trial(tried, as_json=as_json)
-        return 0 if tried.kept else 1
-    if first.name not in ATTACKS:
-        near = difflib.get_close_matches(first.name, (*ATTACKS, *MISSION_ATTACKS), 1, 0.5)
-        guess = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"no attack {first.name!r}", f"{guess}phalanx attack list has all")
+        options = _options_of(name, first, said | {"controller": controller})
+        trial = try_mission_attack(first.attack, defence, seed, options)
+    if as_json:
+        print_json(asdict(trial) | (_kept(trial) if isinstance(trial, FlockTrial) else {}))
+    else:
+        _show(trial, first.attack)
+    return 1 if trial.broken else 0
+
+
+def _try_in_flock(first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None) -> FlockTrial:
     scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence)
-    others = ATTACKS[first.name].liars(scenario.bti.f_max) - 1
+    others = first.attack.liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     scenario, own = find_controller(controller, scenario)
     warn(scenario)
@@ -47,27 +58,49 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
 
     try:
         with mistakes_in(controller):
-            trial = try_attack(scenario, on_step, own)
+            return try_attack(scenario, on_step, own)
     finally:
         end_status_line()
-    if as_json:
-        stops = [asdict(stop) | {"bound_s": trial.bound_of(stop)} for stop in trial.stops]
-        kept = {"stopped_in_time": trial.stopped_in_time, "within_buckets": trial.within_buckets}
-        print_json(asdict(trial) | kept | {"stops": stops})
-    else:
-        _show(trial)
-    return 1 if trial.broken else 0
 
 
-def _show(trial: Trial) -> None:
+def _options_of(words: str, spec: AttackSpec, swarm: Mapping[str, Any]) -> dict[str, float | str]:
+    """The options of an attack on a mission; what is said of a swarm, which it does not have, is refused."""
+    wrong = [f"--{name.replace('_', '-')}" for name, value in swarm.items() if value is not None]
+    wrong += [name for name in ("robot", "until") if f"{name}=" in words]
+    if wrong:
+        raise UsageError(f"{spec.name} with {', '.join(wrong)}", "an attack on a mission is tried on one robot")
+    return {**spec.options, "at": spec.at_s} if "at=" in words else dict(spec.options)
+
+
+def _kept(trial: FlockTrial) -> dict[str, Any]:
+    """What JSON says beside the fields."""
+    return {
+        "stopped_in_time": trial.stopped_in_time,
+        "within_buckets": trial.within_buckets,
+        "stops": [asdict(stop) | {"bound_s": trial.bound_of(stop)} for stop in trial.stops],
+    }
+
+
+def _show(trial: FlockTrial | MissionTrial, attack: Attack) -> None:
+    against = f", against {attack.against}" if attack.against else ""
+    kept = "" if isinstance(trial, FlockTrial) else f": {'so it is' if trial.kept else 'NOT SO'}"
+    print_rows(
+        {
+            "attack": f"{trial.attack}{against}: {attack.does}",
+            "defence": f"{trial.defence}, which should make it: {trial.declared}{kept}",
+            "stopped by": attack.stopped_by,
+            "harm": f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip()
+            + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts)",
+            **(_flock(trial) if isinstance(trial, FlockTrial) else _mission(trial)),
+        }
+    )
+
+
+def _flock(trial: FlockTrial) -> dict[str, str]:
     attacked, honest = trial.attacked, trial.honest
     rows = {
-        "attack": f"{trial.attack}: {ATTACKS[trial.attack].does}",
-        "defence": f"{trial.defence}, which should make it: {trial.declared}",
         "distance to the goal": f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
         f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack",
-        "harm": f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip()
-        + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts){_stands_still(trial)}",
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "
         f"{len(attacked['without_quorum'])} for want of a quorum",
@@ -76,19 +109,10 @@ def _show(trial: Trial) -> None:
         rows["without effect"] = f"{', '.join(trial.idle)}: makes no difference under {trial.defence}"
     rows |= {f"robot {stop.robot}": _ended(trial, stop) for stop in trial.stops}
     rows |= {f"airtime of {each.robot}": _airtime(each) for each in trial.airtime}
-    if not trial.airtime:
-        rows["bound"] = _bound(trial)
-    print_rows(rows)
+    return rows if trial.airtime else rows | {"bound": _bound(trial)}
 
 
-def _stands_still(trial: Trial) -> str:
-    stopped = any(stop.safe_mode_s is not None for stop in trial.stops)
-    if ATTACKS[trial.attack].harm is not UNEARNED or not stopped:
-        return ""
-    return "; it was stopped and stands still: this is how far on an honest robot would be by now"
-
-
-def _ended(trial: Trial, stop: Stop) -> str:
+def _ended(trial: FlockTrial, stop: Stop) -> str:
     began = "never deviated" if stop.first_deviation_s is None else f"deviated at {stop.first_deviation_s:.2f} s"
     if stop.safe_mode_s is None:
         return f"{began}, is not in Safe Mode"
@@ -106,9 +130,43 @@ def _airtime(each: Airtime) -> str:
     )
 
 
-def _bound(trial: Trial) -> str:
+def _bound(trial: FlockTrial) -> str:
     if trial.bound_s is None:
         return "none is promised"
     longer = f", {trial.missing_s:g} s more where an output was missing" if trial.missing_s else ""
     kept = "kept" if trial.stopped_in_time else "BROKEN"
     return f"{trial.bound_s:.3f} s from deviation to Safe Mode{longer}: {kept}"
+
+
+def _mission(trial: Trial) -> dict[str, str]:
+    rows = _guessed(trial.attacked) if isinstance(trial.attacked, Guessed) else _robot(trial.attacked)
+    return rows if trial.honest is None else {**rows, "without the attack": _walked(trial.honest)}
+
+
+def _robot(robot: Walked) -> dict[str, str]:
+    rows = {"robot": _walked(robot)}
+    if robot.refused:
+        return rows
+    last = "" if robot.from_last_m is None else f", {robot.from_last_m:.2f} m from its last validated node"
+    return {
+        **rows,
+        "at the end": f"{robot.pose_error_m:.2f} m from where it believes to be{last}",
+        "false fixes": f"{robot.false_fixes}, the worst by {robot.worst_fix_m:.2f} m" if robot.false_fixes else "none",
+    }
+
+
+def _walked(robot: Walked) -> str:
+    if robot.refused:
+        return f"refuses the mission: {robot.refused}"
+    end = "done" if robot.done else "holds" if robot.held else "still on its way"
+    did = ", ".join(f"{action} (WRONG)" if action in robot.wrong_actions else action for action in robot.actions)
+    why = f"; not validated: {', '.join(robot.not_validated)}" if robot.not_validated else ""
+    return f"{end} after {robot.t_s:.1f} s, {len(robot.decoded)} nodes; did {did or 'nothing'}{why}"
+
+
+def _guessed(guess: Guessed) -> dict[str, str]:
+    rows = {"read": f"{guess.read} of {guess.nodes} nodes"}
+    if guess.tries:
+        rows["tried"] = f"{guess.tries} in {span(guess.seconds)} on one core, {guess.tries_per_s:.3g}/s"
+        rows["in all"] = f"{guess.candidates:.3g} tries: {span(guess.whole_s)} at this rate"
+    return rows

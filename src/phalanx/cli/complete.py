@@ -32,16 +32,10 @@ def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
     return complete
 
 
-def _attacks() -> Iterable[str]:
+def _attacks(*scenes: str) -> Iterable[str]:
     from phalanx.robot.attacks import ATTACKS  # noqa: PLC0415 - help need not wait for it
 
-    return ATTACKS
-
-
-def _all_attacks() -> Iterable[str]:
-    from phalanx.robot.attacks.missions import MISSION_ATTACKS  # noqa: PLC0415 - as above
-
-    return (*_attacks(), *MISSION_ATTACKS)
+    return [name for name, attack in ATTACKS.items() if not scenes or attack.scene in scenes]
 
 
 a_scenario = offer(lambda: built_in("scenarios"), ".yaml", ".yml")
@@ -49,5 +43,5 @@ a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
 an_encoded_mission = offer(tuple, ".phxm")
-an_attack_by_robots = offer(_attacks)
-an_attack = offer(_all_attacks)
+an_attack_by_robots = offer(lambda: _attacks("flock"))
+an_attack = offer(_attacks)

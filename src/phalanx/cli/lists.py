@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from phalanx.config.defence import DEFENCES
-from phalanx.robot.attacks import ATTACKS, Attack
-from phalanx.robot.attacks.missions import MISSION_ATTACKS, MissionAttack
+from phalanx.robot.attacks import ATTACKS, IN_FLOCKS, ON_MISSIONS, Attack
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 
@@ -45,23 +44,23 @@ def print_schema() -> None:
 
 def list_attacks(as_json: bool) -> None:
     """Prints all attacks, by robots and on missions, and what each defence makes of them."""
-    rows = [{**_row(name, kind), "robots": "f_max" if kind.crowd else 1} for name, kind in sorted(ATTACKS.items())]
-    missions = [{**_row(name, kind), "against": kind.against} for name, kind in sorted(MISSION_ATTACKS.items())]
+    rows = [{**_row(each), "robots": "f_max" if each.crowd else 1} for _, each in sorted(IN_FLOCKS.items())]
+    missions = [{**_row(each), "against": each.against} for _, each in sorted(ON_MISSIONS.items())]
     if as_json:
         print_json({"attacks": rows, "missions": missions})
         return
-    width = max(map(len, (*ATTACKS, *MISSION_ATTACKS)))
+    width = max(map(len, ATTACKS))
     _table("by robots", rows, width)
     click.echo()
     _table("on missions", missions, width)
 
 
-def _row(name: str, kind: type[Attack | MissionAttack]) -> dict[str, Any]:
+def _row(attack: Attack) -> dict[str, Any]:
     return {
-        "name": name,
-        "does": kind.does,
-        "stopped_by": kind.stopped_by,
-        "verdicts": {defence: str(kind.verdicts[defence]) for defence in DEFENCES},
+        "name": attack.name,
+        "does": attack.does,
+        "stopped_by": attack.stopped_by,
+        "verdicts": {defence: str(attack.verdicts[defence]) for defence in DEFENCES},
     }
 
 

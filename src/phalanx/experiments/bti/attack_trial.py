@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import ATTACKS, Attack, idle_options
+from phalanx.experiments.trial import Trial, said_of
+from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
@@ -72,37 +73,23 @@ class Airtime:
     on_air_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """What an attack came to.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlockTrial(Trial):
+    """What an attack by robots of a flock came to; of several liars, the harm is the worst one's.
+
+    `attacked` and `honest` are both runs' summaries; `honest` has the same robots and the same seed, and nobody lies.
 
     Args:
-        attack, defence: as named.
-        declared: what the attack says that this defence makes of it.
         bound_s: deviation to Safe Mode, at most, of a robot that did something wrong; None where nothing is promised.
         stops: of each compromised robot.
-        harm: what the attack measures of its damage, in `harm_unit`; of several liars, the worst one's; None if no
-            robot is correct.
-        harm_words: what is measured.
-        harm_bites_from: from so much on, the attack calls it a bite.
-        attacked, honest: summaries of both runs; `honest` has the same robots and the same seed, and nobody lies.
         honest_distance_m: mean distance to the goal, without the attack, of the robots that are correct with it.
         missing_s: so much longer than `bound_s` for a robot that first deviated by what it did not do.
         airtime: of each liar, where the attack is declared limited.
         idle: options that were given and make no difference under this defence.
     """
 
-    attack: str
-    defence: str
-    declared: str
     bound_s: float | None
     stops: tuple[Stop, ...]
-    harm: float | None
-    harm_unit: str
-    harm_words: str
-    harm_bites_from: float
-    attacked: dict[str, Any]
-    honest: dict[str, Any]
     honest_distance_m: float | None
     missing_s: float = 0.0
     airtime: tuple[Airtime, ...] = ()
@@ -181,7 +168,7 @@ def try_attack(
     scenario: Scenario,
     on_step: Callable[[str, Run], None] = lambda _which, _run: None,
     controller: Callable[[int], Controller] | None = None,
-) -> Trial:
+) -> FlockTrial:
     """Both runs of a scenario: as it is, and without its attacks.
 
     Args:
@@ -190,13 +177,12 @@ def try_attack(
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
     Raises: UsageError: nobody attacks, or in different ways.
     """
-    names = {attack.name for attack in scenario.attacks}
+    names = {spec.attack.name for spec in scenario.attacks}
     if len(names) != 1:
         raise UsageError(f"{len(names)} kinds of attack in a trial", "one: its damage is compared with none")
-    (name,) = names
-    kind = ATTACKS[name]
-    declared = kind.verdicts[scenario.defence]
-    at_s = min(attack.at_s for attack in scenario.attacks)
+    attack = scenario.attacks[0].attack
+    declared = attack.verdicts[scenario.defence]
+    at_s = min(spec.at_s for spec in scenario.attacks)
     before: dict[int, Sent] = {}
 
     def on_attacked(run: Run) -> None:
@@ -206,28 +192,23 @@ def try_attack(
 
     attacked = play(scenario, on_step=on_attacked, controller=controller)
     honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller)
-    liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Attack)]
+    liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Liar)]
     correct = ~np.isin(attacked.ids, list(attacked.compromised))
     to_goal_m = np.sqrt(((honest.positions_m - np.array(scenario.goal_m)) ** 2).sum(axis=1))[correct]
     summary = attacked.summary()
     promised_s = stop_bound_s(scenario, output_missing=False) if declared == "stopped" else None
-    return Trial(
-        attack=name,
-        defence=scenario.defence,
-        declared=declared,
+    return FlockTrial(
+        **said_of(attack, scenario.defence),
         bound_s=promised_s,
         stops=tuple(
             Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)
             for told, liar in zip(summary["compromised"], liars, strict=True)
         ),
-        harm=max(kind.harm.of(liar, attacked, honest) for liar in liars) if correct.any() else None,
-        harm_unit=kind.harm.unit,
-        harm_words=kind.harm.words,
-        harm_bites_from=kind.bites_from,
+        harm=max(attack.harm.of(liar, attacked, honest) for liar in liars) if correct.any() else None,
         attacked=summary,
         honest=honest.summary(),
         honest_distance_m=float(to_goal_m.mean()) if correct.any() else None,
         missing_s=(scenario.bti.delta_ms + scenario.bti.skew_ms) / MS,
         airtime=tuple(airtime_since(attacked, liar.i, before[liar.i]) for liar in liars if declared == "limited"),
-        idle=tuple(idle_options(kind, scenario.attacks[0].options, scenario.defence)),
+        idle=tuple(attack.idle(scenario.attacks[0].options, scenario.defence)),
     )

@@ -11,6 +11,7 @@ import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from numpy.typing import NDArray
 
+from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import (
@@ -29,8 +30,9 @@ from phalanx.mission import (
 )
 from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
-from phalanx.robot.attacks.attack import Defence
-from phalanx.robot.attacks.missions import MissionAttack, MissionPlan, PlainWalker, Sent, Walked
+from phalanx.robot.attacks.missions.between import Between, MissionPlan, Sent
+from phalanx.robot.attacks.missions.harm import Walked
+from phalanx.robot.attacks.missions.unprotected import PlainWalker
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.robot import TICK_S, MissionRobot, World
@@ -108,7 +110,7 @@ def admitted(
 class _SpoofedLidar(Lidar):
     """A lidar that shows what an attack makes of its scans."""
 
-    def __init__(self, plan: FloorPlan, attack: MissionAttack) -> None:
+    def __init__(self, plan: FloorPlan, attack: Between) -> None:
         super().__init__(plan.walls)
         self._attack = attack
 
@@ -150,7 +152,7 @@ class _Witness:
         return len(report.decoded), len(report.actions), report.false_fixes
 
 
-def walk(attack: MissionAttack, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
+def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
     """What becomes of a robot on its errand.
 
     Args:
@@ -218,5 +220,5 @@ def plan_of(defence: Defence, seed: int, start_s: float, options: Mapping[str, f
 def honest_errand(defence: Defence, seed: int, *, released: bool = True) -> Walked:
     """What becomes of a robot that nobody attacks; without a release it waits for it and gives up."""
     today = Operator(defence, seed).send(errand(), ROBOT, 1)
-    nobody = MissionAttack(plan_of(defence, seed, 0.0, {}))
+    nobody = Between(plan_of(defence, seed, 0.0, {}))
     return walk(nobody, today if released else replace(today, said=()), defence, seed)

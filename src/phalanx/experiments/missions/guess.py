@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 
+from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Profile, parse_mission
-from phalanx.robot.attacks.attack import Defence
-from phalanx.robot.attacks.missions import Guess, Guessed
+from phalanx.robot.attacks.missions.guesses import Guess
+from phalanx.robot.attacks.missions.harm import Guessed
 
 from .attacked import ROBOT, Operator
 from .errand import AREA_M, errand, shelf_alone

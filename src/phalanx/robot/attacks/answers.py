@@ -5,8 +5,7 @@ Holes of ours, closed in bti/rounds.py and robot/node.py.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from phalanx.bti import log, request, trusted
 from phalanx.bti.fleet import BOUND, PLAIN
@@ -14,22 +13,12 @@ from phalanx.robot.cnode import Action, row
 from phalanx.wire.fields import get_u16, put_u16
 from phalanx.wire.table import AUDIT_FRAGMENT, BOOTED, HASH_BYTES, TOKEN_REQUEST
 
-from .attack import Attack, Defence, Verdict
-from .harm import STARVED
+from .liar import Liar
 from .silence import RefuseToAudit
 
-HARMLESS: Mapping[Defence, Verdict] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
 
-
-class StaleAnswers(Attack):
+class StaleAnswers(Liar):
     """Audits every other time only, and sends the last token again between: the victim thinks that it was answered."""
-
-    name = "stale-answers"
-    does = "answers every other request for an audit with the last token that it really issued to that robot"
-    stopped_by = "nothing has to: as an answer counts only a token that is not older than the request"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
-    harm = STARVED
-    crowd = True
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -53,15 +42,8 @@ class StaleAnswers(Attack):
         return [] if self._answered.get(src) == no else super().heard(now_ms, frame)
 
 
-class WrongCheckpoint(Attack):
+class WrongCheckpoint(Liar):
     """Vouches for where the log begins, as it has before, and not for the checkpoint that was to be vouched for."""
-
-    name = "wrong-checkpoint"
-    does = "answers requests for audits with fresh tokens for the checkpoint at which the log begins"
-    stopped_by = "nothing has to: as an answer counts only a token for the checkpoint that the request claims"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
-    harm = STARVED
-    crowd = True
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """A request is read as if its claim were its start."""
@@ -87,10 +69,6 @@ class Drain(RefuseToAudit):
     the more.
     """
 
-    name = "drain"
-    does = "sends each auditor one true token request again and again, so that it has no audits left for others"
-    stopped_by = "nothing has to: a token request counts once, and a-nodes make few"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HARMLESS
     period_ms = 20
 
     def __init__(self, *args: Any, **more: Any) -> None:

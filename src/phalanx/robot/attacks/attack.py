@@ -1,305 +1,146 @@
-"""A compromised robot: the honest c-node, with some of its methods overridden. What every attack has in common.
+"""What an attack is: one record, which the list, scenarios, trials, tests and docs/attacks.md read alike.
 
-Beside the lying c-node runs an honest controller, fed with what this robot's sensors and radio really said. What the
-a-node lets through and that controller would not have said, or the other way round, is a deviation: so no attack has to
-be believed about when it began. An attack sees what a c-node sees, and its plan; the trusted nodes only answer calls.
+How it is carried out is a class, and only its name stands here until somebody attacks: the list needs no compiler.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import difflib
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from importlib import import_module
+from typing import Any, Literal
 
-import numpy as np
-
-from phalanx.bti import audit, log, request, trusted
-from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
-from phalanx.bti.fleet import PLAIN, Fleet
-from phalanx.bti.refusal import Refusal
-from phalanx.robot import auditor, node
-from phalanx.robot.cnode import Action, CNode, row
-from phalanx.robot.cnode import Verdict as Told
-from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
-from phalanx.wire.fields import Row
-from phalanx.wire.table import KIND_STATE, SENSOR, STATE
+from phalanx.config.defence import DEFENCES, Defence
+from phalanx.errors import UsageError
 
 from .harm import STRAYED, Harm
-from .options import Option
 
 # What a defence does to an attack: it stops the robot within P1's bound; it limits the harm to its buckets; the attack
 # does nothing that matters under it; it is out of any defence's reach; or it goes on for ever, or does its harm first.
 Verdict = Literal["stopped", "limited", "harmless", "not covered", "bites"]
-Defence = Literal["none", "paper", "bound"]
+# Where it is tried: one robot of a flock lies; somebody stands between an honest robot on an errand and its operator or
+# its world; a captured file is guessed; one of several robots lies that audit each other on a mission.
+Scene = Literal["flock", "errand", "file", "team"]
 
-STOPPED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "stopped", "bound": "stopped"}
-HOLE_OF_THE_PAPER: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "stopped"}
-NOT_COVERED: Mapping[Defence, Verdict] = {"none": "not covered", "paper": "not covered", "bound": "not covered"}
+NEAR = 0.5  # so alike, a name is what was meant
 
-MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
+
+def by_defence(none: Verdict, paper: Verdict, bound: Verdict) -> Mapping[Defence, Verdict]:
+    """Verdicts of an attack."""
+    return {"none": none, "paper": paper, "bound": bound}
+
+
+STOPPED = by_defence("bites", "stopped", "stopped")
+HOLE_OF_THE_PAPER = by_defence("bites", "bites", "stopped")
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What the adversary knows and wants when it takes a robot over.
+class Option:
+    """One thing that can be asked of an attack.
 
     Args:
-        ids: every robot's id.
-        goal_m: where the swarm is going.
-        accomplices: ids of the other compromised robots.
-        start_ms, stop_ms: from when to when it lies, ms of the robot's own clock.
-        chance: the adversary's dice, seeded by the scenario.
-        options: what was asked for beside that.
+        values: what it may be; empty for any number.
+        defences: under which it makes a difference.
     """
 
-    ids: tuple[int, ...]
-    goal_m: tuple[float, float]
-    accomplices: tuple[int, ...]
-    start_ms: int
-    stop_ms: int
-    chance: np.random.Generator
-    options: Mapping[str, float | str] = field(default_factory=dict)
+    values: tuple[float | str, ...] = ()
+    defences: tuple[Defence, ...] = DEFENCES
+
+    def takes(self, value: float | str) -> bool:
+        """Whether it may be this."""
+        return value in self.values if self.values else not isinstance(value, str)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """Where a robot says it is, m, and how fast it goes, m/s; or what a sensor says of its own."""
+class Attack:
+    """One way to lie, or to be lied to.
 
-    x_m: float
-    y_m: float
-    vx_mps: float
-    vy_mps: float
-
-
-class Attack(CNode):
-    """One way to lie. Honest before `plan.start_ms` and from `plan.stop_ms` on.
-
-    While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
-
-    Class attributes:
+    Args:
         name: as typed in commands.
+        made_of: who carries it out: a `Liar`, or for other scenes a `Between`, a `Guess` or a `MissionCheat`; the
+            class, or where it is in this package.
+        verdicts: what each defence makes of it.
+        harm: how its damage to others is measured.
+        bites_from: from so much damage on, it bites.
         does: what it does, for people.
         stopped_by: what stops it, or why nothing has to, or why nothing can.
-        verdicts: what each defence makes of it.
-        harm: how its damage is measured; from `bites_from` of it on, the attack bites.
-        period_ms: `on_wake` is called so often while it lies; 0 never.
-        on_wheels: whether it makes sense for the demo's robots, whatever controller they run.
+        scene: where it is tried.
+        against: what it lies about, on missions.
+        limit: a defence that limits it keeps its damage below this; 0 for below what bites.
         crowd: whether it takes f_max robots, and not one.
+        on_wheels: whether it makes sense for the demo's robots, whatever controller they run.
         options: what else can be asked of it, by name.
     """
 
-    name: ClassVar[str]
-    does: ClassVar[str]
-    stopped_by: ClassVar[str]
-    verdicts: ClassVar[Mapping[Defence, Verdict]]
-    harm: ClassVar[Harm] = STRAYED
-    bites_from: ClassVar[float] = 1.0
-    period_ms: ClassVar[int] = 0
-    on_wheels: ClassVar[bool] = False
-    crowd: ClassVar[bool] = False
-    options: ClassVar[Mapping[str, Option]] = {}
+    name: str
+    made_of: str | type[Any]
+    verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)
+    harm: Harm = STRAYED
+    bites_from: float = 1.0
+    does: str = ""
+    stopped_by: str = ""
+    scene: Scene = "flock"
+    against: str = ""
+    limit: float = 0.0
+    crowd: bool = False
+    on_wheels: bool = False
+    options: Mapping[str, Option] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        fleet: Fleet,
-        i: int,
-        work: Work,
-        plan: Plan,
-        make_controller: Callable[[int], Controller] | None = None,
-    ) -> None:
-        super().__init__(fleet, i, work, make_controller)
-        self.plan = plan
-        self.first_deviation_ms: int | None = None
-        self.last_deviation_ms: int | None = None
-        self.output_missing = False  # the first deviation: nobody can know of it before δ and the skew are over
-        self.gained = 0  # what an attack on the audits got out of them, beyond what is due to an honest robot
-        self.seen: dict[int, Motion] = {}
-        self.me = Motion(0.0, 0.0, 0.0, 0.0)
-        self.worst_claim_m = 0.0
-        self.sensed_ms = 0  # its last reading: in Safe Mode there are none
-        bundled = compiled(fleet.settings[0].controller, fleet.params)
-        self._honest = (make_controller or bundled)(self.id)
-        self._steps = 0
-        r = fleet.robot[i]
-        if r.alive:  # taken over in the middle of a mission
-            self._honest.decode(fleet.state[i, : r.state_len].tobytes())
-            self._steps = int(r.step)
-        self._put_out: list[Output] | None = None
+    @property
+    def kind(self) -> type[Any]:
+        """The class that carries it out."""
+        if isinstance(self.made_of, type):
+            return self.made_of
+        module, _, name = self.made_of.rpartition(".")
+        kind: type[Any] = getattr(import_module(f"{__package__}.{module}"), name)
+        return kind
 
-    @classmethod
-    def liars(cls, f_max: int) -> int:
+    def liars(self, f_max: int) -> int:
         """How many robots it takes, of the f_max that are tolerated."""
-        return f_max if cls.crowd else 1
+        return f_max if self.crowd else 1
 
-    @property
-    def alive_s(self) -> float:
-        """For how long it has had its mission key, until Safe Mode."""
-        return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
+    def check(self, options: Mapping[str, float | str]) -> None:
+        """All that is asked of it is something that it does.
 
-    @property
-    def lied_s(self) -> float:
-        """For how long it has lied, until Safe Mode."""
-        return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
-
-    @classmethod
-    def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet.
-
-        Args:
-            rob_id: the robot's.
-            profile: the firmware's.
-            anode: the a-node, to be called only.
-            f_max: the mission's.
-        Source: docs/spec/rebound.md (zero key).
+        Raises: UsageError: it has no such option, or not with that value.
         """
+        for name, value in options.items():
+            if name not in self.options:
+                always = ("robot", "at", "until") if self.scene == "flock" else ()
+                allowed = ", ".join((*self.options, *always)) or "none"
+                raise UsageError(
+                    f"options of {self.name} have no {name!r}", f"{meant(name, self.options)}it takes {allowed}"
+                )
+            if not self.options[name].takes(value):
+                shown = f"{value:g}" if isinstance(value, float) else repr(value)
+                allowed = " or ".join(str(each) for each in self.options[name].values) or "a number"
+                raise UsageError(f"options of {self.name} have {name}={shown}", f"{name} is {allowed}")
 
-    # --- events: honest while it does not lie -------------------------------------------------------------------------
+    def idle(self, options: Mapping[str, float | str], defence: Defence) -> list[str]:
+        """The options that make no difference under the defence, by name."""
+        return [name for name in options if defence not in self.options[name].defences]
 
-    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
-        """A reading is due; what goes out is compared with what an honest robot would put out."""
-        reading = self.read(now_ms, reading)
-        self.sensed_ms = now_ms
-        self.me = Motion(*MOTION.unpack(reading)[3:]) if len(reading) == SENSOR.size else self.me
-        due = checked_outputs(self._honest.on_input(self._steps, now_ms, reading), int(self.f.settings[0].frame_max))
-        self._steps += 1
-        self._put_out = []
-        actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
-        if self._put_out != due:
-            self.deviates(now_ms, output_missing=len(self._put_out) < len(due))
-        self._put_out = None
-        return actions
 
-    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
-        """A frame has arrived."""
-        if not frame[0] & request.AUDIT:
-            self._honest.on_recv(now_ms, frame)
-            if len(frame) == STATE.size and frame[0] == KIND_STATE:
-                _, rob_id, _, *motion = MOTION.unpack(frame)
-                self.seen[rob_id] = Motion(*motion)
-        return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_message(now_ms, frame)
+def own_attack(made: Attack | type[Any]) -> Attack:
+    """The record of an attack that is not in the library.
 
-    def on_round(self, now_ms: int) -> list[Action]:
-        """T_audit has passed."""
-        return self.round_due(now_ms) if self.lies(now_ms) else super().on_round(now_ms)
+    Args:
+        made: a record of its own; or only a class, whose name and docstring then say what it is.
+    Raises: UsageError: it is neither.
+    """
+    if isinstance(made, Attack):
+        return made
+    scene = getattr(made, "scene", None)
+    if not isinstance(made, type) or scene is None:
+        raise UsageError(f"{made!r} is no attack", "a class that derives from Liar (docs/attacks.md), or an Attack")
+    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower()
+    does = (made.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+    return Attack(name, made, does=does, stopped_by="replay gives what an honest robot does", scene=scene)
 
-    def on_wake(self, now_ms: int) -> list[Action]:  # noqa: ARG002 - what attacks with a period override
-        """Something out of turn, each `period_ms` while it lies."""
-        return []
 
-    # --- what subclasses override -------------------------------------------------------------------------------------
-
-    def read(self, now_ms: int, reading: bytes) -> bytes:  # noqa: ARG002 - what a faulty sensor needs
-        """What the sensor itself says, before the s-node has it."""
-        return reading
-
-    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
-        """`on_sensor` while it lies."""
-        return super().on_sensor(now_ms, reading)
-
-    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
-        """`on_message` while it lies."""
-        return super().on_message(now_ms, frame)
-
-    def round_due(self, now_ms: int) -> list[Action]:
-        """`on_round` while it lies."""
-        return super().on_round(now_ms)
-
-    # --- what goes out is watched -------------------------------------------------------------------------------------
-
-    def act(self, now_ms: int, command: bytes) -> list[Action]:
-        """A command through the a-node."""
-        return self._watched(now_ms, Act(command), super().act(now_ms, command))
-
-    def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
-        """A frame through the a-node."""
-        actions = super().send(now_ms, frame, to)
-        return actions if frame[0] & request.AUDIT else self._watched(now_ms, Send(frame), actions)
-
-    def _watched(self, now_ms: int, output: Output, actions: list[Action]) -> list[Action]:
-        if not actions:
-            return actions
-        if self._put_out is None:
-            self.deviates(now_ms)
-        else:
-            self._put_out.append(output)
-        if isinstance(output, Send) and len(output.payload) == STATE.size:
-            _, rob_id, _, x_m, y_m, _, _ = MOTION.unpack(output.payload)
-            if rob_id == self.id:
-                off_m = float(np.hypot(x_m - self.me.x_m, y_m - self.me.y_m))
-                self.worst_claim_m = max(self.worst_claim_m, off_m)
-        return actions
-
-    def lies(self, now_ms: int) -> bool:
-        """Whether it lies at this moment."""
-        return self.plan.start_ms <= now_ms < self.plan.stop_ms
-
-    def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
-        """Remembers the moment: this an honest robot would not have done, or had done otherwise."""
-        if self.first_deviation_ms is None:
-            self.first_deviation_ms = now_ms
-            self.output_missing = output_missing
-        self.last_deviation_ms = now_ms
-
-    # --- what several attacks need ------------------------------------------------------------------------------------
-
-    @staticmethod
-    def is_request(frame: bytes) -> bool:
-        """Whether the frame is part of a request for an audit."""
-        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.FRAGMENT_HEAD_BYTES
-        return is_audit and frame[request.AT_SUB] == request.FRAGMENT
-
-    def whole_request(self, now_ms: int, frame: bytes) -> int:
-        """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""
-        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
-        if place < 0:
-            return -1
-        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
-        return place if audit.open_request(self.w, q, length) == 0 else -1
-
-    def vouch(self, now_ms: int, place: int) -> list[Action]:
-        """The sender of the request just opened gets its token, whatever its log shows."""
-        src = int(self.w.case[0].tee)
-        refused = auditor.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
-        node.answer(self.f, self.i, self.w, place, src, refused)
-        told = Told(src, Refusal(int(self.w.told[node.TOLD_REFUSAL])))
-        return [told] if told.refusal else [told, *self.reply(now_ms, src)]
-
-    def pass_by(self, now_ms: int, frame: bytes) -> None:
-        """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        profile = int(self.f.settings[0].profile)
-        if profile != PLAIN:
-            trusted.anode_recv(profile, self.f.anode[self.i], now_ms, row(frame), len(frame), self.w.entry)
-
-    def believe(self, t_ms: int, frame: bytes) -> None:
-        """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
-        n = node.plain(self.w, RECV, t_ms, row(frame), len(frame))
-        self.record(n)
-        if self.controller:
-            self.controller.on_recv(t_ms, frame)
-            self.keep_state()
-        else:
-            r, s = self.f.robot[self.i], self.f.settings[0]
-            state = self.f.state[self.i]
-            r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
-
-    def poll(self, now_ms: int, reading: bytes) -> int:
-        """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        profile = int(self.f.settings[0].profile)
-        if profile == PLAIN:
-            return int(node.plain(self.w, INPUT, now_ms, row(reading), len(reading)))
-        snode = self.f.snode[self.i]
-        return int(trusted.snode_poll(profile, snode, now_ms, row(reading), len(reading), self.w.entry))
-
-    def record(self, n: int) -> None:
-        """The entry in `work.entry` is in the log, whatever it is."""
-        if int(self.f.settings[0].profile) != PLAIN:
-            log.append(self.f, self.i, self.w.entry, n)
-
-    def carry_out(self, now_ms: int, n: int) -> list[Action]:
-        """The controller acts on the INPUT in `work.entry[:n]`, and its outputs go out."""
-        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)]
-
-    def entry(self, n: int) -> bytes:
-        """The payload of the entry in `work.entry[:n]`."""
-        return self.w.entry[ENTRY_HEAD_BYTES:n].tobytes()
+def meant(name: str, known: Mapping[str, object]) -> str:
+    """`did you mean X? `, or nothing."""
+    near = difflib.get_close_matches(name, known, 1, NEAR)
+    return f"did you mean {near[0]}? " if near else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
@@ -12,21 +11,15 @@ from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.robot.controllers.spoof import spoofed_state
 from phalanx.wire.table import KIND_STATE, STATE
 
-from .attack import MOTION, STOPPED, Attack, Defence, Motion, Verdict
-from .harm import CLAIM
+from .liar import MOTION, Liar, Motion
 
 
-class Masquerade(Attack):
+class Masquerade(Liar):
     """Is another robot: what it broadcasts bears that robot's id, and stands before the nearest victim.
 
     Source: RoboRebound §2.4, Fig. 2.
     """
 
-    name = "masquerade"
-    does = "speaks in one other robot's name only, which it has stand in the nearest robot's way"
-    stopped_by = "replay sends its own state under its own id"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    bites_from = 0.2
     period_ms = 250
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
@@ -49,12 +42,6 @@ class Masquerade(Attack):
 class FalseState(Masquerade):
     """Says of itself that it stands in the nearest robot's way."""
 
-    name = "false-state"
-    does = "broadcasts in its own name a place before the nearest robot, where it is not"
-    stopped_by = "replay broadcasts what the s-node chained"
-    harm = CLAIM
-    bites_from = 5.0
-
     def on_wake(self, now_ms: int) -> list[Action]:
         """Its own state, as it tells it."""
         if not self.seen:
@@ -64,11 +51,6 @@ class FalseState(Masquerade):
 
 class Equivocate(FalseState):
     """Tells each victim another state of its own: to each alone where it can, else one after the other to all."""
-
-    name = "equivocate"
-    does = "tells each robot another place where it is, always in that robot's way"
-    stopped_by = "replay sends one state; and with an a-node each frame is a broadcast, which all hear and log"
-    bites_from = 20.0
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """To each its own."""
@@ -80,14 +62,9 @@ class Equivocate(FalseState):
         return actions
 
 
-class NotANumber(Attack):
+class NotANumber(Liar):
     """Broadcasts states of NaN and infinity in every name: arithmetic on one of them never ends being NaN."""
 
-    name = "nan"
-    does = "broadcasts NaN, infinity and 10^30 as everybody's place"
-    stopped_by = "controllers drop such numbers before they compute; and replay sends none"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "stopped", "bound": "stopped"}
-    bites_from = 0.5
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:

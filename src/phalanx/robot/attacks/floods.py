@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,15 +12,13 @@ from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action, Transmit
 from phalanx.wire.table import KIND_STATE
 
-from .attack import MOTION, NOT_COVERED, Attack, Defence, Verdict
-from .harm import AIRTIME, STARVED
+from .liar import MOTION, Liar
 from .silence import RefuseToAudit
 
-LIMITED: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "limited"}
 GHOSTS = 400
 
 
-class Flood(Attack, ABC):
+class Flood(Liar, ABC):
     """Leaves room for its own audits, which it means to pass."""
 
     QUIET_MS: ClassVar[tuple[int, int]] = (20, 200)  # before a round of its own, and from its beginning on
@@ -58,11 +55,6 @@ class Flood(Attack, ABC):
 class RequestFlood(Flood):
     """Uses up what auditors will do for others: malformed requests, in their names where an a-node lets it."""
 
-    name = "request-flood"
-    does = "sends auditors empty requests for audits in everybody's name, so that true ones are turned away"
-    stopped_by = "nothing; in `bound` the a-node writes the source, and auditors take one a robot and T_audit / 2"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "limited"}
-    harm = STARVED
     period_ms = 4
 
     POURED = 0.5  # after that it would keep its own true requests from being taken
@@ -91,12 +83,6 @@ class RequestFlood(Flood):
 class FrameFlood(Flood):
     """As many and as long AUDIT frames as its a-node lets out, for nobody."""
 
-    name = "frame-flood"
-    does = "fills the channel with long AUDIT frames, which no log shows"
-    stopped_by = "nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = LIMITED
-    harm = AIRTIME
-    bites_from = 40.0
     period_ms = 2
 
     TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
@@ -120,12 +106,6 @@ class FrameFlood(Flood):
 class CovertTalk(Flood):
     """Talks to an accomplice in AUDIT frames, which no log shows."""
 
-    name = "covert-talk"
-    does = "sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows"
-    stopped_by = "nothing ends it; in `bound` the a-node's bucket limits how much"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = LIMITED
-    harm = AIRTIME
-    bites_from = 4.0
     period_ms = 2
 
     def pour(self, now_ms: int) -> list[Action]:
@@ -136,14 +116,9 @@ class CovertTalk(Flood):
         return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, self.plan.chance.bytes(1000)), others[0])
 
 
-class LogFlood(Attack):
+class LogFlood(Liar):
     """Says at length what means nothing: who hears it has to log it, and to show it to auditors."""
 
-    name = "log-flood"
-    does = "broadcasts long frames of no meaning, which all others must log and show until their logs are full"
-    stopped_by = "replay sends no such frame; and in `bound` the a-node's bucket for broadcasts lets few bytes out"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
-    harm = STARVED
     period_ms = 20
 
     def on_wake(self, now_ms: int) -> list[Action]:
@@ -160,10 +135,6 @@ class LongFrames(RefuseToAudit):
     A hole of ours, closed in config/bti.py.
     """
 
-    name = "long-frames"
-    does = "audits nobody, and broadcasts the longest frames that cost the airtime of four states, to fill others' logs"
-    stopped_by = "replay sends no such frame; and in `bound` logs have room for f_max robots that do so until then"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
     period_ms = 10
 
     BYTES: ClassVar[int] = 368  # a byte more, and a full bucket is too small
@@ -173,19 +144,13 @@ class LongFrames(RefuseToAudit):
         return self.send(now_ms, b"\x60" + bytes(self.BYTES - 1), EVERYBODY)
 
 
-class SlotSquat(Attack):
+class SlotSquat(Liar):
     """Begins requests at every auditor and never ends them: an auditor puts only so many together at a time.
 
     A hole of ours, closed in bti/request.py.
     """
 
-    name = "slot-squat"
-    does = "begins requests for audits with everybody and never ends them, so that no others fit in"
-    stopped_by = "a request that is not whole in time loses its place, and its sender none before T_audit / 2"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "harmless", "bound": "harmless"}
-    harm = STARVED
     period_ms = 300
-    crowd = True
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """The same last fragment to each, once more."""
@@ -200,19 +165,12 @@ class SlotSquat(Attack):
         return actions
 
 
-class GhostAuditors(Attack):
+class GhostAuditors(Liar):
     """Fills its neighbours' tables with robots that are not there: whoever asks one of them for an audit asks in vain.
 
     Source: docs/spec/rebound.md (ghost auditors).
     """
 
-    name = "ghost-auditors"
-    does = f"broadcasts states of {GHOSTS} invented robots, of which others then ask audits in vain"
-    stopped_by = (
-        "in `bound` auditors are chosen among those whose tokens or AUDIT frames came, never among claimed ones"
-    )
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "bites", "bound": "stopped"}
-    harm = STARVED
     period_ms = 5
 
     def on_wake(self, now_ms: int) -> list[Action]:
@@ -224,12 +182,6 @@ class GhostAuditors(Attack):
 class Jam(Flood):
     """Somebody's transmitter, beside the robots' radios: it asks no a-node."""
 
-    name = "jam"
-    does = "a transmitter of its own, past the a-node, fills the channel"
-    stopped_by = "nothing in software: radio is physics. Robots that get no tokens stop, which is safe"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
-    harm = AIRTIME
-    bites_from = 40.0
     period_ms = 2
 
     SHARES = False

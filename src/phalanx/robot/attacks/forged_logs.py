@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from phalanx.bti import log, request, rounds, trusted
 from phalanx.bti.audit import ENTRY_HEAD_BYTES
@@ -12,24 +11,15 @@ from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import HASH_BYTES, KIND_STATE, MAC_BYTES, SENSOR
 
-from .attack import HOLE_OF_THE_PAPER, MOTION, STOPPED, Attack, Defence, Verdict
-from .harm import UNEARNED
 from .hijack import Hijack
+from .liar import MOTION, Liar
 
 ASIDE_M = 30.0
 BELIEVED_AFTER_MS = 3000
 
 
-class DropEntries(Attack):
+class DropEntries(Liar):
     """Has not heard its neighbours, it says: nobody is in its way, and it drives straight to the goal."""
-
-    name = "drop-entries"
-    does = "leaves out of its log what its neighbours say, and drives as if it were alone"
-    on_wheels = True
-    stopped_by = "the a-node has chained each message: without them its chain does not re-hash to the top"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    harm = UNEARNED
-    bites_from = 1.0
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Audit traffic only."""
@@ -39,15 +29,8 @@ class DropEntries(Attack):
         return []
 
 
-class AlterEntries(Attack):
+class AlterEntries(Liar):
     """Writes another reading into its log than the s-node gave it, and acts on that."""
-
-    name = "alter-entries"
-    does = f"writes into its log that it is {ASIDE_M:g} m from where it is, and drives and speaks accordingly"
-    stopped_by = "the s-node has chained the true reading"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    harm = UNEARNED
-    bites_from = 3.0
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """The entry altered between s-node and log."""
@@ -62,15 +45,8 @@ class AlterEntries(Attack):
         return self.carry_out(now_ms, n)
 
 
-class ReorderEntries(Attack):
+class ReorderEntries(Liar):
     """Shows what it heard later than it heard it, so that it acts on where its neighbours were."""
-
-    name = "reorder-entries"
-    does = f"moves what it hears {BELIEVED_AFTER_MS / 1000:g} s down in its log, behind what it should have told it"
-    stopped_by = "the order in the a-node's chain is another one"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    harm = UNEARNED
-    bites_from = 0.2
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -91,15 +67,8 @@ class ReorderEntries(Attack):
         return super().sensed(now_ms, reading)
 
 
-class InsertEntries(Attack):
+class InsertEntries(Liar):
     """Has heard a robot that is not there: its log gives a reason to drive where it wants."""
-
-    name = "insert-entries"
-    does = "writes into its log that an invented robot crowds it, and makes way for that"
-    stopped_by = "the a-node has chained no such message"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    harm = UNEARNED
-    bites_from = 3.0
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """An invented state before each reading: beside it on the side of the goal, coming nearer."""
@@ -114,11 +83,6 @@ class InsertEntries(Attack):
 class TruncateLog(Hijack):
     """Has just been switched on, it says at each round: before that, no log."""
 
-    name = "truncate-log"
-    does = "drives as it likes, and cuts its log off behind it: each log begins at a boot that never was"
-    stopped_by = "a log that begins at boot begins with empty chains, and these are long"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-
     def round_due(self, now_ms: int) -> list[Action]:
         """All forgotten, and then the round."""
         rounds.forget_checkpoint(self.f, self.i)
@@ -128,11 +92,6 @@ class TruncateLog(Hijack):
 
 class ForgeCheckpoint(Hijack):
     """Starts its log at a checkpoint of its own making, taken after what it did, under tokens of an older one."""
-
-    name = "forge-checkpoint"
-    does = "drives as it likes, and begins its log at a checkpoint taken after that, with the tokens of an older one"
-    stopped_by = "tokens cover the hash of the checkpoint that was audited"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
 
     def next_frame(self, now_ms: int) -> list[Action]:
         """Once there is a new checkpoint, it is the start."""
@@ -169,13 +128,6 @@ class RequestForger(Hijack):
 class SwapNodes(RequestForger):
     """Shows one node's chain where the other's belongs."""
 
-    name = "swap-nodes"
-    does = "drives as it likes, and shows the a-node's chain and authenticator as the s-node's"
-    stopped_by = (
-        "authenticators are made over the kind of their chain (`paper`) or not made by a-nodes at all (`bound`)"
-    )
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-
     def make_request(self, now_ms: int) -> bool:
         """The tops and their MACs changed places."""
         if not super().make_request(now_ms):
@@ -196,11 +148,6 @@ class StaleLog(RequestForger):
 
     Source: docs/spec/rebound.md (stale log).
     """
-
-    name = "stale-log"
-    does = "drives as it likes, and shows its last honest log, authenticators and all, with each new token request"
-    stopped_by = "in `bound` the token request is made over the chain's top, and the authenticators over the request"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from phalanx.robot.cnode import Action, row
 from phalanx.wire.fields import Row, get_u16
 from phalanx.wire.table import AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, TOKEN, TOKEN_REQUEST
 
-from .attack import HOLE_OF_THE_PAPER, STOPPED, Defence, Verdict
 from .hijack import Hijack
 
 
@@ -31,7 +29,6 @@ class Token(NamedTuple):
 class TokenForger(Hijack, ABC):
     """Misbehaves, and keeps offering its a-node tokens that no audit earned it."""
 
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     period_ms = 100
 
     def on_wake(self, now_ms: int) -> list[Action]:
@@ -53,10 +50,6 @@ class TokenForger(Hijack, ABC):
 class ForgeTokens(TokenForger):
     """Guesses MACs."""
 
-    name = "forge-tokens"
-    does = "drives as it likes, and offers its a-node a hundred tokens with guessed MACs each second"
-    stopped_by = "a MAC of 64 bits under a key that no c-node knows"
-
     def tokens(self, now_ms: int) -> list[Token]:
         """Fresh ones, in the names of others."""
         dice = self.plan.chance
@@ -69,10 +62,6 @@ class ForgeTokens(TokenForger):
 
 class ShareTokens(TokenForger):
     """Offers tokens that were made for others: those that it issued itself."""
-
-    name = "share-tokens"
-    does = "drives as it likes, and installs the tokens that it made for others as its own"
-    stopped_by = "the MAC is over the auditee's id"
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -94,10 +83,6 @@ class ShareTokens(TokenForger):
 
 class ReplayTokens(TokenForger):
     """Offers its own tokens again when they are old."""
-
-    name = "replay-tokens"
-    does = "drives as it likes, and installs the tokens of its honest days again and again"
-    stopped_by = "a token counts from the moment of its request, however late it is installed"
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -122,10 +107,6 @@ class ReplayTokens(TokenForger):
 class SelfIssue(TokenForger):
     """Asks its own a-node for a token for itself."""
 
-    name = "self-issue"
-    does = "drives as it likes, and has its own a-node issue it tokens"
-    stopped_by = "IssueToken never issues to itself; and one auditor counts once"
-
     def tokens(self, now_ms: int) -> list[Token]:
         """At most one, from itself."""
         profile, anode = int(self.f.settings[0].profile), self.f.anode[self.i]
@@ -140,13 +121,6 @@ class SelfIssue(TokenForger):
 
 class Collude(Hijack):
     """Issues tokens to its accomplices for whatever they show, and gets theirs."""
-
-    name = "collude"
-    does = "drives as it likes; accomplices issue tokens to each other without a look at the log"
-    on_wheels = False
-    stopped_by = "f_max accomplices give f_max tokens at most, and f_max + 1 are needed"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    crowd = True
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """An accomplice's request gets its token at once."""
@@ -164,12 +138,6 @@ class ZeroKey(Hijack):
 
     Source: docs/spec/rebound.md (zero key).
     """
-
-    name = "zero-key"
-    does = "makes itself tokens before the mission key comes, under the key zero and dated 49 days ahead; then drives"
-    on_wheels = False
-    stopped_by = "in `bound` a node without a key computes no MAC, and loading one clears the tokens"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from .attack import Attack
 
 
 class Watched(Protocol):
@@ -37,7 +34,19 @@ class Watched(Protocol):
         """(N,), for how long each robot was on the air."""
 
 
-Measure = Callable[["Attack", Watched, Watched], float]
+class Lied(Protocol):
+    """A robot that lied, as far as harm is read from it (a Liar is one)."""
+
+    i: int
+    worst_claim_m: float
+
+    @property
+    def alive_s(self) -> float:
+        """For how long it has had its mission key, until Safe Mode."""
+
+    @property
+    def lied_s(self) -> float:
+        """For how long it has lied, until Safe Mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +56,12 @@ class Harm:
     Args:
         words: what is measured, for people.
         unit: of the number.
-        of: the number, of an attack in a run, and the same run without it.
+        of: the number; of a liar in a run, and the same run without it, or of what else its scene leaves.
     """
 
     words: str
     unit: str
-    of: Measure
+    of: Callable[..., float]
 
 
 def _correct(attacked: Watched) -> NDArray[np.bool_]:
@@ -66,26 +75,26 @@ def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
     return apart
 
 
-def _strayed(_attack: Attack, attacked: Watched, honest: Watched) -> float:
+def _strayed(_liar: Lied, attacked: Watched, honest: Watched) -> float:
     return float(_apart_m(attacked, honest)[_correct(attacked)].mean())
 
 
-def _unearned(attack: Attack, attacked: Watched, honest: Watched) -> float:
-    return float(_apart_m(attacked, honest)[attack.i])
+def _unearned(liar: Lied, attacked: Watched, honest: Watched) -> float:
+    return float(_apart_m(attacked, honest)[liar.i])
 
 
-def _starved(_attack: Attack, attacked: Watched, _honest: Watched) -> float:
+def _starved(_liar: Lied, attacked: Watched, _honest: Watched) -> float:
     return float((attacked.in_safe_mode & _correct(attacked)).sum())
 
 
-def _airtime(attack: Attack, attacked: Watched, honest: Watched) -> float:
+def _airtime(liar: Lied, attacked: Watched, honest: Watched) -> float:
     # A liar in Safe Mode is silent: neither the time after it counts, nor what an honest robot would have said then.
-    needed_s = float(honest.airtime_s[attack.i]) * attack.alive_s / attacked.now_s
-    return 100 * (float(attacked.airtime_s[attack.i]) - needed_s) / attack.lied_s if attack.lied_s else 0.0
+    needed_s = float(honest.airtime_s[liar.i]) * liar.alive_s / attacked.now_s
+    return 100 * (float(attacked.airtime_s[liar.i]) - needed_s) / liar.lied_s if liar.lied_s else 0.0
 
 
-def _claim(attack: Attack, _attacked: Watched, _honest: Watched) -> float:
-    return attack.worst_claim_m
+def _claim(liar: Lied, _attacked: Watched, _honest: Watched) -> float:
+    return liar.worst_claim_m
 
 
 STRAYED = Harm("how far correct robots are, on the mean, from where they would be", "m", _strayed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import ClassVar
 
 from phalanx.robot.cnode import Action
@@ -11,8 +10,7 @@ from phalanx.robot.controllers import wheels
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION
 
-from .attack import STOPPED, Attack, Defence, Verdict
-from .harm import UNEARNED
+from .liar import Liar
 
 COMMAND = ACCELERATION.form
 FULL_MPS2 = 5.0
@@ -22,19 +20,11 @@ SPRING_PER_S2, DAMPER_PER_S = 0.3, 1.1
 RUNAWAY_PCT = bytes((100, 80))
 
 
-class Hijack(Attack):
+class Hijack(Liar):
     """Rams the nearest robot, whatever the controller says.
 
     Source: RoboRebound §2.2 (arbitrary commands); the ram is ours.
     """
-
-    name = "hijack"
-    does = "drives into the way of others, whatever its controller says"
-    on_wheels = True
-    stopped_by = "the a-node has chained the commands, and replay gives others"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-    harm = UNEARNED
-    bites_from = 5.0
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """A command of its own in the place of the controller's."""
@@ -61,12 +51,6 @@ class Hijack(Attack):
 class Flee(Hijack):
     """Drives away from everybody, and out of range of any auditor."""
 
-    name = "flee"
-    does = "drives away from the goal as fast as it can, out of everybody's range"
-    on_wheels = False
-    stopped_by = "its commands differ from replay; and out of range it gets no tokens at all"
-    bites_from = 100.0
-
     def wanted_mps2(self) -> tuple[float, float]:
         """Full acceleration away from the goal."""
         away_x, away_y = self.me.x_m - self.plan.goal_m[0], self.me.y_m - self.plan.goal_m[1]
@@ -74,14 +58,8 @@ class Flee(Hijack):
         return FULL_MPS2 * away_x / far, FULL_MPS2 * away_y / far
 
 
-class Nondeterministic(Attack):
+class Nondeterministic(Liar):
     """A fault: the last bit of its commands is not always the same, as of a controller that uses a random source."""
-
-    name = "nondeterministic"
-    does = "a fault, no attack: the last bit of each command is a matter of chance"
-    stopped_by = "replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "stopped", "bound": "stopped"}
-    harm = UNEARNED
 
     def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
         """The command, its last bit drawn."""
@@ -92,19 +70,11 @@ class Nondeterministic(Attack):
         return super().put_out(now_ms, output)
 
 
-class Dawdle(Attack):
+class Dawdle(Liar):
     """In-protocol harm: what it does is right, and as late as the rules allow."""
 
-    name = "in-protocol"
-    does = "does what it must, as late as is not late: each output almost δ after its cause"
-    stopped_by = "nothing: a robot that keeps to the protocol is a correct one, whatever its owner wants (§3.9)"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {
-        "none": "not covered", "paper": "not covered", "bound": "not covered",
-    }  # fmt: skip
-    harm = UNEARNED
     # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
     # docs/attacks.md one that delays by the period alone stays within 2 mm of it (tests/attacks/test_small_harm.py).
-    bites_from = 0.05
     period_ms = 5
 
     DELAY_MS: ClassVar[int] = 85  # and the period on top of it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,23 +12,13 @@ from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import SENSOR
 
-from .attack import HOLE_OF_THE_PAPER, MOTION, NOT_COVERED, STOPPED, Attack, Defence, Verdict
-from .harm import CLAIM, UNEARNED
+from .liar import MOTION, Liar
 
 DRIFT_MPS = 5.0
 
 
-class SpoofGps(Attack):
+class SpoofGps(Liar):
     """Somebody outside draws the robot's position sensor aside; the robot itself is honest."""
-
-    name = "gps-spoof"
-    does = "somebody outside has its position sensor drift aside"
-    stopped_by = (
-        "nothing: the s-node chains what the sensor says, and a robot that believes it behaves correctly (§2.2)"
-    )
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
-    harm = UNEARNED
-    bites_from = 5.0
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """The reading, drawn aside."""
@@ -40,15 +29,8 @@ class SpoofGps(Attack):
         return MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
 
 
-class StuckSensor(Attack):
+class StuckSensor(Liar):
     """A fault: the position sensor says the same for ever; the robot itself is honest."""
-
-    name = "stuck-sensor"
-    does = "a fault, no attack: its position sensor repeats its last reading"
-    stopped_by = "nothing: the log shows a robot that stands still, and that is what an honest one would do there"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_COVERED
-    harm = UNEARNED
-    bites_from = 5.0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -62,18 +44,11 @@ class StuckSensor(Attack):
         return self._stuck
 
 
-class StarveSensors(Attack):
+class StarveSensors(Liar):
     """Polls its sensors no more: without an INPUT no command and no message is due, and the log shows no fault.
 
     If it has not polled them since boot, it says each time that it has just got its key, and nothing is missing yet.
     """
-
-    name = "starve-sensors"
-    does = "does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited as ever"
-    stopped_by = "in `bound`, readings lie on a grid and none may be missing up to the token request"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
-    harm = UNEARNED
-    bites_from = 5.0
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """The s-node is not asked."""
@@ -94,11 +69,6 @@ class KeyOfTomorrow(StarveSensors):
     A hole of ours, closed in bti/audit.py.
     """
 
-    name = "t-key"
-    does = "polls no sensors, and says that the mission key comes in 49 days, so that no reading is due until then"
-    stopped_by = "a log that begins at boot begins before its own token request"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
-
     T_KEY_MS: ClassVar[int] = (1 << 32) - (1 << 16)
 
     def next_frame(self, now_ms: int) -> list[Action]:
@@ -107,23 +77,16 @@ class KeyOfTomorrow(StarveSensors):
         if self.lies(now_ms) and r.t_key != self.T_KEY_MS:
             r.t_key = self.T_KEY_MS
             rounds.forget_checkpoint(self.f, self.i)
-        return Attack.next_frame(self, now_ms)
+        return Liar.next_frame(self, now_ms)
 
 
-class Interleave(Attack):
+class Interleave(Liar):
     """Polls a stock of readings at one moment, and lives on them for seconds: each is answered as if it were new.
 
     Two chains fix the order of readings and that of messages and commands, not which of them came before which. When
     the stock is used up it asks for audits, and then stocks up again.
     Source: docs/spec/rebound.md (free interleaving).
     """
-
-    name = "interleave"
-    does = "polls its sensors twelve times at once, and for 3 s acts on and broadcasts where it was then"
-    stopped_by = "in `bound`, entries carry the trusted nodes' time: readings lie on a grid, outputs follow within δ"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = HOLE_OF_THE_PAPER
-    harm = CLAIM
-    bites_from = 5.0
 
     STOCK: ClassVar[int] = 12
     SETTLED_MS: ClassVar[int] = 200

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.spoof import spoofed_state
 from phalanx.wire.table import KIND_STATE
 
-from .attack import MOTION, STOPPED, Attack, Defence, Verdict
-from .options import Option
+from .liar import MOTION, Liar
 
 # Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes".
 LIES_PERIOD_MS = 250
 
 
-class Spoof(Attack):
+class Spoof(Liar):
     """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
 
     With `strong=1`, where no a-node makes a broadcast of each frame, every other robot is claimed to be in the way of
@@ -25,12 +23,7 @@ class Spoof(Attack):
     Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
     """
 
-    name = "spoof"
-    does = "claims on behalf of other robots that they stand between a victim and the goal"
-    stopped_by = "replay never sends such a state: no auditor issues a token, and the tokens it has run out"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = STOPPED
     period_ms = 10
-    options: ClassVar[Mapping[str, Option]] = {"strong": Option(values=(0, 1), defences=("none",))}
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import Attack
+from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict, row
 from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16
@@ -26,7 +26,7 @@ def handle(world: World, robots: dict[int, CNode]) -> None:
     if cnode.is_own:
         _check_commands(world, cnode.id, actions)
     perform(world, i, actions)
-    if kind == loop.WAKE and isinstance(cnode, Attack):
+    if kind == loop.WAKE and isinstance(cnode, Liar):
         wake(world, i, cnode)
 
 
@@ -53,16 +53,16 @@ def _actions(world: World, cnode: CNode, kind: int, now_ms: int) -> list[Action]
     if kind == loop.SENT:
         return cnode.on_sent(now_ms, arrived=bool(world.clock[0].arrived))
     assert kind == loop.WAKE
-    return cnode.on_wake(now_ms) if isinstance(cnode, Attack) and cnode.lies(now_ms) else []
+    return cnode.on_wake(now_ms) if isinstance(cnode, Liar) and cnode.lies(now_ms) else []
 
 
-def wake(world: World, i: int, attack: Attack) -> None:
-    """The attack's next turn is among the events, if it has one."""
-    if not attack.period_ms:
+def wake(world: World, i: int, liar: Liar) -> None:
+    """The liar's next turn is among the events, if it has one."""
+    if not liar.period_ms:
         return
     now_us = int(world.clock[0].now_us)
-    start_us = attack.plan.start_ms * 1000 - int(world.boot_us[i])
-    push(world.queue, max(now_us + attack.period_ms * 1000, start_us), loop.WAKE, i, 0)
+    start_us = liar.plan.start_ms * 1000 - int(world.boot_us[i])
+    push(world.queue, max(now_us + liar.period_ms * 1000, start_us), loop.WAKE, i, 0)
 
 
 def _addressed(world: World, action: Transmit) -> int:

@@ -19,7 +19,7 @@ from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
 from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
 from phalanx.robot import node
-from phalanx.robot.attacks import Attack
+from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
 from phalanx.sim.radio.airtime import Rates, broadcast_us, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
@@ -56,7 +56,7 @@ class Setup:
         obstacles: count as contacts.
         area_m: what wheels stay within.
         bti, radio: parameters.
-        before_key: what a compromised c-node does to its a-node before the mission key is loaded, by index (Attack).
+        before_key: what a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     """
 
     robots: int
@@ -219,5 +219,5 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
             # Who is not heard yet when the first round comes is asked in the second, before T_val is over.
             first_us = FIRST_ROUND_US + mixed(int(settings.mission_seed) + 1, i + 1) * 1000 % int(clock.audit_us)
             push(world.queue, first_us, loop.ROUND, i, 0)
-        if isinstance(cnode, Attack):
+        if isinstance(cnode, Liar):
             pybot.wake(world, i, cnode)

@@ -23,7 +23,7 @@ from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.sim.builtin import built_in
 
-from .scenario import Scenario
+from .scenario import AttackSpec, Scenario
 
 MOST_BYTES = 1 << 16
 MOST_DIGITS = 40
@@ -32,6 +32,7 @@ SCHEMA_NAME = "scenario.schema.json"
 SIZES = {"reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
 DERIVED: Mapping[type, frozenset[str]] = {
     BtiConfig: frozenset({"n_max", *SIZES}),
+    AttackSpec: frozenset({"own"}),
     FlockConfig: frozenset({"goal_m", "d_m", "n_max", "state_every", "discs", "boxes"}),
 }
 WORDS = {int: "a whole number", float: "a number", str: "text"}

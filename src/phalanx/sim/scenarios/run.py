@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import Unavailable, UsageError
-from phalanx.robot.attacks import ATTACKS, Attack, Plan
+from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.flock_law import flock_params
@@ -60,7 +60,7 @@ class Run:
             obstacles=scenario.obstacles,
             bti=scenario.bti,
             radio=scenario.radio,
-            before_key={int(spec.robot or 0) - 1: ATTACKS[spec.name].before_key for spec in drawn},
+            before_key={int(spec.robot or 0) - 1: spec.attack.kind.before_key for spec in drawn},
         )
         try:
             self.world = make_world(setup, chance)
@@ -99,7 +99,7 @@ class Run:
                 chance=chance,
                 options=spec.options,
             )
-            self.robots[rob_id - 1] = ATTACKS[spec.name](world.fleet, rob_id - 1, world.work, plan, controller)
+            self.robots[rob_id - 1] = lying(spec.attack, world.fleet, rob_id - 1, world.work, plan, controller)
 
     # --- going on -----------------------------------------------------------------------------------------------------
 
@@ -144,7 +144,7 @@ class Run:
     def _correct(self) -> NDArray[np.bool_]:
         correct = np.ones(len(self.ids), bool)
         for i, robot in self.robots.items():
-            correct[i] = not isinstance(robot, Attack)
+            correct[i] = not isinstance(robot, Liar)
         return correct
 
     @property
@@ -171,7 +171,7 @@ class Run:
     @property
     def compromised(self) -> dict[int, str]:
         """Names of the attacks, by robot id."""
-        return {i + 1: robot.name for i, robot in self.robots.items() if isinstance(robot, Attack)}
+        return {i + 1: robot.attack.name for i, robot in self.robots.items() if isinstance(robot, Liar)}
 
     def shields(self) -> list[list[tuple[int, float]]]:
         """Of each robot, who vouches for it and for how many seconds more, the longest first. Source: §3.5."""
@@ -203,7 +203,7 @@ class Run:
             "digest": digest.hexdigest(),
             "mean_distance_to_goal_m": self._mean_distance_m(),
             "distance_series": self._distances,
-            "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Attack)],
+            "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Liar)],
             "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
             "without_quorum": [int(each) for each in self.ids[alone]],
             "contacts": int(world.clock[0].contacts),
@@ -214,12 +214,12 @@ class Run:
             "real_time_factor": seconds / self._wall_s if self._wall_s else None,
         }
 
-    def _told(self, i: int, attack: Attack) -> dict[str, Any]:
+    def _told(self, i: int, liar: Liar) -> dict[str, Any]:
         boot_ms = int(self.world.boot_us[i]) // 1000
-        deviated, safe_us = attack.first_deviation_ms, int(self.world.safe_us[i])
+        deviated, safe_us = liar.first_deviation_ms, int(self.world.safe_us[i])
         return {
             "robot": i + 1,
-            "attack": attack.name,
+            "attack": liar.attack.name,
             "first_deviation_s": None if deviated is None else (deviated - boot_ms) / 1000,
             "safe_mode_s": None if safe_us < 0 else safe_us / 1e6,
         }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,8 @@ from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.robot.attacks import ATTACKS, check_options
+from phalanx.robot.attacks.attack import Attack, meant
+from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 
 CONTROLLERS = ("flock",)
 MOST_ROBOTS = 65_535
@@ -34,6 +34,7 @@ class AttackSpec:
         at_s: when it begins to lie.
         until_s: when it is honest again; None for never.
         options: the attack's own, by name.
+        own: an attack that is not in the library, whatever `name` says.
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §5.3 (from 15 s).
     """
@@ -43,13 +44,19 @@ class AttackSpec:
     at_s: float = 15.0
     until_s: float | None = None
     options: Mapping[str, float | str] = field(default_factory=dict, hash=False)
+    own: Attack | None = field(default=None, hash=False)
+
+    @property
+    def attack(self) -> Attack:
+        """What it is."""
+        return self.own or ATTACKS[self.name]
 
     def __post_init__(self) -> None:
         _within("at_s", self.at_s, 0.0, LONGEST_S)
         if self.until_s is not None and not self.at_s < self.until_s < math.inf:
             raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
-        if self.name in ATTACKS:  # for others a scenario has words of its own
-            check_options(ATTACKS[self.name], self.options)
+        if self.own or self.name in ATTACKS:  # for others a scenario has words of its own
+            self.attack.check(self.options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,10 +198,9 @@ class Scenario:
     def _check_attacks(self) -> None:
         seen = set()
         for attack in self.attacks:
-            if attack.name not in ATTACKS:
-                near = difflib.get_close_matches(attack.name, ATTACKS, 1, 0.5)
-                guess = f"did you mean {near[0]}? " if near else ""
-                raise UsageError(f"no attack {attack.name!r}", f"{guess}one of {', '.join(sorted(ATTACKS))}")
+            if not attack.own and attack.name not in IN_FLOCKS:
+                hint = f"{meant(attack.name, IN_FLOCKS)}one of {', '.join(sorted(IN_FLOCKS))}"
+                raise UsageError(f"no attack {attack.name!r}", hint)
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:
                     raise UsageError(f"{attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}")

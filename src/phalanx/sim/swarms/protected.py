@@ -20,8 +20,8 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
-from phalanx.robot.attacks import ATTACKS, Attack, Plan
-from phalanx.robot.attacks.hijack import Hijack
+from phalanx.robot.attacks.liar import Liar, Plan, lying
+from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders, wheels
 from phalanx.robot.shield import AttackChoice, Audit, Shield
@@ -56,7 +56,7 @@ EDGE_MM = 200.0
 APART_MM = 200.0
 TRIES = 64
 # The first that an operator is offered: anybody can see what it does.
-PLAIN_TO_SEE = Hijack.name
+PLAIN_TO_SEE = "hijack"
 # A robot's log has room for so many bytes of orders a second, which is what this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 20
 ORDER_BYTES_PER_S = 450
@@ -248,7 +248,7 @@ class ProtectedSwarm:
             full_s=self._config.t_val_ms / 1000,
             vouchers=tuple((self._addresses[tor - 1], left_s) for tor, left_s in shields(self.world, i)),
             safe_mode=bool(self.world.safe[i]),
-            attack=liar.name if isinstance(liar, Attack) else "",
+            attack=liar.attack.name if isinstance(liar, Liar) else "",
         )
 
     def new_audits(self) -> Sequence[Audit]:
@@ -264,7 +264,7 @@ class ProtectedSwarm:
 
     def attacks(self) -> Sequence[AttackChoice]:
         """What a robot can be made to do, first what is plain to see."""
-        choices = [AttackChoice(name, attack.does) for name, attack in ATTACKS.items() if attack.on_wheels]
+        choices = [AttackChoice(name, attack.does) for name, attack in IN_FLOCKS.items() if attack.on_wheels]
         return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
 
     def compromise(self, address: str, attack: str) -> None:
@@ -283,7 +283,7 @@ class ProtectedSwarm:
             stop_ms=FOREVER_MS,
             chance=self._chance,
         )
-        liar = ATTACKS[attack](self.world.fleet, i, self.world.work, plan)
+        liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan)
         self._liars[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, i, liar)

@@ -1,6 +1,6 @@
 """Robots that cheat on their mission although peers replay it: four ways to be somewhere, or to have seen something.
 
-Like every attack (attack.py), they are honest until they begin, and an honest controller runs beside the lying one: the
+Like every liar (liar.py), they are honest until they begin, and an honest controller runs beside the lying one: the
 first output that it would not have put out is the deviation from which promise P1 counts.
 """
 
@@ -19,6 +19,7 @@ from phalanx.mission import OpenWay
 from phalanx.mission.landmarks.angles import wrap
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
+from phalanx.robot.attacks.attack import Scene
 from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
@@ -51,15 +52,9 @@ class CheatPlan:
 
 
 class MissionCheat(CNode):
-    """A compromised c-node on a mission.
+    """A compromised c-node on a mission."""
 
-    Class attributes:
-        name, does, stopped_by: for people, as of every attack.
-    """
-
-    name: ClassVar[str]
-    does: ClassVar[str]
-    stopped_by: ClassVar[str]
+    scene: ClassVar[Scene] = "team"
 
     def __init__(
         self, fleet: Fleet, i: int, work: Work, make_controller: Callable[[int], Controller], *, plan: CheatPlan
@@ -113,10 +108,6 @@ class MissionCheat(CNode):
 class SkipNode(MissionCheat):
     """Leaves out a node: from its checkpoint on it pretends to itself that the node was decoded."""
 
-    name = "skip-node"
-    does = "goes on as if a node had been decoded that it has never seen"
-    stopped_by = "replay has not decoded the node: it drives elsewhere, and no way leads to what is claimed next"
-
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """Once, the walk stands behind the node; then it goes on from there."""
         walk, node = self.mission.memory.walk, self.plan.node
@@ -133,10 +124,6 @@ class SkipNode(MissionCheat):
 class DriveDark(MissionCheat):
     """Drives to where nothing that was decoded leads."""
 
-    name = "drive-dark"
-    does = "drives where it likes, not where what it decoded leads"
-    stopped_by = "the a-node has chained the commands, and replay gives others"
-
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """The mission's outputs, with its own speeds in them."""
         x_m, y_m, heading = self.mission.pose(reading)
@@ -149,10 +136,6 @@ class DriveDark(MissionCheat):
 
 class ShowUnsensed(MissionCheat):
     """Shows auditors a scan that its lidar never made."""
-
-    name = "show-unsensed"
-    does = "decodes a node from a scan that it made up, and shows that scan"
-    stopped_by = "its s-node has chained another scan's hash"
 
     def lie(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """The mission goes on by what is imagined."""
@@ -171,16 +154,7 @@ class ShowUnsensed(MissionCheat):
 class ForgeClaim(ShowUnsensed):
     """Shows the scan that its lidar made, and claims that the node is to be seen in it."""
 
-    name = "forge-claim"
-    does = "claims a node, with the very bytes that open it, on a scan that does not show it"
-    stopped_by = "auditors extract landmarks from the scan themselves"
-
     def shown(self, evidence: bytes) -> bytes:
         """The claim as made, the scan as it was."""
         claims, _ = unpack_evidence(evidence, self.mission.missions.sensors.lidar.beams)
         return pack_evidence(claims, self.raw)
-
-
-MISSION_CHEATS: dict[str, type[MissionCheat]] = {
-    cheat.name: cheat for cheat in (SkipNode, DriveDark, ShowUnsensed, ForgeClaim)
-}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -11,32 +10,18 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Landmark, Observable, Profile, build, parse_mission, parse_start_key, sign
 from phalanx.mission.graph import Node
-from phalanx.robot.attacks.attack import Defence, Verdict
 
-from .attack import MissionAttack, Sent
-from .harm import WRONG
+from .between import Between, Sent
 
 BYTE = 8
 MM_PER_M = 1000
-NOT_CHECKED_ON_PAPER: Mapping[Defence, Verdict] = {"none": "bites", "paper": "bites", "bound": "stopped"}
 
 
-class FlipBit(MissionAttack):
+class FlipBit(Between):
     """One bit of what was signed is another: a header's, a hash's, a payload's; `bit=N` or any.
 
     In the plain graph it is a bit of the last node's place: the one for four metres.
     """
-
-    name = "flip-bit"
-    against = "file"
-    does = "changes one bit of the mission on its way to the robot"
-    stopped_by = (
-        "each record is bound to what was experienced and to the header (`paper`, docs/adr/0017), or authenticated "
-        "under what that opens (`bound`): it does not decode; and before that the signature does not verify"
-    )
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "stopped", "bound": "stopped"}
-    harm = WRONG
-    takes = ("bit", "unchecked")
 
     PLACE_BIT: ClassVar[int] = 12  # of millimetres: 4.096 m
 
@@ -64,18 +49,12 @@ class FlipBit(MissionAttack):
         return replace(thing, x_m=(round(thing.x_m * MM_PER_M) ^ 1 << self.PLACE_BIT) / MM_PER_M)
 
 
-class ForgeGraph(MissionAttack):
+class ForgeGraph(Between):
     """A whole mission of the adversary's: who has a floor plan can write one, and sign it with some key of his own.
 
     In `paper` nobody asks who wrote a mission. Who has guessed the nodes of a true one could alter that as well.
     """
 
-    name = "forge-graph"
-    against = "file"
-    does = "puts a mission of its own in the place of the operator's, start key and all"
-    stopped_by = "in `bound` the signature is by nobody whom the robot trusts; `paper` has no signature to look for"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_CHECKED_ON_PAPER
-    harm = WRONG
     ordered = False
 
     def deliver(self, sent: Sent) -> Sent:
@@ -92,21 +71,14 @@ class ForgeGraph(MissionAttack):
         return Sent(self.plan.wanted, mission.encode(), made.key.encode(), ())
 
 
-class _Replay(MissionAttack):
+class _Replay(Between):
     """Something true is sent when nobody ordered anything: the weakness that the paper names (§VI-G)."""
 
-    against = "file"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = NOT_CHECKED_ON_PAPER
-    harm = WRONG
     ordered = False
 
 
 class ReplayDay(_Replay):
     """The operator's mission of another day."""
-
-    name = "replay-day"
-    does = "sends the robot what it was sent yesterday: mission, start key and messages"
-    stopped_by = "in `bound` the mission's window is signed, and over"
 
     def deliver(self, sent: Sent) -> Sent:
         """Yesterday's."""
@@ -117,10 +89,6 @@ class ReplayDay(_Replay):
 class ReplayRobot(_Replay):
     """The operator's mission for another robot."""
 
-    name = "replay-robot"
-    does = "sends the robot what another was sent: mission, start key and messages"
-    stopped_by = "in `bound` the robots that may run a mission are signed, and this one is not among them"
-
     def deliver(self, sent: Sent) -> Sent:
         """The other robot's."""
         del sent
@@ -130,32 +98,17 @@ class ReplayRobot(_Replay):
 class ReplayAgain(_Replay):
     """The operator's mission of today, once more: the robot has done it already."""
 
-    name = "replay-again"
-    does = "sends the robot today's mission once more, after it was done"
-    stopped_by = "in `bound` a robot remembers which missions it has started, and starts each once"
     again = True
 
 
 class SetClock(ReplayDay):
     """Yesterday's mission was held back, so that the robot never started it; today its clock is a day late."""
 
-    name = "set-clock"
-    against = "clock"
-    does = "holds back a mission for a day, and sets the robot's clock back by that day when it delivers it"
-    stopped_by = "nothing, if the robot has never started it: a window is worth what its clock is, and that is trusted"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "not covered"}
     clock_s = -86_400.0
 
 
-class SwapKey(MissionAttack):
+class SwapKey(Between):
     """The start key of another day comes with the mission of today."""
-
-    name = "swap-key"
-    against = "start key"
-    does = "sends yesterday's start key with today's mission"
-    stopped_by = "a start key names its mission, and its gates open no other; a mission in `none` or `paper` has none"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "harmless", "bound": "stopped"}
-    harm = WRONG
 
     def deliver(self, sent: Sent) -> Sent:
         """With the key of yesterday, which says that it is today's."""

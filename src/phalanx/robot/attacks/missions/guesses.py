@@ -15,10 +15,9 @@ from phalanx.mission.file.sealed import node_salt, try_observation
 from phalanx.mission.walk.gate import StartKey
 from phalanx.mission.worth.audit import OUT_OF_REACH, audit
 from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
-from phalanx.robot.attacks.attack import Defence, Verdict
+from phalanx.robot.attacks.attack import Scene
 
-from .attack import MissionAttack, Sent
-from .harm import READ
+from .between import Between, Sent
 
 GATES = 2.0 ** (8 * SECRET_BYTES)
 TOKEN_BYTES = 16
@@ -26,7 +25,7 @@ TOKENS = 2.0 ** (8 * TOKEN_BYTES)
 TOKEN_BATCH = 16
 
 
-class Guess(MissionAttack, ABC):
+class Guess(Between, ABC):
     """Whoever has the file tries to read it, away from any robot.
 
     Class attributes:
@@ -34,9 +33,7 @@ class Guess(MissionAttack, ABC):
         one_node: whether it is about the node with the token alone.
     """
 
-    against = "secrecy"
-    harm = READ
-    takes = ()
+    scene: ClassVar[Scene] = "file"
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 1 << 30, Profile.SEALED: 64}
     one_node: ClassVar[bool] = False
 
@@ -58,11 +55,6 @@ class Guess(MissionAttack, ABC):
 class GuessGraph(Guess):
     """The file and its start key, if it has one, were captured with the robot."""
 
-    name = "guess-graph"
-    does = "tries every place in an area of 40 m x 40 m against a captured mission and its start key"
-    stopped_by = "in `bound` each try is an scrypt, which limits how fast; `paper` is a commitment and hides no place"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "limited"}
-
     def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
         """Every place."""
         mission = parse_mission(sent.file)
@@ -80,11 +72,6 @@ class GuessGraph(Guess):
 
 class GuessGate(GuessGraph):
     """The file alone was captured: the start key came over the link, and is not in it."""
-
-    name = "guess-gate"
-    does = "tries to read a captured mission without its start key, with gates that it draws"
-    stopped_by = "in `bound` 2^256 gates stand before the first place; `paper` has no start key"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "bites", "bound": "harmless"}
 
     def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
         """Every place, behind one gate after the other."""
@@ -104,10 +91,6 @@ class GuessGate(GuessGraph):
 class GuessToken(Guess):
     """A code on a wall says 128 random bits; the adversary knows where it hangs, and has all gates."""
 
-    name = "guess-token"
-    does = "tries random tokens against the node of a captured mission whose place it knows, with all that leads there"
-    stopped_by = "128 random bits in a code on the wall are on no floor plan, in either profile"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "harmless", "bound": "harmless"}
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
     one_node = True
 

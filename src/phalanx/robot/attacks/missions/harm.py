@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+
+from phalanx.robot.attacks.harm import Harm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,28 +65,11 @@ class Guessed:
     whole_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class MissionHarm:
-    """One way to measure damage.
-
-    Args:
-        words: what is measured, for people.
-        unit: of the number.
-        of: the number, of a `Walked` or, for guesses, of a `Guessed`.
-    """
-
-    words: str
-    unit: str
-    of: Callable[[Any], float]
-
-
-WRONG = MissionHarm(
-    "things done that nobody ordered, or not there", "actions", lambda walked: len(walked.wrong_actions)
-)
-FALSE = MissionHarm(
+WRONG = Harm("things done that nobody ordered, or not there", "actions", lambda walked: len(walked.wrong_actions))
+FALSE = Harm(
     "nodes taken for reached by a robot more than a metre from where it believed to be",
     "nodes",
     lambda walked: walked.false_nodes,
 )
-FIX = MissionHarm("how far off the worst false fix left the robot", "m", lambda walked: walked.worst_fix_m)
-READ = MissionHarm("nodes read in the tries that were made", "nodes", lambda guessed: guessed.read)
+FIX = Harm("how far off the worst false fix left the robot", "m", lambda walked: walked.worst_fix_m)
+READ = Harm("nodes read in the tries that were made", "nodes", lambda guessed: guessed.read)

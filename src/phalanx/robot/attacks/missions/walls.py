@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
 from phalanx.mission.landmarks import FloorPlan, WallCode
-from phalanx.robot.attacks.attack import Defence, Verdict
 
-from .attack import MissionAttack
-from .harm import FIX, WRONG
+from .between import Between
 
 
 def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
@@ -24,15 +21,8 @@ def aside(code: WallCode, ahead_m: float, side_m: float) -> WallCode:
     )
 
 
-class MoveCode(MissionAttack):
+class MoveCode(Between):
     """A code is taken down and hung up elsewhere, in the robot's way."""
-
-    name = "move-code"
-    against = "walls"
-    does = "hangs the code of the shelf 5 m before it"
-    stopped_by = "the text is public, but hashed together with where it hangs: elsewhere it does not decode"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "stopped", "bound": "stopped"}
-    harm = WRONG
 
     AHEAD_M: ClassVar[float] = 5.0
 
@@ -44,27 +34,13 @@ class MoveCode(MissionAttack):
 class CloneCode(MoveCode):
     """A copy of a code hangs in the robot's way, and the code where it belongs."""
 
-    name = "clone-code"
-    does = "hangs a copy of the code of the shelf 5 m before it"
-    stopped_by = "the copy does not decode where it hangs; the robot goes on to the code itself"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "bites", "paper": "harmless", "bound": "harmless"}
-
     def building(self, plan: FloorPlan) -> FloorPlan:
         """With the copies."""
         return replace(plan, codes=(*plan.codes, *super().building(plan).codes))
 
 
-class NudgeCode(MissionAttack):
+class NudgeCode(Between):
     """A code is moved by less than a robot searches: it decodes, and the fix is as wrong as the code."""
-
-    name = "nudge-code"
-    against = "walls"
-    does = "hangs the code of the shelf 0.4 m aside"
-    stopped_by = "nothing; the search limits it: what hangs farther off than it reaches does not decode"
-    verdicts: ClassVar[Mapping[Defence, Verdict]] = {"none": "harmless", "paper": "limited", "bound": "limited"}
-    harm = FIX
-    bites_from = 0.3
-    limit = 0.75  # half a metre on each axis, and a cell's corner
 
     SIDE_M: ClassVar[float] = 0.4
 

@@ -14,9 +14,7 @@ import numpy as np
 
 from phalanx.mission import Mission
 from phalanx.mission.landmarks import FloorPlan, LaserScan
-from phalanx.robot.attacks.attack import Defence, Verdict
-
-from .harm import MissionHarm
+from phalanx.robot.attacks.attack import Scene
 
 Pose = tuple[float, float, float]
 Look = Callable[[Pose], LaserScan]
@@ -60,39 +58,23 @@ class MissionPlan:
     options: Mapping[str, float | str] = field(default_factory=dict)
 
 
-class MissionAttack:
+class Between:
     """One way to attack a mission.
 
     Class attributes:
-        name: as typed in commands.
-        against: what it lies about.
-        does: what it does, for people.
-        stopped_by: what stops it, or why nothing has to, or why nothing can.
-        verdicts: what each defence makes of it.
-        harm: how its damage is measured; from `bites_from` of it on, the attack bites.
-        limit: a defence that limits it keeps its damage below this.
         ordered: whether the operator wants anything done at all while it goes on.
         released: whether the controller sends its messages.
         again: whether the robot has started what it gets before.
         clock_s: by so much the robot's clock is wrong.
         starts_s: when it begins to lie, unless it is told otherwise.
-        takes: options.
     """
 
-    name: ClassVar[str]
-    against: ClassVar[str]
-    does: ClassVar[str]
-    stopped_by: ClassVar[str]
-    verdicts: ClassVar[Mapping[Defence, Verdict]]
-    harm: ClassVar[MissionHarm]
-    bites_from: ClassVar[float] = 1.0
-    limit: ClassVar[float] = 0.0
+    scene: ClassVar[Scene] = "errand"
     ordered: ClassVar[bool] = True
     released: ClassVar[bool] = True
     again: ClassVar[bool] = False
     clock_s: ClassVar[float] = 0.0
     starts_s: ClassVar[float] = 0.0
-    takes: ClassVar[tuple[str, ...]] = ("at", "unchecked")
 
     def __init__(self, plan: MissionPlan) -> None:
         self.plan = plan

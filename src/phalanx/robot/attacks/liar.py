@@ -1,0 +1,293 @@
+"""A compromised robot: the honest c-node, with some of its methods overridden. What every attack has in common.
+
+Beside the lying c-node runs an honest controller, fed with what this robot's sensors and radio really said. What the
+a-node lets through and that controller would not have said, or the other way round, is a deviation: so no attack has to
+be believed about when it began. An attack sees what a c-node sees, and its plan; the trusted nodes only answer calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from phalanx.bti import audit, log, request, trusted
+from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
+from phalanx.bti.fleet import PLAIN, Fleet
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import auditor, node
+from phalanx.robot.cnode import Action, CNode, row
+from phalanx.robot.cnode import Verdict as Told
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
+from phalanx.wire.fields import Row
+from phalanx.wire.table import KIND_STATE, SENSOR, STATE
+
+from .attack import Attack, Scene
+
+MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the adversary knows and wants when it takes a robot over.
+
+    Args:
+        ids: every robot's id.
+        goal_m: where the swarm is going.
+        accomplices: ids of the other compromised robots.
+        start_ms, stop_ms: from when to when it lies, ms of the robot's own clock.
+        chance: the adversary's dice, seeded by the scenario.
+        options: what was asked for beside that.
+    """
+
+    ids: tuple[int, ...]
+    goal_m: tuple[float, float]
+    accomplices: tuple[int, ...]
+    start_ms: int
+    stop_ms: int
+    chance: np.random.Generator
+    options: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Where a robot says it is, m, and how fast it goes, m/s; or what a sensor says of its own."""
+
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+
+
+class Liar(CNode):
+    """A robot that lies in one way. Honest before `plan.start_ms` and from `plan.stop_ms` on.
+
+    While it lies, `sensed`, `heard` and `round_due` take the place of what an honest c-node does at these events.
+
+    Class attributes:
+        scene: where such an attack is tried.
+        period_ms: `on_wake` is called so often while it lies; 0 never.
+
+    Attributes:
+        attack: what it is an instance of; set by who makes it (`lying`).
+    """
+
+    scene: ClassVar[Scene] = "flock"
+    period_ms: ClassVar[int] = 0
+    attack: Attack
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        i: int,
+        work: Work,
+        plan: Plan,
+        make_controller: Callable[[int], Controller] | None = None,
+    ) -> None:
+        super().__init__(fleet, i, work, make_controller)
+        self.plan = plan
+        self.first_deviation_ms: int | None = None
+        self.last_deviation_ms: int | None = None
+        self.output_missing = False  # the first deviation: nobody can know of it before δ and the skew are over
+        self.gained = 0  # what an attack on the audits got out of them, beyond what is due to an honest robot
+        self.seen: dict[int, Motion] = {}
+        self.me = Motion(0.0, 0.0, 0.0, 0.0)
+        self.worst_claim_m = 0.0
+        self.sensed_ms = 0  # its last reading: in Safe Mode there are none
+        bundled = compiled(fleet.settings[0].controller, fleet.params)
+        self._honest = (make_controller or bundled)(self.id)
+        self._steps = 0
+        r = fleet.robot[i]
+        if r.alive:  # taken over in the middle of a mission
+            self._honest.decode(fleet.state[i, : r.state_len].tobytes())
+            self._steps = int(r.step)
+        self._put_out: list[Output] | None = None
+
+    @property
+    def alive_s(self) -> float:
+        """For how long it has had its mission key, until Safe Mode."""
+        return (self.sensed_ms - int(self.f.robot[self.i].t_key)) / 1000
+
+    @property
+    def lied_s(self) -> float:
+        """For how long it has lied, until Safe Mode."""
+        return max(0, min(self.sensed_ms, self.plan.stop_ms) - self.plan.start_ms) / 1000
+
+    @classmethod
+    def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
+        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet.
+
+        Args:
+            rob_id: the robot's.
+            profile: the firmware's.
+            anode: the a-node, to be called only.
+            f_max: the mission's.
+        Source: docs/spec/rebound.md (zero key).
+        """
+
+    # --- events: honest while it does not lie -------------------------------------------------------------------------
+
+    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
+        """A reading is due; what goes out is compared with what an honest robot would put out."""
+        reading = self.read(now_ms, reading)
+        self.sensed_ms = now_ms
+        self.me = Motion(*MOTION.unpack(reading)[3:]) if len(reading) == SENSOR.size else self.me
+        due = checked_outputs(self._honest.on_input(self._steps, now_ms, reading), int(self.f.settings[0].frame_max))
+        self._steps += 1
+        self._put_out = []
+        actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
+        if self._put_out != due:
+            self.deviates(now_ms, output_missing=len(self._put_out) < len(due))
+        self._put_out = None
+        return actions
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """A frame has arrived."""
+        if not frame[0] & request.AUDIT:
+            self._honest.on_recv(now_ms, frame)
+            if len(frame) == STATE.size and frame[0] == KIND_STATE:
+                _, rob_id, _, *motion = MOTION.unpack(frame)
+                self.seen[rob_id] = Motion(*motion)
+        return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_message(now_ms, frame)
+
+    def on_round(self, now_ms: int) -> list[Action]:
+        """T_audit has passed."""
+        return self.round_due(now_ms) if self.lies(now_ms) else super().on_round(now_ms)
+
+    def on_wake(self, now_ms: int) -> list[Action]:  # noqa: ARG002 - what attacks with a period override
+        """Something out of turn, each `period_ms` while it lies."""
+        return []
+
+    # --- what subclasses override -------------------------------------------------------------------------------------
+
+    def read(self, now_ms: int, reading: bytes) -> bytes:  # noqa: ARG002 - what a faulty sensor needs
+        """What the sensor itself says, before the s-node has it."""
+        return reading
+
+    def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
+        """`on_sensor` while it lies."""
+        return super().on_sensor(now_ms, reading)
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """`on_message` while it lies."""
+        return super().on_message(now_ms, frame)
+
+    def round_due(self, now_ms: int) -> list[Action]:
+        """`on_round` while it lies."""
+        return super().on_round(now_ms)
+
+    # --- what goes out is watched -------------------------------------------------------------------------------------
+
+    def act(self, now_ms: int, command: bytes) -> list[Action]:
+        """A command through the a-node."""
+        return self._watched(now_ms, Act(command), super().act(now_ms, command))
+
+    def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
+        """A frame through the a-node."""
+        actions = super().send(now_ms, frame, to)
+        return actions if frame[0] & request.AUDIT else self._watched(now_ms, Send(frame), actions)
+
+    def _watched(self, now_ms: int, output: Output, actions: list[Action]) -> list[Action]:
+        if not actions:
+            return actions
+        if self._put_out is None:
+            self.deviates(now_ms)
+        else:
+            self._put_out.append(output)
+        if isinstance(output, Send) and len(output.payload) == STATE.size:
+            _, rob_id, _, x_m, y_m, _, _ = MOTION.unpack(output.payload)
+            if rob_id == self.id:
+                off_m = float(np.hypot(x_m - self.me.x_m, y_m - self.me.y_m))
+                self.worst_claim_m = max(self.worst_claim_m, off_m)
+        return actions
+
+    def lies(self, now_ms: int) -> bool:
+        """Whether it lies at this moment."""
+        return self.plan.start_ms <= now_ms < self.plan.stop_ms
+
+    def deviates(self, now_ms: int, *, output_missing: bool = False) -> None:
+        """Remembers the moment: this an honest robot would not have done, or had done otherwise."""
+        if self.first_deviation_ms is None:
+            self.first_deviation_ms = now_ms
+            self.output_missing = output_missing
+        self.last_deviation_ms = now_ms
+
+    # --- what several attacks need ------------------------------------------------------------------------------------
+
+    @staticmethod
+    def is_request(frame: bytes) -> bool:
+        """Whether the frame is part of a request for an audit."""
+        is_audit = bool(frame[0] & request.AUDIT) and len(frame) > request.FRAGMENT_HEAD_BYTES
+        return is_audit and frame[request.AT_SUB] == request.FRAGMENT
+
+    def whole_request(self, now_ms: int, frame: bytes) -> int:
+        """The fragment is taken; the place of the request if it is whole now and well-formed, -1 otherwise."""
+        place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
+        if place < 0:
+            return -1
+        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        return place if audit.open_request(self.w, q, length) == 0 else -1
+
+    def vouch(self, now_ms: int, place: int) -> list[Action]:
+        """The sender of the request just opened gets its token, whatever its log shows."""
+        src = int(self.w.case[0].tee)
+        refused = auditor.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
+        node.answer(self.f, self.i, self.w, place, src, refused)
+        told = Told(src, Refusal(int(self.w.told[node.TOLD_REFUSAL])))
+        return [told] if told.refusal else [told, *self.reply(now_ms, src)]
+
+    def pass_by(self, now_ms: int, frame: bytes) -> None:
+        """The a-node takes and chains the frame; the c-node pretends that it never came."""
+        profile = int(self.f.settings[0].profile)
+        if profile != PLAIN:
+            trusted.anode_recv(profile, self.f.anode[self.i], now_ms, row(frame), len(frame), self.w.entry)
+
+    def believe(self, t_ms: int, frame: bytes) -> None:
+        """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
+        n = node.plain(self.w, RECV, t_ms, row(frame), len(frame))
+        self.record(n)
+        if self.controller:
+            self.controller.on_recv(t_ms, frame)
+            self.keep_state()
+        else:
+            r, s = self.f.robot[self.i], self.f.settings[0]
+            state = self.f.state[self.i]
+            r.state_len = dispatch.on_recv(s.controller, self.f.params, r.id, t_ms, row(frame), len(frame), state)
+
+    def poll(self, now_ms: int, reading: bytes) -> int:
+        """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
+        profile = int(self.f.settings[0].profile)
+        if profile == PLAIN:
+            return int(node.plain(self.w, INPUT, now_ms, row(reading), len(reading)))
+        snode = self.f.snode[self.i]
+        return int(trusted.snode_poll(profile, snode, now_ms, row(reading), len(reading), self.w.entry))
+
+    def record(self, n: int) -> None:
+        """The entry in `work.entry` is in the log, whatever it is."""
+        if int(self.f.settings[0].profile) != PLAIN:
+            log.append(self.f, self.i, self.w.entry, n)
+
+    def carry_out(self, now_ms: int, n: int) -> list[Action]:
+        """The controller acts on the INPUT in `work.entry[:n]`, and its outputs go out."""
+        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)]
+
+    def entry(self, n: int) -> bytes:
+        """The payload of the entry in `work.entry[:n]`."""
+        return self.w.entry[ENTRY_HEAD_BYTES:n].tobytes()
+
+
+def lying(
+    attack: Attack,
+    fleet: Fleet,
+    i: int,
+    work: Work,
+    plan: Plan,
+    make_controller: Callable[[int], Controller] | None = None,
+) -> Liar:
+    """Robot `i`, compromised; arguments as for a `Liar`."""
+    liar: Liar = attack.kind(fleet, i, work, plan, make_controller)
+    liar.attack = attack
+    return liar
