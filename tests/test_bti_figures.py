@@ -17,7 +17,7 @@ from phalanx.errors import UsageError
 from phalanx.experiments.bti import fig8 as bti_fig8
 from phalanx.experiments.bti import fig9 as bti_fig9
 from phalanx.experiments.bti import flock as bti_flock
-from phalanx.experiments.bti.attack_trial import Stop, Trial, stop_bound_s, try_attack
+from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, stop_bound_s, try_attack
 from phalanx.experiments.bti.flock import FlockConfig, band, last_line, mean_distances_m, measure, read_reference
 from phalanx.experiments.bti.flock_plot import draw_flock
 from phalanx.experiments.bti.flock_table import (
@@ -30,6 +30,8 @@ from phalanx.experiments.bti.flock_table import (
     Origin,
     read_flock_table,
 )
+from phalanx.experiments.trial import said_of
+from phalanx.robot.attacks import ATTACKS
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 ORIGIN = Origin(figure="bti-fig8", scenario="all of it", every_s=5.0, version="0 (cafe)")
@@ -385,7 +387,8 @@ class TestTrial:
     )
     def test_late_is_late(self, stop, in_time):
         told = {"duration_s": 60.0}
-        trial = Trial("spoof", "bound", "stopped", 10.251, (stop,), 0.0, "m", "", 1.0, told, told, 0.0)
+        came_to = {"harm": 0.0, "attacked": told, "honest": told, "honest_distance_m": 0.0}
+        trial = FlockTrial(**said_of(ATTACKS["spoof"], "bound"), **came_to, bound_s=10.251, stops=(stop,))
         assert trial.stopped_in_time is in_time
 
 
