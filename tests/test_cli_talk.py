@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import re
+import subprocess
+import sys
 
 import click
 import numba
@@ -34,27 +36,50 @@ def compiled(monkeypatch):
     return compiled
 
 
+COMPILING = "compiling what robots run, only this time:"
+# A handful of kernels, compiled in a process of its own: a table of digests.
+HASH = """
+import numpy as np
+from phalanx.cli.terminal import Progress
+from phalanx.crypto.sha3 import sha3_256_many
+from phalanx.sim import compiling
+compiling.PATIENCE_S = 0.0
+with compiling.telling_of_compiling(Progress(0.0, 0.0).tell):
+    print(sha3_256_many(np.zeros((1, 1), np.uint8)).tobytes().hex()[:8])
+"""
+
+
 class TestCompiling:
-    def test_it_is_told_once_in_a_while_and_only_if_something_is_compiled(self, compiled):
+    def test_a_cold_cache_shows_how_far_it_is_and_a_warm_one_nothing(self, tmp_path):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        cold, warm = (
+            subprocess.run([sys.executable, "-c", HASH], env=environment, capture_output=True, text=True, check=True)
+            for _ in range(2)
+        )
+        assert cold.stdout == warm.stdout == "5d53469f\n"
+        told = [re.fullmatch(f"{COMPILING} (\\d) of about 3 functions", line) for line in cold.stderr.splitlines()]
+        assert sorted({int(line[1]) for line in told}) == [0, 1]  # the last of the three is the one that was called
+        assert warm.stderr == ""
+
+    def test_it_is_told_only_if_something_is_compiled(self, compiled):
         told = []
-        with compiling.telling_of_compiling(told.append):
+        with compiling.telling_of_compiling(lambda *words: told.append(words)):
             assert not told
             assert compiled() == compiled() == 2
-        assert len(told) == 1
-        assert re.fullmatch(r"compiling what robots run; .*: \d+ s", told[0])
+        assert told == [(f"{COMPILING} 0 of about 1 functions", 0.0), (f"{COMPILING} 1 of about 2 functions", 0.5)]
         compiled()
-        assert len(told) == 1
+        assert len(told) == 2
 
     def test_time_between_two_compilations_does_not_count(self, compiled, monkeypatch):
         clock = iter((0.0, 10.0, 1000.0, 1007.0)).__next__
         monkeypatch.setattr(compiling.time, "monotonic", clock)
         monkeypatch.setattr(compiling, "PATIENCE_S", 10.0)
         told = []
-        with compiling.telling_of_compiling(told.append):
+        with compiling.telling_of_compiling(lambda *words: told.append(words)):
             compiled()
             assert not told
             compiled()
-        assert [words.split(": ")[1] for words in told] == ["10 s"]
+        assert len(told) == 1
 
     @pytest.mark.parametrize(
         "module, words",
@@ -72,7 +97,7 @@ class TestCompiling:
         command = ["reproduce", *words, "--out", str(tmp_path)]
         assert run_command(command) == 1
         first, last = capsys.readouterr().err.splitlines()
-        assert first.startswith("phalanx: compiling what robots run; ")
+        assert first.startswith(f"{COMPILING} 0 of about ")
         assert last == "stopped"
         csv = tmp_path / f"{words[0]}.csv"
         csv.touch()
@@ -80,7 +105,7 @@ class TestCompiling:
         assert f"in {csv}, the same command goes on from there" in capsys.readouterr().err
 
     def test_a_run_that_was_stopped_before_it_recorded_claims_no_recording(self, monkeypatch, capsys, tmp_path):
-        def stop(_scenario, record, _on_step):
+        def stop(_scenario, record, *_):
             if writes:
                 record.write_bytes(b"now")
             raise KeyboardInterrupt

@@ -40,8 +40,9 @@ def end_status_line() -> None:
 class Progress:
     """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then."""
 
-    def __init__(self) -> None:
-        self._due_s = time.monotonic() + EVERY_S
+    def __init__(self, first_s: float = EVERY_S, every_s: float = EVERY_S) -> None:
+        self._due_s = time.monotonic() + first_s
+        self._every_s = every_s
         self._over = False
 
     def tell(self, text: str, share: float) -> None:
@@ -49,7 +50,7 @@ class Progress:
         status_line(f"{text}   {100 * share:.0f} %   Ctrl-C stops")
         over, now_s = share >= 1, time.monotonic()
         if not sys.stderr.isatty() and (now_s >= self._due_s or (over and not self._over)):
-            self._due_s = now_s + EVERY_S
+            self._due_s = now_s + self._every_s
             click.echo(text, err=True)
         self._over = over
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from phalanx.cli.terminal import talk
+from phalanx.cli.terminal import Progress
 
 
 def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[..., Any]]:
@@ -40,4 +40,4 @@ def tell_of_compiling() -> None:
     if "numba" in sys.modules and context.info_name != "up":
         from phalanx.sim.compiling import telling_of_compiling  # noqa: PLC0415 - others need not wait for numba
 
-        context.with_resource(telling_of_compiling(talk))
+        context.with_resource(telling_of_compiling(Progress(0.0, 15.0).tell))
