@@ -171,11 +171,12 @@ class TestHelp:
             assert phalanx.commands[name].name == name
             assert phalanx.commands[name].get_short_help_str(1000) == about
 
-    def test_help_imports_nothing_that_takes_time(self):
+    def test_help_and_lists_import_nothing_that_takes_time(self):
         """What people wait for is imports; which are there does not depend on how busy the machine is."""
         words = [[*path, "--help"] for path, _ in self.commands() if path[:1] != ("reproduce",)]
         assert len(words) > 18
         assert imported(*words) == []
+        assert imported(["sim", "list"], ["sim", "schema"], ["attack", "list"]) == []
 
     def test_each_command_s_function_takes_its_options(self):
         for path, command in self.commands():

@@ -50,7 +50,7 @@ def offered(shell, line: str) -> list[str]:
     "line, names, files",
     [
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
-        ("phalanx sim run flock-12 --attack ", IN_FLOCKS, []),
+        ("phalanx sim run flock-12 --attack ", ["none", *IN_FLOCKS], []),
         ("phalanx attack run ", ATTACKS, []),
         ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
         ("phalanx mission build --map ", MAPS, ["mine.yaml"]),

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.robot import wheels_towards
 from phalanx.robot.controllers.dispatch import Kind
 from phalanx.robot.controllers.orders import led_order, route_order, wheels_order
 from phalanx.robot.controllers.python_controller import Act, Send, compiled, pack_outputs, unpack_outputs
 from phalanx.robot.controllers.wheels import wheels_params
+from phalanx.robot.follow import wheels_towards
 
 HERE = Path(__file__).parent
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.

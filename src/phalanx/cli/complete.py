@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
+from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.sim.builtin import built_in
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
@@ -32,16 +33,10 @@ def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
     return complete
 
 
-def _attacks(*scenes: str) -> Iterable[str]:
-    from phalanx.robot.attacks import ATTACKS  # noqa: PLC0415 - help need not wait for it
-
-    return [name for name, attack in ATTACKS.items() if not scenes or attack.scene in scenes]
-
-
 a_scenario = offer(lambda: built_in("scenarios"), ".yaml", ".yml")
 a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
 an_encoded_mission = offer(tuple, ".phxm")
-an_attack_by_robots = offer(lambda: _attacks("flock"))
-an_attack = offer(_attacks)
+an_attack_by_robots = offer(lambda: ("none", *IN_FLOCKS))
+an_attack = offer(lambda: ATTACKS)

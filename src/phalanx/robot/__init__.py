@@ -1,6 +1,5 @@
 """What a robot is to those who command it, and the controllers it runs."""
 
-from .follow import wheels_towards
 from .swarm import Led, Point, Robot, Swarm
 
-__all__ = ["Led", "Point", "Robot", "Swarm", "wheels_towards"]
+__all__ = ["Led", "Point", "Robot", "Swarm"]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # the list of attacks does not wait for it
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class Watched(Protocol):
@@ -64,14 +65,12 @@ class Harm:
     of: Callable[..., float]
 
 
-def _correct(attacked: Watched) -> NDArray[np.bool_]:
-    correct = np.ones(len(attacked.positions_m), bool)
-    correct[[rob_id - 1 for rob_id in attacked.compromised]] = False
-    return correct
+def _correct(attacked: Watched) -> list[int]:
+    return [i for i in range(len(attacked.positions_m)) if i + 1 not in attacked.compromised]
 
 
 def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
-    apart: NDArray[np.float64] = np.sqrt(((attacked.positions_m - honest.positions_m) ** 2).sum(axis=1))
+    apart: NDArray[np.float64] = ((attacked.positions_m - honest.positions_m) ** 2).sum(axis=1) ** 0.5
     return apart
 
 
@@ -84,7 +83,7 @@ def _unearned(liar: Lied, attacked: Watched, honest: Watched) -> float:
 
 
 def _starved(_liar: Lied, attacked: Watched, _honest: Watched) -> float:
-    return float((attacked.in_safe_mode & _correct(attacked)).sum())
+    return float(attacked.in_safe_mode[_correct(attacked)].sum())
 
 
 def _airtime(liar: Lied, attacked: Watched, honest: Watched) -> float:

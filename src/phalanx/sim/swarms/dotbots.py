@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import Unknown, UsageError
-from phalanx.robot import Led, Point, Robot, wheels_towards
+from phalanx.robot import Led, Point, Robot
+from phalanx.robot.follow import wheels_towards
 
 AREA_MM = (2000, 2000)
 BODY_MM = 40.0  # radius: how near to the wall the middle can come
