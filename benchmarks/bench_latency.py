@@ -54,7 +54,8 @@ async def bench_latency(blocks: int, count: int) -> list[Row]:
 
 
 async def _bench_latency(broker: RunningBroker, blocks: int, count: int) -> list[Row]:
-    url = broker.url
+    url, login = broker.gateway, broker.gateway.login
+    assert login is not None
     ours, theirs = Arrival(), Arrival()
     server = Server(url, mqtt=broker.mqtt)
     server.on_command("move_raw")(lambda _: ours.here())
@@ -66,7 +67,13 @@ async def _bench_latency(broker: RunningBroker, blocks: int, count: int) -> list
             theirs.here()
 
     def bare() -> aiomqtt.Client:
-        return aiomqtt.Client(url.host, url.port, protocol=aiomqtt.ProtocolVersion.V5)
+        return aiomqtt.Client(
+            url.host,
+            url.port,
+            username=login.username,
+            password=login.password,
+            protocol=aiomqtt.ProtocolVersion.V5,
+        )
 
     async with server:
         await server.wait_connected(PATIENCE_S)

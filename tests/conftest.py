@@ -15,6 +15,7 @@ import time
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
+import aiomqtt
 import pytest
 
 from chromium import FLAGS
@@ -37,7 +38,7 @@ async def a_broker(kind: str = "mosquitto"):
 
 def a_server(broker, **more) -> Server:
     """A server that keeps what it hears, and answers request 0."""
-    server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=broker.mqtt, **more)
+    server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=broker.mqtt, **more)
     server.heard = []
 
     @server.on_command(ANY)
@@ -49,6 +50,12 @@ def a_server(broker, **more) -> Server:
         return {"asked": request.words.get("what"), "robots": [1, 2]}
 
     return server
+
+
+def as_the_gateway(broker) -> aiomqtt.Client:
+    """A connection that may do everything on a broker of ours."""
+    url = broker.gateway
+    return aiomqtt.Client(url.host, url.port, username=url.login.username, password=url.login.password)
 
 
 async def tell_until_cancelled(server):

@@ -17,12 +17,13 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from conftest import bare_mosquitto
 from phalanx import crypto, errors
 from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
-from phalanx.io.broker import open_broker
+from phalanx.io.ports import free_port
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
 from phalanx.link.rotation import State
 
@@ -147,14 +148,17 @@ def test_the_readme_shows_the_example_that_is_in_the_tree():
 
 
 @pytest.mark.waits
-async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c():
-    async with open_broker("auto") as broker:
+async def test_the_example_serves_a_visitor_and_ends_at_ctrl_c(tmp_path):
+    port = free_port()
+    url = f"mqtt://127.0.0.1:{port}"
+    with bare_mosquitto(port, free_port(), tmp_path) as (start, _):
+        start()
         example = await asyncio.create_subprocess_exec(
-            sys.executable, ROOT / "examples" / "ten_lines.py", str(broker.url), stdout=asyncio.subprocess.PIPE
+            sys.executable, ROOT / "examples" / "ten_lines.py", url, stdout=asyncio.subprocess.PIPE
         )
         try:
-            url = (await asyncio.wait_for(example.stdout.readline(), 60)).decode().strip()
-            async with Client(url, broker=broker.url) as visitor:
+            link = (await asyncio.wait_for(example.stdout.readline(), 60)).decode().strip()
+            async with Client(link, broker=url) as visitor:
                 assert [robot["address"] for robot in await visitor.request(0)] == ["ROBOT-1", "ROBOT-2"]
                 heard = visitor.notifications()
                 await visitor.command("ROBOT-9", "move_raw", {"left_y": 1, "right_y": 1})

@@ -13,9 +13,10 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import Stale, UsageError
 from phalanx.link import ClientSide, Command, Pin, Request, ServerSide, new_pin
+from phalanx.link.envelope import encode_pin_message, seal
 from phalanx.link.messages import Knock, Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
 from phalanx.link.rotation import TABLE, Act, Event, State, step
-from phalanx.link.topics import CommandTopic
+from phalanx.link.topics import CommandTopic, full_topic
 
 NOW = 1_700_000_000.0
 MOVE = CommandTopic("DECAFBAD00000001", "0", "move_raw")
@@ -158,6 +159,21 @@ class TestRotation:
         assert len(notes) == 2
         assert isinstance(deliver(client, notes[0]), Notification)
         assert isinstance(deliver(late, notes[1]), Notification)
+
+    def test_a_client_falls_back_from_an_epoch_in_which_nobody_speaks_and_only_from_there(self):
+        server, client = pair()
+        assert client.fall_back(client.epoch) is None
+        forged = seal(encode_pin_message(Pin("6" * 12)), server.epoch, os.urandom(12))
+        client.receive(full_topic("/qrkey", server.epoch.topic, "notify"), forged, NOW)
+        assert client.epoch.topic != server.epoch.topic
+        assert client.fall_back(server.epoch) is None, "what it asked before it came here says nothing of here"
+        assert client.fall_back(client.epoch).epoch is client.epoch
+        assert client.epoch.topic == server.epoch.topic
+        assert client.fall_back(client.epoch) is None
+        deliver(client, published(server.advance(900.0))[0])
+        deliver(client, server.notify("news", NOW)[0])
+        assert client.fall_back(client.epoch) is None
+        assert client.epoch.topic == server.epoch.topic
 
     def test_at_the_end_of_the_overlap_the_pin_is_told_once_more_and_the_old_epoch_dropped(self):
         server, client = pair()

@@ -33,7 +33,7 @@ class TestEverydayUse:
         assert not server.rejected
 
     async def test_a_question_that_follows_an_answer_in_parts_is_asked_at_once(self, broker):
-        server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=broker.mqtt)
+        server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=broker.mqtt)
         server.on_request(0)(lambda _: ["x" * 1000] * 12)
         async with server:
             await server.wait_connected(10)
@@ -98,7 +98,7 @@ class TestEverydayUse:
         assert server.counters["knocks"] >= 1
 
     async def test_handlers_that_refuse_or_break_are_counted_and_survived(self, broker, caplog):
-        server = Server(broker.url, broker_for_visitors=broker.websocket)
+        server = Server(broker.gateway, broker_for_visitors=broker.websocket)
 
         def watch(said):
             if getattr(said, "name", "") == "watched":

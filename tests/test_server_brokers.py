@@ -13,14 +13,29 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from conftest import a_broker, a_server, bare_mosquitto, eventually, run, tell_until_cancelled, with_an_old_pin
+from conftest import (
+    a_broker,
+    a_server,
+    as_the_gateway,
+    bare_mosquitto,
+    eventually,
+    run,
+    tell_until_cancelled,
+    with_an_old_pin,
+)
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.io import ANY, Client, Login, Server
+from phalanx.io.listeners import Listeners
 from phalanx.io.mosquitto import mosquitto
 from phalanx.io.ports import free_port
 
 pytestmark = pytest.mark.waits
+
+
+def somewhere() -> Listeners:
+    """Free ports for a broker of ours."""
+    return Listeners(free_port(), free_port(), "127.0.0.1", free_port(), Login("gateway", "of this run"), "/qrkey")
 
 
 class TestBrokersThatComeAndGo:
@@ -218,21 +233,21 @@ class TestBrokersThatComeAndGo:
             pytest.raises(Unavailable, match=r"not start: .*mosquitto\.conf:1"),
         ):
             patch.setattr("phalanx.io.mosquitto.configuration", lambda *_: "nonsense\n")
-            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+            async with mosquitto(somewhere()):
                 pass
         for after_s in (0.0, 0.001, 0.01, 0.03, 0.1):
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(after_s), mosquitto(free_port(), "127.0.0.1", free_port()):
+                async with asyncio.timeout(after_s), mosquitto(somewhere()):
                     await asyncio.sleep(1)
         with pytest.raises(ZeroDivisionError):
-            async with mosquitto(free_port(), "127.0.0.1", free_port()):
+            async with mosquitto(somewhere()):
                 raise ZeroDivisionError
         assert children.read_text() == before
         gc.collect()  # a pipe left open would say so here
 
     async def test_a_broker_of_the_older_protocol_is_found_out(self):
         async with a_broker("amqtt") as broker:
-            server = Server(broker.url, broker_for_visitors=broker.websocket, mqtt=5)
+            server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=5)
             async with server:
                 await server.wait_connected(10)
                 assert server.qr().mqtt == 4
@@ -267,10 +282,10 @@ class TestBrokersThatComeAndGo:
 
     async def test_amqtt_retains_nothing(self):
         async with a_broker("amqtt") as broker:
-            async with aiomqtt.Client(broker.url.host, broker.url.port) as client:
+            async with as_the_gateway(broker) as client:
                 await client.publish("t", b"x", retain=True)
                 await asyncio.sleep(0.2)
-            async with aiomqtt.Client(broker.url.host, broker.url.port) as client:
+            async with as_the_gateway(broker) as client:
                 await client.subscribe("t")
                 with pytest.raises(TimeoutError):
                     await asyncio.wait_for(anext(client.messages), 0.5)
@@ -280,12 +295,12 @@ class TestBrokersThatComeAndGo:
             reader, writer = await asyncio.open_connection(broker.url.host, broker.url.port)
             writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
             await reader.readexactly(4)
-            writer.write(bytes.fromhex("8206000100017400"))  # SUBSCRIBE t
+            writer.write(b"\x82\x16\x00\x01\x00\x11/qrkey/any/notify\x00")  # SUBSCRIBE
             await reader.readexactly(5)
             writer.transport.pause_reading()
-            async with aiomqtt.Client(broker.url.host, broker.url.port) as flood:
+            async with as_the_gateway(broker) as flood:
                 for _ in range(400):
-                    await flood.publish("t", b"x" * 50_000)
+                    await flood.publish("/qrkey/any/notify", b"x" * 50_000)
                     if writer.transport.is_closing():
                         break
                     await asyncio.sleep(0.005)

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
+import signal
 import socket
+import stat
 import time
+from pathlib import Path
 from typing import Self
 
-from conftest import a_gateway, a_server, bare_mosquitto, eventually
+import pytest
+
+from conftest import a_broker, a_gateway, a_server, bare_mosquitto, eventually
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
@@ -37,10 +43,8 @@ class Stranger:
     """A raw MQTT connection, by TCP on loopback."""
 
     def __init__(self, port: int, version: int = 5, **how) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), 5)
-        self.socket.settimeout(5)
-        self.socket.sendall(connect(version, **how))
-        assert self.socket.recv(64)[:1] == b"\x20"
+        self._where = ("127.0.0.1", port)
+        self._hello = connect(version, **how)
 
     def publish(self, topic: str, payload: bytes, properties: bytes | None = None) -> None:
         """At QoS 0; `properties` only by MQTT 5, and there always."""
@@ -48,10 +52,29 @@ class Stranger:
         head += b"" if properties is None else varint(len(properties)) + properties
         self.socket.sendall(with_length(0x30, head + payload))
 
+    def subscribe(self, *filters: str, qos: int = 0) -> None:
+        """By MQTT 3.1.1."""
+        body = b"".join(len(f).to_bytes(2, "big") + f.encode() + bytes([qos]) for f in filters)
+        self.socket.sendall(with_length(0x82, b"\x00\x01" + body))
+        assert self.socket.recv(64)[:1] == b"\x90"
+
     def __enter__(self) -> Self:
+        self.socket = socket.create_connection(self._where, 5)
+        self.socket.settimeout(5)
+        self.socket.sendall(self._hello)
+        answer = self.socket.recv(64)
+        assert answer[:1] == b"\x20"
+        assert answer[3] == 0, "refused"
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    # A broker may be in this very process.
+    async def __aenter__(self) -> Self:
+        return await asyncio.to_thread(self.__enter__)
+
+    async def __aexit__(self, *_: object) -> None:
         self.socket.close()
 
 
@@ -61,7 +84,7 @@ class TestNothingFreezesTheGateway:
         with a_gateway("--robots", "2") as (gateway, ready):
             async with Client(ready["qr_url"]) as visitor:
                 robot = (await visitor.request(0))[0]["address"]
-                with Stranger(ready["broker_port"]) as stranger:
+                async with Stranger(ready["broker_port"]) as stranger:
                     await visitor.command(robot, "move_raw", {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60})
                     await asyncio.to_thread(stranger.publish, f"/qrkey/{ready['topic']}/request", b"x", bomb)
                     began_s = time.monotonic()
@@ -78,7 +101,7 @@ class TestNothingFreezesTheGateway:
             async with Server(f"mqtt://127.0.0.1:{tcp}") as server:
                 await server.wait_connected(10)
                 request = f"/qrkey/{server.epoch.topic}/request"
-                with Stranger(tcp) as stranger:
+                async with Stranger(tcp) as stranger:
                     before_s = time.thread_time()
                     await asyncio.to_thread(stranger.publish, request, b"x", b"\x26\x00\x00\x00\x00" * 200_000)
                     command = f"/qrkey/{server.epoch.topic}/command/{'a/' * 150}{'b' * 60_000}"
@@ -95,7 +118,7 @@ class TestNothingFreezesTheGateway:
             async with Server(f"mqtt://127.0.0.1:{tcp}", mqtt=4) as server:
                 server.on_request(0)(lambda request: [1, 2])
                 await server.wait_connected(10)
-                with Stranger(tcp, 4) as stranger:
+                async with Stranger(tcp, 4) as stranger:
                     request = f"/qrkey/{server.epoch.topic}/request"
                     for size in (3_000_000, 30_000_000):
                         await asyncio.to_thread(stranger.publish, request, b"A" * size)
@@ -105,6 +128,116 @@ class TestNothingFreezesTheGateway:
                 assert server.reconnects == 0
 
 
+def the_process(broker_port: int) -> int:
+    """Of our mosquitto that listens there."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            program, *words = path.read_text().split("\0")
+            if program.endswith("mosquitto") and f"listener {broker_port} " in Path(words[1]).read_text():
+                return int(path.parent.name)
+    raise AssertionError("no such mosquitto")
+
+
+class TestOurBroker:
+    """On a broker of ours even a visitor cannot speak as the swarm; the stranger here has the pin."""
+
+    async def test_nobody_but_the_gateway_speaks_as_the_swarm(self, any_broker):
+        async with a_server(any_broker) as server:
+            await server.wait_connected(10)
+            epoch, base = server.epoch, f"/qrkey/{server.epoch.topic}"
+            rotation = seal(b'{"cmd":255,"pin_code":"666666666666"}', epoch, os.urandom(12))
+            news = seal(encode_envelope({"forged": True}, time.time()), epoch, os.urandom(12))
+            answer = seal(encode_envelope({"request": 0, "data": "forged"}, time.time()), epoch, os.urandom(12))
+            async with Client(server.qr()) as client:
+                async with Stranger(any_broker.url.port, 4) as stranger:
+                    for token in (rotation, news):
+                        stranger.publish(f"{base}/notify", token)
+                    stranger.publish(f"{base}/reply/{client.client_id}", answer)
+                    stranger.publish(f"{base}/request", b"x")
+                    await eventually(lambda: server.rejected == {"malformed_jwe": 1})
+                    await server.notify({"true": True})
+                    assert await asyncio.wait_for(anext(client.notifications()), 10) == {"true": True}
+                    assert (await client.request(0))["robots"] == [1, 2]
+                    assert client.moves == 0
+                    assert not client.rejected
+
+    async def test_wildcards_show_nobodys_commands(self, any_broker):
+        async with a_server(any_broker) as server:
+            await server.wait_connected(10)
+            async with Stranger(any_broker.url.port, 4) as stranger:
+                await asyncio.to_thread(stranger.subscribe, "#", "/qrkey/+/command/#", "/qrkey/+/request", "/+/+/+")
+                async with Client(server.qr()) as client:
+                    await client.command("AB", "secret-name", 1)
+                    await client.request(0)
+                    await eventually(lambda: server.heard)
+                    await server.notify({"at": "last"})
+                    heard = b""
+                    while b"/notify" not in heard:
+                        heard += await asyncio.to_thread(stranger.socket.recv, 65536)
+            assert b"command" not in heard
+            assert b"request" not in heard
+
+    async def test_the_gateways_login_is_needed_and_nobody_elses_to_read(self, broker):
+        with pytest.raises(AssertionError, match="refused"):
+            async with Stranger(broker.gateway.port, 4):
+                pass
+        pid = the_process(broker.url.port)
+        password = broker.gateway.login.password
+        words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        assert password not in " ".join(words) + Path(f"/proc/{pid}/environ").read_text()
+        folder = Path(words[2]).parent
+        files = list(folder.iterdir())
+        assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}, "nobody else"
+        assert not folder.stat().st_mode & 0o066
+        assert password not in "".join(path.read_text() for path in files)
+
+    async def test_nothing_is_kept_for_who_is_away(self, any_broker):
+        async with a_server(any_broker) as server:
+            await server.wait_connected(10)
+            sleeper = Stranger(any_broker.url.port, 4, name=b"sleeper", clean=False)
+            async with sleeper:
+                await asyncio.to_thread(sleeper.subscribe, "/qrkey/+/notify", qos=1)
+            await asyncio.sleep(0.5)
+            for n in range(5):
+                await server.notify(n)
+            await asyncio.sleep(0.5)
+            async with sleeper:
+                sleeper.socket.settimeout(1)
+                with pytest.raises(TimeoutError):
+                    await asyncio.to_thread(sleeper.socket.recv, 1)
+
+    async def test_a_broker_that_is_full_is_started_again(self, monkeypatch):
+        monkeypatch.setattr("phalanx.io.mosquitto.MEMORY_BYTES", 24 * 1024 * 1024)
+        async with a_broker() as broker, a_server(broker) as server:
+            await server.wait_connected(10)
+            pid = the_process(broker.url.port)
+
+            def fill():
+                long = 60_000
+                for n in range(1000):
+                    try:
+                        with Stranger(broker.url.port, 4, name=b"sleeper%d" % n, clean=False) as stranger:
+                            stranger.subscribe(*(f"{n}/{i}/{'x' * long}" for i in range(8)))
+                    except (OSError, AssertionError, IndexError):
+                        long = max(long // 2, 10)  # no room for so much: there may be for less
+                        if not Path(f"/proc/{pid}/stat").exists():
+                            return
+
+            await asyncio.to_thread(fill)
+            await eventually(lambda: not Path(f"/proc/{pid}/stat").exists(), 30)
+            await eventually(lambda: server.connected and server.reconnects, 30)
+            async with Client(server.qr()) as client:
+                assert (await client.request(0))["robots"] == [1, 2]
+
+    async def test_a_broker_that_is_stopped_is_started_again(self, broker):
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            os.kill(the_process(broker.url.port), signal.SIGSTOP)
+            await eventually(lambda: server.reconnects, 40)
+            async with Client(server.qr()) as client:
+                assert (await client.request(0))["robots"] == [1, 2]
+
+
 class TestLateness:
     async def test_the_time_for_which_the_gateway_itself_is_held_up_counts_as_waiting(self, broker):
         async with a_server(broker) as server:
@@ -112,7 +245,7 @@ class TestLateness:
             server.on_command("move_raw")(lambda command: waited.append(command.waited_s))
             await server.wait_connected(10)
             topic = f"/qrkey/{server.epoch.topic}/command/0000/AB/0/move_raw"
-            with Stranger(broker.url.port, 4) as visitor:  # with the key: a visitor, but in this very thread
+            async with Stranger(broker.url.port, 4) as visitor:  # with the key: a visitor, but in this very thread
                 for held_up_s, count in ((0.0, 1), (1.0, 5)):
                     await asyncio.sleep(0.3)
                     for _ in range(count):

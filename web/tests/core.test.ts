@@ -281,6 +281,21 @@ describe("link", () => {
     });
   });
 
+  test("falls back from an epoch in which nobody speaks, and only from there", () => {
+    const link = make();
+    expect(link.fallBack(link.pin)).toBeUndefined();
+    const next = deriveEpoch(OTHER);
+    link.receive(notify(), pinMessage(OTHER), NOW);
+    const astray = link.subscriptions;
+    expect(link.fallBack(epoch.pin)).toBeUndefined();
+    expect(link.fallBack(link.pin)).toEqual({ kind: "moved", subscribe: link.subscriptions, unsubscribe: astray });
+    expect(link.pin.equals(PIN)).toBe(true);
+    expect(link.fallBack(link.pin)).toBeUndefined();
+    link.receive(notify(), pinMessage(OTHER), NOW);
+    expect(link.receive(notify(next), seal(1, NOW, next, iv()), NOW).kind).toBe("notified");
+    expect(link.fallBack(link.pin)).toBeUndefined();
+  });
+
   test("a pin message under another key, or to the pin it has, moves nothing", () => {
     const link = make();
     expect(link.receive(notify(), pinMessage(OTHER, deriveEpoch(OTHER)), NOW)).toMatchObject({

@@ -181,8 +181,8 @@ def serve(
     login = read_login(broker_login)
 
     async def echo() -> None:
-        async with open_broker(broker, login=login, websocket=broker_ws) as running:
-            server = Server(running.url, config=config, broker_for_visitors=running.websocket, mqtt=running.mqtt)
+        async with open_broker(broker, login=login, websocket=broker_ws, root=config.root) as running:
+            server = Server(running.gateway, config=config, broker_for_visitors=running.websocket, mqtt=running.mqtt)
             _echo(server)
 
             def url() -> str:

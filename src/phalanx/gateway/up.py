@@ -282,11 +282,20 @@ async def up(
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(VisitorPages(options.host, port))
         broker = await stack.enter_async_context(
-            open_broker(options.broker, login=options.login, websocket=options.broker_ws, ws_host=ws_host)
+            open_broker(
+                options.broker,
+                login=options.login,
+                websocket=options.broker_ws,
+                ws_host=ws_host,
+                root=options.link.root,
+            )
         )
         page_url = options.page_url or f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{pages.port}/"
         server = Server(
-            broker.url, config=options.link, broker_for_visitors=on_host(broker.websocket, advertised), mqtt=broker.mqtt
+            broker.gateway,
+            config=options.link,
+            broker_for_visitors=on_host(broker.websocket, advertised),
+            mqtt=broker.mqtt,
         )
         # After all that can be wrong: the first time it takes minutes.
         swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hmac
 import logging
 from collections.abc import AsyncIterator
 from functools import partial
@@ -11,25 +12,58 @@ from typing import Any
 
 import websockets
 from amqtt.broker import Broker
-from amqtt.contexts import BrokerConfig, ListenerConfig, ListenerType
+from amqtt.contexts import Action, BrokerConfig, ListenerConfig, ListenerType
 from amqtt.errors import BrokerError
 
 from phalanx.errors import Unavailable
 
-from .packets import MAX_PACKET_BYTES
+from .listeners import Listeners
+from .packets import MAX_PACKET_BYTES, MAX_TOPIC_BYTES
 from .ports import LOOPBACK
 
 # Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.
 STALLED_BYTES = 32 * 1024
 STALLED_CHECKS = 3
 CHECK_S = 1.0
+MAX_KEEPALIVE_S = 120
+SUBSCRIPTIONS = 32  # of one client; a visitor has two, and two more while it follows a rotation
+DENIED = 0x80  # SUBACK
 
 
 class _CappedBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
-    """amqtt that retains nothing and hangs up on who does not read.
+    """amqtt that keeps nothing for who is away, hangs up on who does not read, and lets visitors do little.
 
     As it comes it sends retained messages to clients that never subscribed, and buffers without limit for stalled ones.
     """
+
+    def __init__(self, config: BrokerConfig, at: Listeners) -> None:
+        super().__init__(config)
+        self._at = at
+
+    async def _initialize_client_session(self, *connection: Any) -> Any:
+        handler, session = await super()._initialize_client_session(*connection)
+        session.clean_session = True  # gone with its connection
+        session.keep_alive = min(session.keep_alive or MAX_KEEPALIVE_S, MAX_KEEPALIVE_S)
+        return handler, session
+
+    async def _authenticate(self, session: Any, _: Any) -> bool:
+        login = self._at.login
+        if session.username != login.username:
+            return True  # a visitor, whatever it says
+        return hmac.compare_digest((session.password or "").encode(), login.password.encode())
+
+    async def add_subscription(self, subscription: tuple[str, int], session: Any) -> int:
+        """At QoS 0, and not without end."""
+        held = sum(session is holder for holders in self._subscriptions.values() for holder, _ in holders)
+        if held >= SUBSCRIPTIONS or len(subscription[0]) > MAX_TOPIC_BYTES:
+            return DENIED
+        code: int = await super().add_subscription((subscription[0], 0), session)
+        return code
+
+    async def _topic_filtering(self, session: Any, topic: str, action: Action) -> bool:
+        if session.username == self._at.login.username or action is Action.SUBSCRIBE:
+            return True
+        return self._at.may_write(topic) if action is Action.PUBLISH else self._at.may_read(topic)
 
     async def retain_message(self, *_: Any, **__: Any) -> None:
         """Retain nothing."""
@@ -74,7 +108,7 @@ def _transport(handler: Any) -> asyncio.WriteTransport | None:
 
 
 @contextlib.asynccontextmanager
-async def amqtt(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None]:
+async def amqtt(at: Listeners) -> AsyncIterator[None]:
     """A running amqtt, for as long as the context lasts.
 
     Raises: Unavailable: it does not start (a port taken, say).
@@ -84,12 +118,12 @@ async def amqtt(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None
         logging.getLogger(name).setLevel(logging.CRITICAL)
     config = BrokerConfig(
         listeners={
-            "default": ListenerConfig(type=ListenerType.TCP, bind=f"{LOOPBACK}:{tcp_port}", max_connections=200),
-            "browsers": ListenerConfig(type=ListenerType.WS, bind=f"{ws_host}:{ws_port}", max_connections=1000),
+            "default": ListenerConfig(type=ListenerType.TCP, bind=f"{LOOPBACK}:{at.gateway_port}", max_connections=200),
+            "browsers": ListenerConfig(type=ListenerType.WS, bind=f"{at.ws_host}:{at.ws_port}", max_connections=1000),
         },
         plugins={"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}},
     )
-    broker = _CappedBroker(config)
+    broker = _CappedBroker(config, at)
     try:
         await broker.start()
     except (BrokerError, OSError) as error:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import importlib.util
 import logging
+import secrets
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from phalanx.errors import Unavailable, UsageError
 
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
 from .ports import EVERYWHERE, LOOPBACK, free_port
 
@@ -29,7 +31,8 @@ class RunningBroker:
 
     Args:
         name: mosquitto, amqtt or external.
-        url: for programs on this machine.
+        url: for visitors' programs on this machine.
+        gateway: for the gateway; the only one who may speak as the swarm, where the broker is ours.
         websocket: for browsers, as seen from this machine.
         mqtt: protocol version to begin with.
         guessed: whether `websocket` is only where such brokers usually have theirs.
@@ -37,6 +40,7 @@ class RunningBroker:
 
     name: str
     url: BrokerUrl
+    gateway: BrokerUrl
     websocket: str
     mqtt: int
     guessed: bool = False
@@ -56,6 +60,7 @@ async def open_broker(
     ws_host: str = LOOPBACK,
     tcp_port: int = 0,
     ws_port: int = 0,
+    root: str = "/qrkey",
 ) -> AsyncIterator[RunningBroker]:
     """The broker that `kind` asks for: auto, mosquitto, amqtt, or a URL.
 
@@ -66,6 +71,7 @@ async def open_broker(
         ws_host: address at which an embedded broker listens for browsers; loopback unless asked.
         tcp_port: 0 for 1883 or any free one.
         ws_port: 0 for 9001 or any free one.
+        root: first part of every topic that an embedded broker lets visitors use.
     Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails, or
             is not installed.
     """
@@ -75,7 +81,7 @@ async def open_broker(
         if browsers and not browsers.websockets:
             raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
         guessed = not (browsers or url.websockets)
-        yield RunningBroker("external", url, str(browsers) if browsers else websocket_of(url), 5, guessed)
+        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5, guessed)
         return
     if websocket:
         raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
@@ -87,19 +93,22 @@ async def open_broker(
     if name != kind:
         log.debug("broker: %s", name)
     tcp_port = tcp_port or free_port(1883)
-    ws_port = ws_port or free_port(9001, ws_host)
-    async with _run(name, tcp_port, ws_host, ws_port):
+    # amqtt tells the gateway by its login, on any listener.
+    gateway_port = tcp_port if name == "amqtt" else free_port()
+    login = Login("gateway", secrets.token_hex(16))
+    at = Listeners(tcp_port, gateway_port, ws_host, ws_port or free_port(9001, ws_host), login, root)
+    async with _run(name, at):
         reached_at = LOOPBACK if ws_host in EVERYWHERE else ws_host
-        ws = str(BrokerUrl("ws", reached_at, ws_port, "/mqtt"))
-        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), ws, 4 if name == "amqtt" else 5)
+        ws = str(BrokerUrl("ws", reached_at, at.ws_port, "/mqtt"))
+        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), at.gateway, ws, 4 if name == "amqtt" else 5)
 
 
-def _run(name: str, tcp_port: int, ws_host: str, ws_port: int) -> AbstractAsyncContextManager[None]:
+def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
     if name == "mosquitto":
-        return mosquitto(tcp_port, ws_host, ws_port)
+        return mosquitto(at)
     from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra
 
-    return amqtt(tcp_port, ws_host, ws_port)
+    return amqtt(at)
 
 
 async def warn_if_guessed_wrong(broker: RunningBroker) -> None:

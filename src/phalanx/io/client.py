@@ -129,19 +129,22 @@ class Client:
         link = self._entered()
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(number, []).append(answer)
-        deadline = time.monotonic() + timeout_s
+        deadline, asked = time.monotonic() + timeout_s, self._side.epoch
         # Parts that came before belong to an answer of before.
         self._part_at_s.pop(number, None)
         try:
             while (left_s := deadline - time.monotonic()) > 0:
                 # While parts of the answer are coming, asking again would only make the queue longer.
                 if time.monotonic() - self._part_at_s.get(number, -ASK_AGAIN_S) >= ASK_AGAIN_S:
+                    asked = self._side.epoch
                     await link.send((self._side.request(number, self._clock(), **words),))
                 # Many clients that lost one broker shall not all ask in the moment in which it is back.
                 wait_s = ASK_AGAIN_S * random.uniform(0.75, 1.25)  # noqa: S311  # spreads, hides nothing
                 done, _ = await asyncio.wait((answer,), timeout=min(wait_s, left_s))
                 if done:
                     return answer.result()
+                if moved := self._side.fall_back(asked):
+                    await link.send(moved.asks)
         finally:
             answer.cancel()
             self._waiting[number].remove(answer)

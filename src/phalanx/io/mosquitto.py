@@ -3,27 +3,41 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import ctypes
+import hashlib
 import logging
 import os
 import pwd
 import shutil
 import signal
 import sys
-import tempfile
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import aiomqtt
+
 from phalanx.errors import Unavailable
 
+from .broker_url import BrokerUrl, Login
+from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK
+from .private_folder import private_folder
 
 log = logging.getLogger(__name__)
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
 EMBEDDED_PACKET_BYTES = 512 * 1024
 MEMORY_BYTES = 256 * 1024 * 1024
+QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
+MAX_KEEPALIVE_S = 120
+ROUNDS = 101
+CONFIG = "mosquitto.conf"
+COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
+PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
+PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
 END_TIMEOUT_S = 1.0
@@ -35,36 +49,60 @@ def find_mosquitto() -> str | None:
     return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 
 
-def configuration(tcp_port: int, ws_host: str, ws_port: int) -> str:
-    """mosquitto.conf: TCP for the gateway on loopback, websockets for browsers where asked."""
+def configuration(at: Listeners, folder: Path) -> str:
+    """mosquitto.conf: the gateway with its login on one listener, visitors on two that let them do little."""
+    visitors = ("allow_anonymous true", f"acl_file {folder / 'visitors.acl'}", "max_qos 0", "max_topic_alias 0")
     return "\n".join(
         (
             "# written by phalanx",
-            "per_listener_settings false",
-            "allow_anonymous true",  # nobody trusts the broker; the messages are sealed
+            "per_listener_settings true",
             "persistence false",
             "retain_available false",
             "sys_interval 0",
             f"max_packet_size {EMBEDDED_PACKET_BYTES}",
-            # Clients that subscribe and never read would otherwise be given all the memory there is.
+            # The last word on what sessions that sleep, subscriptions and readers that stall may hold. Then nobody is
+            # served, and the watchdog starts it again.
             f"memory_limit {MEMORY_BYTES}",
-            "max_queued_messages 1000",
-            "max_inflight_messages 100",
+            f"max_queued_messages {QUEUED_MESSAGES}",
+            "max_inflight_messages 1",
+            f"max_keepalive {MAX_KEEPALIVE_S}",
+            "persistent_client_expiration 1h",  # the least it knows
             "set_tcp_nodelay true",
             "log_dest stderr",
             "log_type error",
             "log_type warning",
             "connection_messages false",
-            f"listener {tcp_port} {LOOPBACK}",
+            f"listener {at.gateway_port} {LOOPBACK}",
+            "allow_anonymous false",
+            f"password_file {folder / 'gateway.password'}",
+            f"listener {at.visitors_port} {LOOPBACK}",
+            *visitors,
             "max_connections 200",
-            f"listener {ws_port} {ws_host}",
+            f"listener {at.ws_port} {at.ws_host}",
             "protocol websockets",
             # Without it mosquitto 2.0.11 (Debian 12) ignores the address and listens for everybody.
-            f"socket_domain {'ipv6' if ':' in ws_host else 'ipv4'}",
+            f"socket_domain {'ipv6' if ':' in at.ws_host else 'ipv4'}",
+            *visitors,
             "max_connections 1000",
             "",
         )
     )
+
+
+def visitors_acl(root: str) -> str:
+    """What visitors may do, as mosquitto reads it."""
+    may = [("write", sub) for sub in WRITE] + [("read", sub) for sub in READ]
+    # A pattern is for everybody; the published page says an empty name, and is not anonymous therefore.
+    return "".join(f"pattern {word} {root}/+/{sub}\n" for word, sub in may)
+
+
+def password_line(login: Login) -> str:
+    """A line of mosquitto's password file. Source: mosquitto_passwd(1), PBKDF2 with SHA-512."""
+    salt = os.urandom(12)
+    # The password is random: a search is hopeless whatever the rounds.
+    hashed = hashlib.pbkdf2_hmac("sha512", login.password.encode(), salt, ROUNDS)
+    told = "$".join(("", "7", str(ROUNDS), base64.b64encode(salt).decode(), base64.b64encode(hashed).decode()))
+    return f"{login.username}:{told}\n"
 
 
 def _whose() -> str | None:
@@ -82,7 +120,7 @@ def _die_with_parent() -> None:
 
 
 @contextlib.asynccontextmanager
-async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[None]:
+async def mosquitto(at: Listeners) -> AsyncIterator[None]:
     """A running mosquitto, for as long as the context lasts.
 
     Raises: Unavailable: not installed, or it does not start (a port taken, say).
@@ -90,15 +128,12 @@ async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[
     program = find_mosquitto()
     if program is None:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
-    if ":" in ws_host and ws_host != "::":
-        raise Unavailable(f"mosquitto cannot serve browsers at {ws_host} alone", "--host :: or --broker amqtt")
-    with tempfile.TemporaryDirectory(prefix="phalanx-") as folder:
-        path = Path(folder) / "mosquitto.conf"
-        path.write_text(configuration(tcp_port, ws_host, ws_port))
-        path.chmod(0o644)
-        os.chmod(folder, 0o755)  # noqa: PTH101, S103  # nothing secret in it, and the broker may run as another user
+    if ":" in at.ws_host and at.ws_host != "::":
+        raise Unavailable(f"mosquitto cannot serve browsers at {at.ws_host} alone", "--host :: or --broker amqtt")
+    with private_folder() as folder:
+        _write(folder, at)
         listens: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        keeper = asyncio.create_task(_keep(program, path, tcp_port, listens))
+        keeper = asyncio.create_task(_keep(program, folder / CONFIG, at, listens))
         try:
             await asyncio.wait((keeper, listens), return_when=asyncio.FIRST_COMPLETED)
             if keeper.done():
@@ -109,23 +144,86 @@ async def mosquitto(tcp_port: int, ws_host: str, ws_port: int) -> AsyncIterator[
             await asyncio.gather(keeper, return_exceptions=True)
 
 
-async def _keep(program: str, path: Path, tcp_port: int, listens: asyncio.Future[None]) -> None:
+def _write(folder: Path, at: Listeners) -> None:
+    """The broker's files, for the user it runs as and nobody else."""
+    files = {
+        CONFIG: configuration(at, folder),
+        "visitors.acl": visitors_acl(at.root),
+        "gateway.password": password_line(at.login),
+    }
+    for name, text in files.items():
+        (folder / name).touch(mode=0o600)
+        (folder / name).write_text(text)
+    if user := _whose():
+        folder.chmod(0o711)  # it may pass
+        for name in files:
+            shutil.chown(folder / name, user)
+
+
+async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future[None]) -> None:
     while True:
         try:
             async with _child(program, path) as process:
-                await _until_it_listens(process, tcp_port)
+                await _until_it_listens(process, at.gateway_port)
                 if not listens.done():
                     listens.set_result(None)
-                assert process.stderr is not None
-                while line := await process.stderr.readline():
-                    log.warning("mosquitto: %s", line.decode(errors="replace").rstrip())
+                watching = asyncio.create_task(_kill_if_it_does_not_serve(process, at.gateway))
+                try:
+                    await _repeat(process)
+                finally:
+                    watching.cancel()
                 log.warning("mosquitto ended (%s); starting it again", await process.wait())
-        except (Unavailable, OSError, ValueError) as error:  # OSError: out of files or processes, for the moment
+        except (Unavailable, OSError) as error:  # OSError: out of files or processes, for the moment
             if not listens.done():
                 raise
             log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
             await asyncio.sleep(1)
         await asyncio.sleep(RESTART_S)
+
+
+async def _repeat(process: asyncio.subprocess.Process) -> None:
+    """Log what mosquitto complains of, until it ends; not all of it, for clients can make it complain of them."""
+    assert process.stderr is not None
+    quiet_until_s = 0.0
+    while said := await process.stderr.read(COMPLAINT_BYTES):
+        if time.monotonic() >= quiet_until_s:
+            line = said.decode(errors="replace").strip()
+            log.warning("mosquitto: %s", "".join(c if c.isprintable() else " " for c in line))
+            quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
+
+
+async def _kill_if_it_does_not_serve(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
+    """End a broker that lives but does not pass on messages: stopped, or its memory full. Runs until cancelled."""
+    failures = 0
+    while failures < PROBES:
+        await asyncio.sleep(PROBE_EVERY_S)
+        failures = 0 if await serves(url) else failures + 1
+    log.warning("mosquitto does not serve")
+    with contextlib.suppress(ProcessLookupError):
+        process.kill()  # a stopped process hears nothing else
+
+
+async def serves(url: BrokerUrl) -> bool:
+    """Whether the broker takes a connection and passes on a message as long as a visitor's longest, in time."""
+    assert url.login is not None
+    topic, silent = f"phalanx/probe/{os.urandom(8).hex()}", logging.getLogger(f"{__name__}.probe")
+    silent.setLevel(logging.CRITICAL + 1)
+    client = aiomqtt.Client(
+        url.host,
+        url.port,
+        username=url.login.username,
+        password=url.login.password,
+        timeout=PROBE_TIMEOUT_S,
+        logger=silent,
+    )
+    try:
+        async with asyncio.timeout(PROBE_TIMEOUT_S), client:
+            await client.subscribe(topic)
+            await client.publish(topic, bytes(PROBE_BYTES))
+            await anext(client.messages)
+    except (TimeoutError, aiomqtt.MqttError, OSError):
+        return False
+    return True
 
 
 @contextlib.asynccontextmanager

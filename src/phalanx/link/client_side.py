@@ -42,6 +42,7 @@ class ClientSide:
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self._inbox = PartsInbox()
         self._epoch = derive_epoch(pin)
+        self._left: Epoch | None = None  # the last epoch in which something was heard, if nothing was in this one
 
     @property
     def epoch(self) -> Epoch:
@@ -86,6 +87,18 @@ class ClientSide:
         """
         return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
 
+    def fall_back(self, asked: Epoch) -> Moved | None:
+        """Back to the last epoch, if nobody speaks in this one; for a client that `asked` there, and was not answered.
+
+        Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
+
+        Source: docs/spec/link.md.
+        """
+        if self._left is None or asked is not self._epoch:
+            return None
+        epoch, self._left = self._left, None
+        return self._go(epoch)
+
     def _receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved:
         sub = split_topic(self.config.root, self._epoch.topic, topic)
         if sub not in ("notify", self._reply):
@@ -98,6 +111,7 @@ class ClientSide:
             self.config.max_to_client_bytes,
             pin_message_may_come=sub == "notify",
         )
+        self._left = None
         if isinstance(opened, Pin):
             return self._move(opened)
         if sub == "notify":
@@ -108,8 +122,12 @@ class ClientSide:
         # Whoever has the pin can forge this (docs/threat-model.md): the mode has no key that only the server knows.
         if pin == self._epoch.pin:
             raise BadPayload("a move to the current pin")
+        self._left = self._epoch
+        return self._go(derive_epoch(pin))
+
+    def _go(self, epoch: Epoch) -> Moved:
         left = self.subscriptions()
-        self._epoch = derive_epoch(pin)
+        self._epoch = epoch
         joined = self.subscriptions()
         return Moved(self._epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
 

@@ -67,6 +67,8 @@ export class Link {
   readonly #cache = new ReplayCache(REPLAY_CAPACITY, TOLERANCE_S);
   readonly #inbox = new PartsInbox();
   #epoch: Epoch;
+  /** The last epoch in which something was heard, if nothing was in this one. */
+  #left: Epoch | undefined;
 
   /** @throws UsageError: the client id cannot be part of a topic. */
   constructor(root: string, pin: Pin, clientId: string) {
@@ -116,6 +118,18 @@ export class Link {
     }
   }
 
+  /**
+   * Back to the last epoch, if nobody speaks in this one; for a client that asked there, and was not answered.
+   *
+   * Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
+   */
+  fallBack(asked: Pin): Moved | undefined {
+    const epoch = this.#left;
+    if (!epoch || asked !== this.pin) return undefined;
+    this.#left = undefined;
+    return this.#go(epoch);
+  }
+
   #read(topic: string, bytes: Uint8Array, now_s: number): LinkEvent {
     const sub = splitTopic(this.root, this.#epoch.topic, topic);
     const isNotify = sub.kind === "notify";
@@ -123,6 +137,7 @@ export class Link {
       throw new WrongTopic("not for this client");
     }
     const opened = open(bytes, this.#epoch, now_s, this.#cache, CLIENT_MAX_BYTES, isNotify);
+    this.#left = undefined;
     if (opened.kind === "pin") return this.#move(opened.pin);
     const { payload, timestamp_s } = opened;
     if (isNotify) return { kind: "notified", timestamp_s, payload };
@@ -141,8 +156,13 @@ export class Link {
   #move(pin: Pin): Moved {
     // Only a visitor who forges it announces the pin that we are on. Resubscribing for it would be work for nothing.
     if (pin.equals(this.#epoch.pin)) throw new BadPayload("a move to the current pin");
+    this.#left = this.#epoch;
+    return this.#go(deriveEpoch(pin));
+  }
+
+  #go(epoch: Epoch): Moved {
     const unsubscribe = this.subscriptions;
-    this.#epoch = deriveEpoch(pin);
+    this.#epoch = epoch;
     return { kind: "moved", subscribe: this.subscriptions, unsubscribe };
   }
 

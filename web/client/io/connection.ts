@@ -7,7 +7,7 @@ import mqtt, { type MqttClient } from "mqtt";
 import { UsageError } from "../core/errors";
 import type { Json, JsonObject } from "../core/json";
 import { IV_BYTES } from "../core/jwe";
-import { Link, type LinkEvent, type Outgoing } from "../core/link";
+import { Link, type LinkEvent, type Moved, type Outgoing } from "../core/link";
 import type { Invitation } from "../core/qrurl";
 import type { BrokerState } from "../watch";
 
@@ -99,6 +99,7 @@ export class Connection {
   request(request: number, more: JsonObject = {}, timeout_ms = 3000): Promise<Json> {
     if (!Number.isSafeInteger(request)) throw new UsageError("a request is a whole number");
     return new Promise((resolve, reject) => {
+      const asked = this.pin;
       if (!this.#publish(this.#link.request(request, more, now_s(), randomBytes(IV_BYTES)))) {
         reject(new Unanswered("the broker is away"));
         return;
@@ -110,6 +111,8 @@ export class Connection {
         timer: setTimeout(() => {
           this.#waiting.delete(waiting);
           reject(new Unanswered(`no answer within ${timeout_ms} ms`));
+          const back = this.#link.fallBack(asked);
+          if (back) this.#follow(back);
         }, timeout_ms),
       };
       this.#waiting.add(waiting);
@@ -141,11 +144,7 @@ export class Connection {
   #receive(topic: string, bytes: Uint8Array): void {
     const event = this.#link.receive(topic, bytes, now_s());
     if (event.kind === "moved") {
-      this.#mqtt.unsubscribe([...event.unsubscribe], ignore);
-      this.#mqtt.subscribe([...event.subscribe], { qos: 0 }, (denied) => {
-        if (denied) this.restart();
-        this.#emit(event);
-      });
+      this.#follow(event);
       return;
     }
     if (event.kind === "replied") {
@@ -157,6 +156,14 @@ export class Connection {
       }
     }
     this.#emit(event);
+  }
+
+  #follow(moved: Moved): void {
+    this.#mqtt.unsubscribe([...moved.unsubscribe], ignore);
+    this.#mqtt.subscribe([...moved.subscribe], { qos: 0 }, (denied) => {
+      if (denied) this.restart();
+      this.#emit(moved);
+    });
   }
 
   #setState(state: BrokerState): void {

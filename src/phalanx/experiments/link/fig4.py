@@ -125,7 +125,7 @@ class _Probe:
         self._given_up: dict[tuple[Kind, str], tuple[int, float, float]] = {}
         self._sending: set[asyncio.Task[bool]] = set()
         self._link = Connection(
-            broker.url,
+            broker.gateway,
             f"phalanx-fig4-{os.urandom(8).hex()}",
             self._topics.values,
             self._on_message,
