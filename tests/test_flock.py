@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import PeerError
-from phalanx.robot.controllers.dispatch import Kind
+from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.fields import get_f32, put_f32
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Send, compiled
@@ -48,7 +48,7 @@ def acceleration(outputs):
 
 
 def robot(rob=1, config=CONFIG):
-    return compiled(Kind.FLOCK, flock_params(config))(rob)
+    return compiled(dispatch.NUMBERS["flock"], flock_params(config))(rob)
 
 
 def neighbours(encoding):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from phalanx.config import bti
-from phalanx.robot.controllers import orders, wheels
+from phalanx.robot.controllers import orders
+from phalanx.robot.controllers.bundled import wheels
 from phalanx.wire import table
 
 

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.robot.controllers.dispatch import Kind
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.bundled.wheels import wheels_params
 from phalanx.robot.controllers.orders import led_order, route_order, wheels_order
 from phalanx.robot.controllers.python_controller import Act, Send, compiled, pack_outputs, unpack_outputs
-from phalanx.robot.controllers.wheels import wheels_params
 from phalanx.robot.follow import wheels_towards
 
 HERE = Path(__file__).parent
@@ -29,7 +29,7 @@ RUN_SHA256 = "e7ccee56e6b9acaf766cd08a0941fa26e86fb6e6a4454bfb501d327cf678bf54"
 
 
 def robot(rob=1, config=None):
-    return compiled(Kind.WHEELS, wheels_params(config or WheelsConfig()))(rob)
+    return compiled(dispatch.NUMBERS["wheels"], wheels_params(config or WheelsConfig()))(rob)
 
 
 def reading(rob, x, y, direction, t=0):

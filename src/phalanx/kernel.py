@@ -61,6 +61,11 @@ def _imported(path: Path) -> tuple[Path, ...]:
             base = here[: len(here) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
             names = [module, *(f"{module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "glob":
+            # Whatever lies there is imported (robot/controllers/declaration.py).
+            patterns = [str(each.value) for each in node.args if isinstance(each, ast.Constant)]
+            found += [file for pattern in patterns for file in path.parent.glob(pattern)]
+            continue
         else:
             continue
         for name in names:

@@ -44,7 +44,7 @@ def test_the_example_stops_its_liar_and_nobody_else():
 def test_the_bundled_flock_as_a_python_controller_flies_the_same_flight():
     """Logged, audited and replayed in Python, attack included."""
     made = scenario("bound", AttackSpec(name="hijack", at_s=8.0), end_s=22, robots=10)
-    own = advanced(made, compiled(dispatch.Kind.FLOCK, flock_params(made.flock)))
+    own = advanced(made, compiled(dispatch.NUMBERS["flock"], flock_params(made.flock)))
     bundled = run(made)
     np.testing.assert_array_equal(own.positions_m, bundled.positions_m)
     assert own.summary()["compromised"] == bundled.summary()["compromised"]

@@ -18,14 +18,12 @@ from phalanx.mission import (
     Profile,
     State,
     Walker,
+    canonical,
     check_signature,
     parse_mission,
     parse_start_key,
 )
-from phalanx.mission.file import (
-    canonical,
-    sealed,
-)
+from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import AT_POSITION, Shape, place_bytes
 from phalanx.mission.file.paper import node_hash
 from phalanx.mission.file.records import Header

@@ -12,7 +12,7 @@ from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INP
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
-from phalanx.wire.table import KIND_STATE, KIND_WHEELS_STATE, MAC_BYTES, STATE
+from phalanx.wire.table import MAC_BYTES, STATE
 
 from . import auditor
 from .controllers import dispatch
@@ -22,7 +22,6 @@ NOTHING, REPLY, WHOLE, INSTALLED = 0, 1, 2, 3
 TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
-STATE_KINDS = (KIND_STATE, KIND_WHEELS_STATE)
 
 
 @kernel
@@ -128,7 +127,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     if not frame[0] & request.AUDIT:
         if s.profile != PLAIN:
             log.append(f, i, w.entry, n)
-        if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in STATE_KINDS:
+        if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in dispatch.STATE_KINDS:
             # As printed: auditors are chosen among the neighbours that states claim.
             rounds.heard(f, i, get_u16(frame, ID_AT), now)
         if s.controller:

@@ -6,9 +6,8 @@ import math
 from typing import ClassVar
 
 from phalanx.robot.cnode import Action
-from phalanx.robot.controllers import wheels
 from phalanx.robot.controllers.python_controller import Act, Send
-from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION
+from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, WHEELS_COMMAND
 
 from .liar import Liar
 
@@ -31,10 +30,9 @@ class Hijack(Liar):
         if self.lies(now_ms) and isinstance(output, Act):
             if len(output.payload) == ACCELERATION.size:
                 output = Act(COMMAND.pack(KIND_ACCELERATION, self.id, now_ms, *self.wanted_mps2()))
-            elif len(output.payload) == wheels.COMMAND_BYTES:
-                output = Act(
-                    output.payload[: wheels.BODY] + RUNAWAY_PCT + output.payload[wheels.BODY + len(RUNAWAY_PCT) :]
-                )
+            elif len(output.payload) == WHEELS_COMMAND.size:
+                at = WHEELS_COMMAND.at("left")
+                output = Act(output.payload[:at] + RUNAWAY_PCT + output.payload[at + len(RUNAWAY_PCT) :])
         return super().put_out(now_ms, output)
 
     def wanted_mps2(self) -> tuple[float, float]:

@@ -1,85 +1,82 @@
 """The bundled controllers by number, so that one compiled loop runs whichever a mission has chosen.
 
-Number 0, and any that is not bundled, holds a state of no bytes and puts out nothing.
+A controller is bundled by being a file in bundled/ that declares itself (declaration.py). The kernels here are made of
+all there are: an `if` for each, which compiles to what writing them out would. Number 0, and any that is not bundled,
+holds a state of no bytes and puts out nothing.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
+import importlib
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from phalanx.kernel import kernel
 
-from . import flock, wheels
+from .declaration import Declaration, bundled
 from .fields import Params, Row, whole
 
+_F = TypeVar("_F", bound=Callable[..., Any])
 
-class Kind(IntEnum):
-    """A bundled controller."""
-
-    FLOCK = 1
-    WHEELS = 2
-
-
-FLOCK, WHEELS = int(Kind.FLOCK), int(Kind.WHEELS)
+_NAMES = bundled()
+_MODULES = [importlib.import_module(f"{__package__}.bundled.{name}") for name in _NAMES]
+BUNDLED: dict[str, Declaration] = {name: each.CONTROLLER for name, each in zip(_NAMES, _MODULES, strict=True)}
+NUMBERS = {name: number for number, name in enumerate(_NAMES, 1)}
+STATE_KINDS = tuple(int(each.says.tag or 0) for each in BUNDLED.values())
 
 
-@kernel
+def _of_the_chosen(declared: _F) -> _F:
+    """The kernel that calls the chosen controller's of the same name; whole numbers come to it as int64."""
+    signature = inspect.signature(declared)
+    rest = list(signature.parameters.values())[1:]
+    given = ", ".join(f"whole({each.name})" if each.annotation == "int" else each.name for each in rest)
+    lines = [f"def {declared.__name__}({', '.join(signature.parameters)}):"]
+    for number, name in enumerate(_NAMES, 1):
+        lines += [f"    if kind == {number}:", f"        return {name}.{declared.__name__}({given})"]
+    lines.append("    return False" if signature.return_annotation == "bool" else "    return 0")
+    # In this file, at its own line: numba keeps compiled code beside the file of its source.
+    source = "\n" * (declared.__code__.co_firstlineno - 1) + "\n".join(lines)
+    scope = {"__name__": __name__, "whole": whole, **dict(zip(_NAMES, _MODULES, strict=True))}
+    exec(compile(source, __file__, "exec"), scope)  # noqa: S102 - of names of our own files
+    made: Any = scope[declared.__name__]
+    result: _F = kernel(made)
+    return result
+
+
+@_of_the_chosen
 def capacity(kind: int, params: Params) -> int:
     """The longest that a state gets, bytes: what its row must hold."""
-    if kind == FLOCK:
-        return whole(flock.capacity(params))
-    if kind == WHEELS:
-        return whole(wheels.CAPACITY_BYTES)
-    return 0
+    raise NotImplementedError
 
 
-@kernel
+@_of_the_chosen
 def size(kind: int, state: Row) -> int:
     """The length of the encoding that `state` holds now."""
-    if kind == FLOCK:
-        return flock.size(state)
-    if kind == WHEELS:
-        return wheels.size(state)
-    return 0
+    raise NotImplementedError
 
 
-@kernel
+@_of_the_chosen
 def begin(kind: int, params: Params, rob_id: int, state: Row) -> int:
     """The boot state is in `state`; its length."""
-    if kind == FLOCK:
-        return flock.begin(params, whole(rob_id), state)
-    if kind == WHEELS:
-        return wheels.begin(params, whole(rob_id), state)
-    return 0
+    raise NotImplementedError
 
 
-@kernel
+@_of_the_chosen
 def is_encoding(kind: int, params: Params, rob_id: int, state: Row, length: int) -> bool:
     """Whether the first `length` bytes are a state of this robot; ask it of every foreign checkpoint."""
-    if kind == FLOCK:
-        return flock.is_encoding(params, whole(rob_id), state, whole(length))
-    if kind == WHEELS:
-        return wheels.is_encoding(params, whole(rob_id), state, whole(length))
-    return False
+    raise NotImplementedError
 
 
-@kernel
+@_of_the_chosen
 def on_recv(kind: int, params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
     """A frame was heard; the new length of the encoding."""
-    if kind == FLOCK:
-        return flock.on_recv(params, whole(rob_id), whole(t_ms), frame, whole(length), state)
-    if kind == WHEELS:
-        return wheels.on_recv(params, whole(rob_id), whole(t_ms), frame, whole(length), state)
-    return 0
+    raise NotImplementedError
 
 
-@kernel
+@_of_the_chosen
 def on_input(
     kind: int, params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row
 ) -> int:
     """The sensors said something; the length of what is in `out` (outputs.py)."""
-    if kind == FLOCK:
-        return flock.on_input(params, whole(rob_id), whole(step), whole(t_ms), reading, whole(length), state, out)
-    if kind == WHEELS:
-        return wheels.on_input(params, whole(rob_id), whole(step), whole(t_ms), reading, whole(length), state, out)
-    return 0
+    raise NotImplementedError

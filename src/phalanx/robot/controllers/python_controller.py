@@ -85,18 +85,18 @@ class Controller(ABC):
         """
 
 
-def compiled(kind: dispatch.Kind, params: Params) -> Callable[[int], Controller]:
+def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
     """What makes a bundled controller for a robot's id, for use from Python.
 
     Args:
-        kind: which.
-        params: `flock_params(...)` or `wheels_params(...)`.
+        kind: its number (dispatch.NUMBERS); 0 for one that does nothing.
+        params: its kernels'.
     """
     return partial(_Compiled, kind=kind, params=params)
 
 
 class _Compiled(Controller):
-    def __init__(self, rob_id: int, *, kind: dispatch.Kind, params: Params) -> None:
+    def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
         if not 1 <= rob_id <= 0xFFFF:
             raise UsageError(f"robot id {rob_id}", "1 to 65535")
         super().__init__(rob_id)

@@ -1,11 +1,14 @@
 """Robots' bodies: what their sensors say, what their commands do, and where they are.
 
-Two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots).
+Two kinds: a point mass that accelerates (the paper's flocks), and two wheels with an LED (the demo's robots). Which one
+a controller drives is in its declaration: what it reads, and what it commands.
 """
 
 from __future__ import annotations
 
+from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.fields import get_f32, get_i8, put_f32
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.wire.fields import Row, put_u16, put_u64
@@ -23,7 +26,8 @@ from phalanx.wire.table import (
 from . import motion
 from .world import World
 
-POINT_MASS, WHEELS = 0, 1
+POINT_MASS, WHEELS = KIND_SENSOR, KIND_WHEELS_SENSOR  # bodies go by what their sensors say
+COMMANDS = {POINT_MASS: ACCELERATION, WHEELS: WHEELS_COMMAND}
 SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size
 WHEELS_SENSOR_BYTES = WHEELS_SENSOR.size
@@ -38,6 +42,17 @@ BODY_M = 0.04
 TOP_SPEED_MPS = 0.3
 AXLE_M = 0.075
 DEG_PER_RAD = 57.29577951308232
+
+
+def driven_by(controller: Declaration) -> int:
+    """POINT_MASS or WHEELS.
+
+    Raises: UsageError: there is no body with that sensor and those actuators.
+    """
+    kind = int(controller.reads.tag or 0)
+    if COMMANDS.get(kind) is not controller.commands:
+        raise UsageError(f"no body says {controller.reads.name} and obeys {controller.commands.name}")
+    return kind
 
 
 @kernel

@@ -9,7 +9,6 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict, row
 from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16
-from phalanx.wire.table import ACCELERATION, WHEELS_COMMAND
 
 from . import body, loop
 from .events import push
@@ -32,7 +31,7 @@ def handle(world: World, robots: dict[int, CNode]) -> None:
 
 def _check_commands(world: World, rob_id: int, actions: list[Action]) -> None:
     # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
-    known = WHEELS_COMMAND if int(world.clock[0].body) == body.WHEELS else ACCELERATION
+    known = body.COMMANDS[int(world.clock[0].body)]
     for action in actions:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
             raise UsageError(

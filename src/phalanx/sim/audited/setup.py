@@ -18,9 +18,11 @@ from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
 from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
+from phalanx.errors import UsageError
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers import dispatch
 from phalanx.sim.radio.airtime import Rates, broadcast_us, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
 from phalanx.sim.radio.reach import SMALL_SWARM, make_reach, rebuild
@@ -48,9 +50,9 @@ class Setup:
         robots: N.
         starts_m: (M, 2), where robots, and stations behind them, are at first.
         profile: of the trusted nodes: BOUND, PAPER or PLAIN.
-        controller: number of the bundled controller, 0 for one in plain Python.
+        controller: number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python.
         params: the controller's.
-        body: body.POINT_MASS or body.WHEELS.
+        body: body.POINT_MASS or body.WHEELS, see `body.driven_by`.
         seed: of phases and back-offs.
         contact_m: two robots as near as that touch.
         obstacles: count as contacts.
@@ -141,8 +143,15 @@ def power_up(
 
 
 def make_world(setup: Setup, chance: np.random.Generator) -> World:
-    """The world at time 0, with nobody running yet. Source: docs/spec/world.md."""
+    """The world at time 0, with nobody running yet.
+
+    Raises: UsageError: the controller's state can be longer than a checkpoint has room for.
+    Source: docs/spec/world.md.
+    """
     n, m = setup.robots, len(setup.starts_m)
+    longest = int(dispatch.capacity(setup.controller, setup.params))
+    if longest > setup.bti.checkpoint_capacity_bytes:
+        raise UsageError(f"a controller that remembers {longest} bytes", f"BtiConfig(state_bytes={longest})")
     boot_us = chance.integers(1, POWER_UP_MS, n) * 1000
     snode, anode = np.zeros((n, 8), np.uint8), np.zeros((n, 8), np.uint8)
     if setup.profile != PLAIN:

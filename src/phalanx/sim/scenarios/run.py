@@ -16,10 +16,9 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited import loop, pybot
-from phalanx.sim.audited.body import POINT_MASS
+from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
@@ -48,13 +47,16 @@ class Run:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
+        bundled = dispatch.BUNDLED[scenario.controller]
+        if bundled.params is None:
+            raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
             profile=PROFILES[scenario.defence],
-            controller=0 if controller else int(dispatch.Kind.FLOCK),
-            params=flock_params(scenario.flock),
-            body=POINT_MASS,
+            controller=0 if controller else dispatch.NUMBERS[scenario.controller],
+            params=bundled.params(scenario.flock),
+            body=driven_by(bundled),
             seed=scenario.seed,
             contact_m=scenario.contact_m,
             obstacles=scenario.obstacles,

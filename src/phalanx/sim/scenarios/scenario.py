@@ -14,8 +14,9 @@ from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.attack import Attack, meant
 from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
+from phalanx.robot.controllers.declaration import bundled
 
-CONTROLLERS = ("flock",)
+CONTROLLERS = tuple(bundled())
 MOST_ROBOTS = 65_535
 LONGEST_S = 7 * 86_400.0
 # A log of more neighbours does not fit a request; nor does a channel carry that of 130.

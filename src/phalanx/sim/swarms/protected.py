@@ -23,10 +23,11 @@ from phalanx.robot import Led, Point, Robot
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 from phalanx.robot.cnode import CNode
-from phalanx.robot.controllers import dispatch, orders, wheels
+from phalanx.robot.controllers import dispatch, orders
+from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.sim.audited import loop, pybot
-from phalanx.sim.audited.body import WHEELS
+from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
@@ -114,9 +115,9 @@ class ProtectedSwarm:
                 robots=count,
                 starts_m=np.vstack((draw_places(count, chance) / 1000, station)),
                 profile=PROFILES[defence],
-                controller=int(dispatch.Kind.WHEELS),
+                controller=dispatch.NUMBERS["wheels"],
                 params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
-                body=WHEELS,
+                body=driven_by(wheels.CONTROLLER),
                 seed=seed,
                 contact_m=0.08,
                 bti=self._config,

@@ -20,6 +20,11 @@ import numpy as np
 
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
+from phalanx.robot.controllers import orders
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.controllers.fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
+from phalanx.robot.controllers.outputs import put_head
+from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire.fields import copy, get_u16, get_u32, put_u16, put_u64
 from phalanx.wire.table import (
@@ -37,11 +42,7 @@ from phalanx.wire.table import (
     WHEELS_STATE,
 )
 
-from . import orders
-from .fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
-from .outputs import put_head
-from .sine import sine_cosine
-
+CONTROLLER = Declaration(reads=WHEELS_SENSOR, commands=WHEELS_COMMAND, says=WHEELS_STATE)
 READING_BYTES = WHEELS_SENSOR.size
 COMMAND_BYTES = WHEELS_COMMAND.size
 STATE_BYTES = WHEELS_STATE.size
@@ -65,6 +66,12 @@ GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
 def wheels_params(config: WheelsConfig) -> Params:
     """The mission's parameters as kernels read them."""
     return np.array([config.good_ms, config.state_every], dtype=np.float64)
+
+
+@kernel
+def capacity(_params: Params) -> int:
+    """The longest that a state gets, bytes: what its row must hold."""
+    return CAPACITY_BYTES
 
 
 @kernel

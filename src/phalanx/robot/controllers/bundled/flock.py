@@ -18,6 +18,20 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.controllers.fields import Params, Row, are_fine, get_f32, get_u64, put_f32, whole
+from phalanx.robot.controllers.flock_law import (
+    FORGET_MS,
+    LIMIT,
+    N_MAX,
+    STATE_EVERY,
+    flock_params,
+    goal_pull,
+    limited,
+    neighbour_push,
+    obstacles_push,
+)
+from phalanx.robot.controllers.outputs import put_head
 from phalanx.wire.fields import copy, get_u16, put_u16, put_u64
 from phalanx.wire.table import (
     ACCELERATION,
@@ -32,10 +46,7 @@ from phalanx.wire.table import (
     STATE,
 )
 
-from .fields import Params, Row, are_fine, get_f32, get_u64, put_f32, whole
-from .flock_law import FORGET_MS, LIMIT, N_MAX, STATE_EVERY, goal_pull, limited, neighbour_push, obstacles_push
-from .outputs import put_head
-
+CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, params=flock_params)
 STATE_BYTES = STATE.size
 SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size

@@ -1,0 +1,159 @@
+"""A bundled controller is one file: with it in its folder a scenario runs it, auditors replay it, and kernels know it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phalanx import kernel as kernel_module
+from phalanx.config.flock import FlockConfig
+from phalanx.errors import UsageError
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.sim.audited.body import POINT_MASS, WHEELS, driven_by
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.table import ACCELERATION, SENSOR, STATE, WHEELS_COMMAND
+
+SRC = Path(kernel_module.__file__).parent
+DRIFT = '''
+"""Drifts to the right, and counts how often: the least that a controller can be."""
+
+import numpy as np
+
+from phalanx.kernel import kernel
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.controllers.fields import put_f32
+from phalanx.robot.controllers.outputs import put_head
+from phalanx.wire.fields import get_u32, put_u16, put_u32, put_u64
+from phalanx.wire.record import Field, Record
+from phalanx.wire.table import ACCELERATION, ENTRY_ACMD, KIND_ACCELERATION, SENSOR, STATE
+
+MEMORY = Record("drift_memory", (Field("steps", "u32", ""),), "how often it drifted")
+STEPS = MEMORY.at("steps")
+CAPACITY = MEMORY.size
+LENGTH = ACCELERATION.size
+ID, TIME, AX, AY = map(ACCELERATION.at, ("id", "t", "ax_mps2", "ay_mps2"))
+
+
+def params(config):
+    return np.array([0.25])
+
+
+CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, params=params)
+
+
+@kernel
+def capacity(_params):
+    return CAPACITY
+
+
+@kernel
+def size(_state):
+    return CAPACITY
+
+
+@kernel
+def begin(_params, _rob_id, state):
+    put_u32(state, STEPS, 0)
+    return CAPACITY
+
+
+@kernel
+def is_encoding(_params, _rob_id, _state, length):
+    return length == CAPACITY
+
+
+@kernel
+def on_recv(_params, _rob_id, _t_ms, _frame, _length, _state):
+    return CAPACITY
+
+
+@kernel
+def on_input(params, rob_id, _step, t_ms, _reading, _length, state, out):
+    put_u32(state, STEPS, get_u32(state, STEPS) + 1)
+    at = put_head(out, 0, ENTRY_ACMD, LENGTH)
+    out[at] = KIND_ACCELERATION
+    put_u16(out, at + ID, rob_id)
+    put_u64(out, at + TIME, t_ms)
+    put_f32(out, at + AX, params[0])
+    put_f32(out, at + AY, 0.0)
+    return at + LENGTH
+'''
+RUN = """
+import json
+from phalanx.config import BtiConfig
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
+
+run = Run(Scenario(controller="drift", robots=4, duration_s=7.0, bti=BtiConfig(f_max=1)))
+began = run.world.pos.copy()
+run.advance(7.0)
+moved = run.world.pos - began
+robot = run.world.fleet.robot
+print(json.dumps({
+    "moved": moved.tolist(),
+    "passed": int(robot["audits_passed"].sum()),
+    "refused": int(robot["audits_refused"].sum()),
+    "booted": int(robot["booted"].sum()),
+    "safe": int(run.world.safe.sum()),
+}))
+"""
+
+
+def python(code: str, root: Path, **more: str) -> str:
+    env = {"PYTHONPATH": str(root), "PATH": os.environ["PATH"], **more}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+@pytest.fixture
+def copy(tmp_path):
+    folder = tmp_path / "phalanx"
+    shutil.copytree(SRC, folder, ignore=shutil.ignore_patterns("__pycache__", "pages"))
+    return folder
+
+
+def test_a_controller_in_a_file_of_its_own_runs_in_a_scenario_and_is_audited(copy, tmp_path):
+    (copy / "robot" / "controllers" / "bundled" / "drift.py").write_text(DRIFT)
+    # Uncompiled, which is the same bytes: compiling all for it would take a minute.
+    told = json.loads(python(RUN, tmp_path, NUMBA_DISABLE_JIT="1"))
+    assert all(x_m == pytest.approx(6.0, abs=0.7) and y_m == 0.0 for x_m, y_m in told["moved"])
+    assert told["passed"] >= 4
+    assert told["booted"] == told["refused"] == told["safe"] == 0
+
+
+def test_a_controller_more_makes_compiled_code_stale(copy, tmp_path):
+    ask = "from phalanx import kernel; print(kernel._stamp(kernel._ROOT / 'robot' / 'auditor.py'))"
+    before = python(ask, tmp_path)
+    drift = copy / "robot" / "controllers" / "bundled" / "drift.py"
+    drift.write_text(DRIFT)
+    with_it = python(ask, tmp_path)
+    drift.write_text(DRIFT.replace("0.25", "0.5"))
+    assert len({before, with_it, python(ask, tmp_path)}) == 3
+
+
+def test_each_bundled_controller_has_a_number_a_body_and_kernels():
+    assert set(dispatch.BUNDLED) == {"flock", "wheels"}
+    assert [driven_by(each) for each in dispatch.BUNDLED.values()] == [POINT_MASS, WHEELS]
+    params = dispatch.BUNDLED["flock"].params(FlockConfig(n_max=2))
+    assert dispatch.capacity(dispatch.NUMBERS["flock"], params) == 18 + 2 * 26
+    assert dispatch.capacity(0, params) == 0
+
+
+def test_a_body_that_there_is_not_is_refused():
+    with pytest.raises(UsageError, match="no body says sensor and obeys wheels_command"):
+        driven_by(Declaration(reads=SENSOR, commands=WHEELS_COMMAND, says=STATE))
+    assert driven_by(Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE)) == POINT_MASS
+
+
+def test_a_controller_that_waits_for_orders_is_not_a_scenarios():
+    with pytest.raises(UsageError, match="wheels waits for orders"):
+        Run(Scenario(controller="wheels"))
