@@ -37,7 +37,6 @@ class TestMistakes:
             (["up", "--port", "99999"], 2, "--port"),
             (["up", "--host", "203.0.113.9"], 1, "cannot listen on 203.0.113.9"),
             (["up", "--host", "not a host"], 1, "cannot listen on not a host"),
-            (["up", "--mode", "session"], 2, "--mode"),
             (["up", "--seed", "-1"], 2, "seed -1"),
             (["up", "--frontend", "javascript:alert(1)"], 2, "is not a page"),
             (["up", "--duration", "0"], 2, "--duration"),

@@ -161,7 +161,6 @@ async def _watch(client: Client) -> None:
 
 
 def serve(
-    mode: str,  # noqa: ARG001  # one value until the session mode exists
     pin_digits: int,
     rotate_s: float,
     overlap_s: float,

@@ -18,12 +18,9 @@ DEFAULTS = LinkConfig()
 
 
 def link_options(command: Command) -> Command:
-    """--mode, --pin-digits, --rotate-s, --overlap-s, --root."""
+    """--pin-digits, --rotate-s, --overlap-s, --root."""
     for option in reversed(
         (
-            click.option(
-                "--mode", type=click.Choice(["qrkey"]), default="qrkey", show_default=True, help="Key schedule."
-            ),
             click.option(
                 "--pin-digits",
                 type=int,

@@ -33,7 +33,6 @@ from .terminal import EventLines, end_status_line, plain, status_line
 
 
 def up(
-    mode: str,  # noqa: ARG001  # one value until the session mode exists
     pin_digits: int,
     rotate_s: float,
     overlap_s: float,

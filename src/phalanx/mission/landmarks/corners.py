@@ -12,7 +12,8 @@ import numpy as np
 
 from phalanx.kernel import kernel
 
-from .walls import ALONG_X, ALONG_Y, Bools, Floats, Ints, X, Y
+from .view import Limits, View
+from .walls import ALONG_X, ALONG_Y, Floats, Ints, X, Y
 
 # As many silent beams may lie at an edge; behind more it is not trusted.
 SILENT_BEAMS = 1
@@ -41,121 +42,91 @@ def _grazes(x: float, y: float, walls: Floats, w: int, graze_sine: float) -> boo
 
 
 @kernel
-def _off_line(x: Floats, y: Floats, i: int, walls: Floats, w: int) -> float:
+def _off_line(v: View, i: int, walls: Floats, w: int) -> float:
     """Distance of point i from the line of wall `w`, positive on the robot's side."""
-    off: float = walls[w, ALONG_X] * (y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (x[i] - walls[w, X])
+    off: float = walls[w, ALONG_X] * (v.y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (v.x[i] - walls[w, X])
     robot = walls[w, ALONG_Y] * walls[w, X] - walls[w, ALONG_X] * walls[w, Y]
     return off if robot >= 0.0 else -off
 
 
 @kernel
-def _outermost(x: Floats, y: Floats, new_run: Bools, walls: Floats, w: int, at: int, step: int, line_m: float) -> int:
+def _outermost(v: View, walls: Floats, w: int, at: int, step: int, line_m: float) -> int:
     """The last point on the wall's line, near the wall's end `at`, in the direction of `step`."""
     i = at
     for _ in range(SLACK_POINTS):
-        if abs(_off_line(x, y, i, walls, w)) <= line_m:
+        if abs(_off_line(v, i, walls, w)) <= line_m:
             break
         i -= step
     while True:
         j = i + step
-        if j < 0 or j >= len(x) or new_run[max(i, j)] or abs(_off_line(x, y, j, walls, w)) > line_m:
+        if j < 0 or j >= len(v.x) or v.new_run[max(i, j)] or abs(_off_line(v, j, walls, w)) > line_m:
             return i
         i = j
 
 
 @kernel
-def _next_beam(ranges: Floats, beam: int, step: int, full_turn: bool) -> int:
+def _next_beam(v: View, beam: int, step: int) -> int:
     """The next beam that says something, or -1."""
-    n = len(ranges)
+    n = len(v.ranges)
     for _ in range(1 + SILENT_BEAMS):
         beam += step
-        if full_turn:
+        if v.full_turn:
             beam %= n
         if beam < 0 or beam >= n:
             return -1
-        if not np.isnan(ranges[beam]):
+        if not np.isnan(v.ranges[beam]):
             return beam
     return -1
 
 
 @kernel
-def _turns_back(
-    ranges: Floats,
-    x: Floats,
-    y: Floats,
-    beam: Ints,
-    new_run: Bools,
-    walls: Floats,
-    w: int,
-    i: int,
-    step: int,
-    full_turn: bool,
-    line_m: float,
-    jump_m: float,
-) -> bool:
+def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -> bool:
     """Whether the surface goes on behind the line of the wall that ends at point i."""
     j = i + step
-    if _off_line(x, y, j, walls, w) > -line_m:
+    if _off_line(v, j, walls, w) > -limits.line_m:
         return False
     k = j + step
-    if 0 <= k < len(x) and not new_run[max(j, k)]:
-        return _off_line(x, y, k, walls, w) < -line_m
+    if 0 <= k < len(v.x) and not v.new_run[max(j, k)]:
+        return _off_line(v, k, walls, w) < -limits.line_m
     # A single point between two surfaces may be half of each: it counts only before something farther away.
-    there = _next_beam(ranges, beam[j], step, full_turn)
-    return there >= 0 and ranges[there] > ranges[beam[j]] + jump_m
+    there = _next_beam(v, v.beam[j], step)
+    return there >= 0 and bool(v.ranges[there] > v.ranges[v.beam[j]] + limits.jump_m)
 
 
 @kernel
-def _edge(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
-    full_turn: bool,
-    range_max_m: float,
-    x: Floats,
-    y: Floats,
-    beam: Ints,
-    new_run: Bools,
-    walls: Floats,
-    w: int,
-    at: int,
-    step: int,
-    line_m: float,
-    jump_m: float,
-    graze_sine: float,
-    edge_error_m: float,
-) -> tuple[bool, float, float, float]:
+def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
     """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, 0.0, 0.0, 0.0)
-    i = _outermost(x, y, new_run, walls, w, at, step, line_m)
+    ranges, cosines, sines, x, y = v.ranges, v.cosines, v.sines, v.x, v.y
+    i = _outermost(v, walls, w, at, step, limits.line_m)
     ax, ay = walls[w, ALONG_X], walls[w, ALONG_Y]
     j = i + step
-    if 0 <= j < len(x) and not new_run[max(i, j)]:
+    if 0 <= j < len(x) and not v.new_run[max(i, j)]:
         # The surface goes on, off the line: the other face of a pillar or of a jamb, or clutter before the wall.
-        if not _turns_back(ranges, x, y, beam, new_run, walls, w, i, step, full_turn, line_m, jump_m):
+        if not _turns_back(v, limits, walls, w, i, step) or _grazes(x[i], y[i], walls, w, limits.graze_sine):
             return nothing
-        if _grazes(x[i], y[i], walls, w, graze_sine) or abs(ax * (x[j] - x[i]) + ay * (y[j] - y[i])) > edge_error_m:
+        if abs(ax * (x[j] - x[i]) + ay * (y[j] - y[i])) > limits.edge_error_m:
             return nothing
         along = ax * (x[i] - walls[w, X]) + ay * (y[i] - walls[w, Y])
-        return True, walls[w, X] + along * ax, walls[w, Y] + along * ay, float(beam[i]) + 0.5 * step
-    here = beam[i]
-    there = _next_beam(ranges, here, step, full_turn)
+        return True, walls[w, X] + along * ax, walls[w, Y] + along * ay, float(v.beam[i]) + 0.5 * step
+    here = v.beam[i]
+    there = _next_beam(v, here, step)
     if there < 0:
         return nothing
     # Where the next beam would meet this wall if it went on.
     offset = ax * walls[w, Y] - ay * walls[w, X]
     across = ax * sines[there] - ay * cosines[there]
     on_wall = offset / across if offset * across > 0.0 else ranges[here]
-    if on_wall > range_max_m - jump_m or ranges[there] < max(on_wall, ranges[here]) + jump_m:
+    if on_wall > v.range_max_m - limits.jump_m or ranges[there] < max(on_wall, ranges[here]) + limits.jump_m:
         return nothing
     # The edge lies between both beams: half a beam further than the last point.
     ray_x, ray_y = cosines[here] + cosines[there], sines[here] + sines[there]
     across = ax * ray_y - ay * ray_x
-    if offset * across <= 0.0 or _grazes(ray_x, ray_y, walls, w, graze_sine):
+    if offset * across <= 0.0 or _grazes(ray_x, ray_y, walls, w, limits.graze_sine):
         return nothing
     edge_x, edge_y = ray_x * (offset / across), ray_y * (offset / across)
     dx, dy = edge_x - x[i], edge_y - y[i]
-    if 2.0 * abs(ax * dx + ay * dy) > edge_error_m:
+    if 2.0 * abs(ax * dx + ay * dy) > limits.edge_error_m:
         return nothing
     return True, edge_x, edge_y, float(here) + 0.5 * step
 
@@ -166,57 +137,30 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 
 
 @kernel
-def _bend(
-    x: Floats,
-    y: Floats,
-    new_run: Bools,
-    walls: Floats,
-    spans: Ints,
-    w: int,
-    corner_sine: float,
-    corner_gap_m: float,
-) -> tuple[bool, float, float, float]:
+def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet at a corner, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
     meet_x, meet_y, sine = meet(walls, w, w + 1)
     touching = True
     for i in range(last + 1, first + 1):
-        if new_run[i]:
+        if v.new_run[i]:
             touching = False
     near = (
-        _distance(meet_x, meet_y, x[last], y[last]) <= corner_gap_m
-        and _distance(meet_x, meet_y, x[first], y[first]) <= corner_gap_m
+        _distance(meet_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
+        and _distance(meet_x, meet_y, v.x[first], v.y[first]) <= limits.corner_gap_m
     )
-    return touching and near and abs(sine) >= corner_sine, meet_x, meet_y, sine
+    return touching and near and abs(sine) >= limits.corner_sine, meet_x, meet_y, sine
 
 
 @kernel
-def _store(corners: Floats, row: int, x: float, y: float, beam: float, before: int, after: int, convex: float) -> int:
-    corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = x, y, beam
+def _store(corners: Floats, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
+    corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = at
     corners[row, BEFORE], corners[row, AFTER], corners[row, CONVEX] = float(before), float(after), convex
     return row + 1
 
 
 @kernel
-def corners_of(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
-    full_turn: bool,
-    range_max_m: float,
-    x: Floats,
-    y: Floats,
-    beam: Ints,
-    new_run: Bools,
-    walls: Floats,
-    spans: Ints,
-    corner_sine: float,
-    corner_gap_m: float,
-    line_m: float,
-    jump_m: float,
-    graze_sine: float,
-    edge_error_m: float,
-) -> Floats:
+def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
     """(c, 6) corners in the order of their bearings.
 
     Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A.
@@ -226,26 +170,20 @@ def corners_of(
     met_before = False
     for w in range(len(walls)):
         if not met_before:
-            is_one, edge_x, edge_y, at = _edge(
-                ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run, walls, w, spans[w, 0], -1,
-                line_m, jump_m, graze_sine, edge_error_m,
-            )  # fmt: skip
+            is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
-                found = _store(corners, found, edge_x, edge_y, at, -1, w, 0.0)
+                found = _store(corners, found, (edge_x, edge_y, at), -1, w, 0.0)
         met_before = False
         if w + 1 < len(walls):
-            met_before, meet_x, meet_y, sine = _bend(x, y, new_run, walls, spans, w, corner_sine, corner_gap_m)
-            seen_flat = _grazes(meet_x, meet_y, walls, w, graze_sine) or _grazes(
-                meet_x, meet_y, walls, w + 1, graze_sine
+            met_before, meet_x, meet_y, sine = _bend(v, limits, walls, spans, w)
+            seen_flat = _grazes(meet_x, meet_y, walls, w, limits.graze_sine) or _grazes(
+                meet_x, meet_y, walls, w + 1, limits.graze_sine
             )
             if met_before and not seen_flat:
-                at = 0.5 * float(beam[spans[w, 1]] + beam[spans[w + 1, 0]])
-                found = _store(corners, found, meet_x, meet_y, at, w, w + 1, 1.0 if sine > 0.0 else 0.0)
+                at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
+                found = _store(corners, found, (meet_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
         if not met_before:
-            is_one, edge_x, edge_y, at = _edge(
-                ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run, walls, w, spans[w, 1], 1,
-                line_m, jump_m, graze_sine, edge_error_m,
-            )  # fmt: skip
+            is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
-                found = _store(corners, found, edge_x, edge_y, at, w, -1, 0.0)
+                found = _store(corners, found, (edge_x, edge_y, at), w, -1, 0.0)
     return corners[:found]

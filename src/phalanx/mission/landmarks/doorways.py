@@ -13,7 +13,10 @@ import numpy as np
 from phalanx.kernel import kernel
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y
+from .view import Limits, View
 from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, Bools, Floats, Ints
+
+Pair = tuple[float, float]
 
 # Hits so near to a jamb are the jamb's: its inner face, or its edge with the sensor's noise.
 JAMB_M = 0.1
@@ -24,24 +27,14 @@ DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
 
 
 @kernel
-def _is_open(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
-    from_beam: int,
-    to_beam: int,
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    clear_m: float,
-) -> bool:
+def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
     """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
 
     Nothing may be hit before the line of the jambs, nor behind it up to `clear_m`: a closed door, an alcove.
     """
-    n = len(ranges)
-    along_x, along_y = bx - ax, by - ay
+    ranges, n = v.ranges, len(v.ranges)
+    ax, ay = a
+    along_x, along_y = b[0] - ax, b[1] - ay
     width = math.sqrt(along_x * along_x + along_y * along_y)
     along_x, along_y = along_x / width, along_y / width
     robot = ay * along_x - ax * along_y
@@ -53,7 +46,7 @@ def _is_open(
             said += 1
         # A miss hits nothing.
         if np.isfinite(ranges[k]):
-            dx, dy = ranges[k] * cosines[k] - ax, ranges[k] * sines[k] - ay
+            dx, dy = ranges[k] * v.cosines[k] - ax, ranges[k] * v.sines[k] - ay
             at = dx * along_x + dy * along_y
             behind = dy * along_x - dx * along_y
             if robot < 0.0:
@@ -66,24 +59,14 @@ def _is_open(
 
 
 @kernel
-def _depth_behind(
-    x: Floats,
-    y: Floats,
-    new_run: Bools,
-    i: int,
-    step: int,
-    jamb_x: float,
-    jamb_y: float,
-    along_x: float,
-    along_y: float,
-    limit_m: float,
-) -> float:
+def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
     """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none."""
+    (jamb_x, jamb_y), (along_x, along_y) = jamb, along
     robot = jamb_x * along_y - jamb_y * along_x
     deepest = 0.0
-    while 0 <= i + step < len(x) and not new_run[max(i, i + step)]:
+    while 0 <= i + step < len(v.x) and not v.new_run[max(i, i + step)]:
         i += step
-        dx, dy = x[i] - jamb_x, y[i] - jamb_y
+        dx, dy = v.x[i] - jamb_x, v.y[i] - jamb_y
         off = dx * along_y - dy * along_x
         if robot < 0.0:
             off = -off
@@ -110,30 +93,15 @@ def _point_at(beam: Ints, at: float) -> int:
 
 
 @kernel
-def doorways_of(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
-    full_turn: bool,
-    x: Floats,
-    y: Floats,
-    beam: Ints,
-    new_run: Bools,
-    walls: Floats,
-    corners: Floats,
-    door_min_m: float,
-    door_max_m: float,
-    bend_cosine: float,
-    depth_max_m: float,
-    clear_m: float,
-) -> tuple[Floats, Bools]:
+def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tuple[Floats, Bools]:
     """(d, 6) doorways, and which corners are jambs.
 
     Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0019.
     """
     doors = np.empty((len(corners), 6))
     is_jamb = np.zeros(len(corners), np.bool_)
-    n = len(ranges)
+    n = len(v.ranges)
+    bend_cosine, depth_max_m = limits.bend_cosine, limits.door_depth_m
     found = 0
     for i in range(len(corners)):
         # The wall ends at jamb i, then comes the opening, and at jamb j the wall goes on.
@@ -141,13 +109,13 @@ def doorways_of(
             continue
         before = int(corners[i, BEFORE])
         for j in range(len(corners)):
-            if corners[j, CONVEX] != 0.0 or corners[j, AFTER] < 0.0 or not (j > i or (full_turn and j < i)):
+            if corners[j, CONVEX] != 0.0 or corners[j, AFTER] < 0.0 or not (j > i or (v.full_turn and j < i)):
                 continue
             after = int(corners[j, AFTER])
             ax, ay, bx, by = corners[i, CORNER_X], corners[i, CORNER_Y], corners[j, CORNER_X], corners[j, CORNER_Y]
             dx, dy = bx - ax, by - ay
             width = math.sqrt(dx * dx + dy * dy)
-            if not door_min_m - WIDTH_SLACK_M <= width <= door_max_m + WIDTH_SLACK_M:
+            if not limits.door_min_m - WIDTH_SLACK_M <= width <= limits.door_max_m + WIDTH_SLACK_M:
                 continue
             if (
                 walls[before, ALONG_X] * dx + walls[before, ALONG_Y] * dy < bend_cosine * width
@@ -156,7 +124,7 @@ def doorways_of(
                 continue
             from_beam = int(corners[i, BEAM] + 1.0) % n
             to_beam = int(corners[j, BEAM] + n) % n
-            if not _is_open(ranges, cosines, sines, from_beam, to_beam, ax, ay, bx, by, clear_m):
+            if not _is_open(v, from_beam, to_beam, (ax, ay), (bx, by), limits.door_clear_m):
                 continue
             # The walls are longer than the opening, and so give its direction better than the jambs.
             first = _length(walls, before)
@@ -166,13 +134,12 @@ def doorways_of(
             length = math.sqrt(along_x * along_x + along_y * along_y)
             along_x, along_y = along_x / length, along_y / length
             middle_x, middle_y = 0.5 * (ax + bx), 0.5 * (ay + by)
-            last = _point_at(beam, corners[i, BEAM]) - 1
-            first_after = _point_at(beam, corners[j, BEAM])
+            last = _point_at(v.beam, corners[i, BEAM]) - 1
+            first_after = _point_at(v.beam, corners[j, BEAM])
+            along = (along_x, along_y)
             depth = max(
-                _depth_behind(x, y, new_run, last, 1, ax, ay, along_x, along_y, depth_max_m) if last >= 0 else 0.0,
-                _depth_behind(x, y, new_run, first_after, -1, bx, by, along_x, along_y, depth_max_m)
-                if first_after < len(beam)
-                else 0.0,
+                _depth_behind(v, last, 1, (ax, ay), along, depth_max_m) if last >= 0 else 0.0,
+                _depth_behind(v, first_after, -1, (bx, by), along, depth_max_m) if first_after < len(v.beam) else 0.0,
             )
             # Away from the robot, to the middle of the wall.
             side = 0.5 * depth if middle_x * along_y - middle_y * along_x >= 0.0 else -0.5 * depth

@@ -15,6 +15,7 @@ from .angles import HALF_PI, PI, atan2, sin_cos, wrap
 from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
 from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
 from .scan import LaserScan
+from .view import Limits, View, limits_of
 from .walls import ALONG_X, ALONG_Y, Bools, Floats, breaks_of, points_of, walls_of
 
 # Instead of a corner's wall that is not seen.
@@ -76,32 +77,8 @@ def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features
             scan.angle_increment_rad,
             scan.range_max_m,
             min(config.feature_range_m, scan.range_max_m),
-            _thresholds(config),
+            limits_of(config),
         )
-    )
-
-
-def _thresholds(config: ExtractionConfig) -> tuple[float, ...]:
-    corner_sine, _ = sin_cos(config.corner_min_rad)
-    graze_sine, graze_cosine = sin_cos(config.graze_rad)
-    _, bend_cosine = sin_cos(config.door_bend_rad)
-    return (
-        config.split_m,
-        config.line_m,
-        config.wall_min_m,
-        float(config.wall_min_points),
-        corner_sine,
-        config.corner_gap_m,
-        config.jump_m,
-        graze_cosine / graze_sine,
-        graze_sine,
-        config.edge_error_m,
-        config.door_min_m,
-        config.door_max_m,
-        bend_cosine,
-        config.door_depth_m,
-        config.door_clear_m,
-        config.room_min_m2,
     )
 
 
@@ -132,22 +109,17 @@ def _extract(
     step_rad: float,
     range_max_m: float,
     feature_range_m: float,
-    thresholds: tuple[float, ...],
+    limits: Limits,
 ) -> tuple[Floats, Floats, Bools, Floats, Floats]:
-    (split_m, line_m, wall_min_m, min_points, corner_sine, corner_gap_m, jump_m, graze_slope, graze_sine,
-     edge_error_m, door_min_m, door_max_m, bend_cosine, depth_max_m, clear_m, room_min_m2) = thresholds  # fmt: skip
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
-    new_run = breaks_of(ranges, beam, step_rad, jump_m, graze_slope)
-    walls, spans = walls_of(x, y, new_run, split_m, line_m, wall_min_m, int(min_points))
-    corners = corners_of(
-        ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run, walls, spans,
-        corner_sine, corner_gap_m, line_m, jump_m, graze_sine, edge_error_m,
-    )  # fmt: skip
-    doorways, is_jamb = doorways_of(
-        ranges, cosines, sines, full_turn, x, y, beam, new_run, walls, corners,
-        door_min_m, door_max_m, bend_cosine, depth_max_m, clear_m,
-    )  # fmt: skip
-    return walls, corners, is_jamb, doorways, rooms_of(corners, room_min_m2)
+    new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
+    view = View(ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run)
+    walls, spans = walls_of(
+        x, y, new_run, limits.split_m, limits.line_m, limits.wall_min_m, int(limits.wall_min_points)
+    )
+    corners = corners_of(view, limits, walls, spans)
+    doorways, is_jamb = doorways_of(view, limits, walls, corners)
+    return walls, corners, is_jamb, doorways, rooms_of(corners, limits.room_min_m2)
 
 
 @kernel

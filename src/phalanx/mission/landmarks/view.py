@@ -1,0 +1,78 @@
+"""A scan as the kernels that take it apart see it, and the limits by which they do: tuples, as kernels take them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from phalanx.config.lidar import ExtractionConfig
+
+from .angles import sin_cos
+from .walls import Bools, Floats, Ints
+
+
+class View(NamedTuple):
+    """A scan, and the points that it hits.
+
+    Args:
+        ranges, cosines, sines: (b,), of each beam; NaN where it says nothing, infinite where it misses.
+        full_turn: the last beam is beside the first.
+        range_max_m: what is farther is missed.
+        x, y, beam: (p,), each point and the beam that hit it; in the order of the beams.
+        new_run: (p,), whether the surface before a point is another.
+    """
+
+    ranges: Floats
+    cosines: Floats
+    sines: Floats
+    full_turn: bool
+    range_max_m: float
+    x: Floats
+    y: Floats
+    beam: Ints
+    new_run: Bools
+
+
+class Limits(NamedTuple):
+    """`ExtractionConfig` as kernels need it: its lengths and areas, and sines, cosines and slopes of its angles."""
+
+    split_m: float
+    line_m: float
+    wall_min_m: float
+    wall_min_points: float
+    corner_sine: float
+    corner_gap_m: float
+    jump_m: float
+    graze_slope: float
+    graze_sine: float
+    edge_error_m: float
+    door_min_m: float
+    door_max_m: float
+    bend_cosine: float
+    door_depth_m: float
+    door_clear_m: float
+    room_min_m2: float
+
+
+def limits_of(config: ExtractionConfig) -> Limits:
+    """The limits of a configuration."""
+    corner_sine, _ = sin_cos(config.corner_min_rad)
+    graze_sine, graze_cosine = sin_cos(config.graze_rad)
+    _, bend_cosine = sin_cos(config.door_bend_rad)
+    return Limits(
+        split_m=config.split_m,
+        line_m=config.line_m,
+        wall_min_m=config.wall_min_m,
+        wall_min_points=float(config.wall_min_points),
+        corner_sine=corner_sine,
+        corner_gap_m=config.corner_gap_m,
+        jump_m=config.jump_m,
+        graze_slope=graze_cosine / graze_sine,
+        graze_sine=graze_sine,
+        edge_error_m=config.edge_error_m,
+        door_min_m=config.door_min_m,
+        door_max_m=config.door_max_m,
+        bend_cosine=bend_cosine,
+        door_depth_m=config.door_depth_m,
+        door_clear_m=config.door_clear_m,
+        room_min_m2=config.room_min_m2,
+    )
