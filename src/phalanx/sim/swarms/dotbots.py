@@ -1,6 +1,6 @@
 """A simulated swarm of DotBot-like robots: two wheels, an LED, a battery, a way to know where they are.
 
-Every array is (N,), one entry for each robot that is there; a tick moves all of them at once.
+What they are now is one array, a column for each robot that is there; a tick moves all of them at once.
 """
 
 from __future__ import annotations
@@ -29,6 +29,10 @@ HISTORY = 1000
 HISTORY_IN_ALL = 100_000
 HISTORY_STEP_MM = 20.0
 DEFAULT_THRESHOLD_MM = 60.0
+# Rows of that array: place, mm; direction, rad; wheels, percent; battery, mV; the route's threshold and next point, mm;
+# the last point of the trail, mm.
+X, Y, ANGLE, LEFT, RIGHT, BATTERY, THRESHOLD, GOAL_X, GOAL_Y, TRAIL_X, TRAIL_Y = range(11)
+ROWS = TRAIL_Y + 1
 MAX_ROBOTS = 2000  # as many as the visitors' page keeps
 
 # Short, easy to tell apart when called out across a room.
@@ -82,14 +86,10 @@ class Dotbots:
         self._charging: list[tuple[float, str, str, Led]] = []
         self._elapsed_s = 0.0
         self._made = 0
-        empty = np.zeros(0)
-        self._x, self._y, self._angle = empty, empty, empty
-        self._left, self._right, self._battery = empty, empty, empty
-        self._threshold, self._goal_x, self._goal_y = empty, empty, empty
-        self._trail_x, self._trail_y = empty, empty
+        self._now = np.zeros((ROWS, 0))
         self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
         self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
-        wheels_towards(empty, empty)  # its first call compiles: not while visitors drive
+        wheels_towards(np.zeros(0), np.zeros(0))  # its first call compiles: not while visitors drive
         for _ in range(count):
             self.join()
 
@@ -102,11 +102,11 @@ class Dotbots:
         """Every robot that is there now."""
         now = self._clock()
         places = zip(
-            self._x.tolist(),
-            self._y.tolist(),
-            np.rint(np.degrees(self._angle)).astype(int).tolist(),
-            self._battery.tolist(),
-            self._threshold.tolist(),
+            self._now[X].tolist(),
+            self._now[Y].tolist(),
+            np.rint(np.degrees(self._now[ANGLE])).astype(int).tolist(),
+            self._now[BATTERY].tolist(),
+            self._now[THRESHOLD].tolist(),
             strict=True,
         )
         return [
@@ -129,8 +129,8 @@ class Dotbots:
         """Turn the wheels until told otherwise; ends waypoint following."""
         i = self._find(address)
         self._stop_following(i)
-        self._left[i] = max(-100, min(100, left_pct))
-        self._right[i] = max(-100, min(100, right_pct))
+        self._now[LEFT, i] = max(-100, min(100, left_pct))
+        self._now[RIGHT, i] = max(-100, min(100, right_pct))
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
@@ -140,10 +140,10 @@ class Dotbots:
         """Visit these points in order; none stops the robot."""
         i = self._find(address)
         self._stop_following(i)
-        self._left[i] = self._right[i] = 0
-        self._threshold[i] = threshold_mm
+        self._now[LEFT, i] = self._now[RIGHT, i] = 0
+        self._now[THRESHOLD, i] = threshold_mm
         if route:
-            self._routes[i] = (Point(float(self._x[i]), float(self._y[i])), *route)
+            self._routes[i] = (Point(float(self._now[X, i]), float(self._now[Y, i])), *route)
             self._following[i] = True
             self._aim(i, 1)
 
@@ -151,7 +151,7 @@ class Dotbots:
         """Forget where the robot has been."""
         i = self._find(address)
         self._history[i].clear()
-        self._trail_x[i] = self._trail_y[i] = math.nan
+        self._now[TRAIL_X, i] = self._now[TRAIL_Y, i] = math.nan
 
     def join(self) -> str:
         """One more robot drives in; its address."""
@@ -171,20 +171,7 @@ class Dotbots:
     def leave(self, address: str) -> None:
         """A robot is taken away."""
         gone = self._find(address)
-        for name in (
-            "_x",
-            "_y",
-            "_angle",
-            "_left",
-            "_right",
-            "_battery",
-            "_threshold",
-            "_goal_x",
-            "_goal_y",
-            "_trail_x",
-            "_trail_y",
-        ):
-            setattr(self, name, np.delete(getattr(self, name), gone))
+        self._now = np.delete(self._now, gone, axis=1)
         self._following = np.delete(self._following, gone)
         for rows in (self._addresses, self._names, self._leds, self._routes, self._goals, self._history):
             del rows[gone]
@@ -200,21 +187,12 @@ class Dotbots:
 
     def _enter(self, address: str, name: str, led: Led, battery_mv: float) -> None:
         edge = 4 * BODY_MM
-        values = {
-            "_x": self._random.uniform(edge, AREA_MM[0] - edge),
-            "_y": self._random.uniform(edge, AREA_MM[1] - edge),
-            "_angle": self._random.uniform(0, 2 * math.pi),
-            "_left": 0.0,
-            "_right": 0.0,
-            "_battery": battery_mv,
-            "_threshold": DEFAULT_THRESHOLD_MM,
-            "_goal_x": 0.0,
-            "_goal_y": 0.0,
-            "_trail_x": math.nan,
-            "_trail_y": math.nan,
-        }
-        for key, value in values.items():
-            setattr(self, key, np.append(getattr(self, key), value))
+        new = np.zeros((ROWS, 1))
+        new[X] = self._random.uniform(edge, AREA_MM[0] - edge)
+        new[Y] = self._random.uniform(edge, AREA_MM[1] - edge)
+        new[ANGLE] = self._random.uniform(0, 2 * math.pi)
+        new[BATTERY], new[THRESHOLD], new[TRAIL_X], new[TRAIL_Y] = battery_mv, DEFAULT_THRESHOLD_MM, math.nan, math.nan
+        self._now = np.hstack((self._now, new))
         self._following = np.append(self._following, False)
         self._row[address] = len(self._addresses)
         self._addresses.append(address)
@@ -236,47 +214,47 @@ class Dotbots:
 
     def _aim(self, i: int, goal: int) -> None:
         self._goals[i] = goal
-        self._goal_x[i], self._goal_y[i] = self._routes[i][goal].x_mm, self._routes[i][goal].y_mm
+        self._now[GOAL_X, i], self._now[GOAL_Y, i] = self._routes[i][goal].x_mm, self._routes[i][goal].y_mm
 
     def _steer(self) -> None:
         if not self._following.any():
             return
         who = np.flatnonzero(self._following)
-        dx, dy = self._goal_x[who] - self._x[who], self._goal_y[who] - self._y[who]
-        for i in who[dx * dx + dy * dy <= self._threshold[who] ** 2].tolist():
+        dx, dy = self._now[GOAL_X, who] - self._now[X, who], self._now[GOAL_Y, who] - self._now[Y, who]
+        for i in who[dx * dx + dy * dy <= self._now[THRESHOLD, who] ** 2].tolist():
             if self._goals[i] + 1 < len(self._routes[i]):
                 self._aim(i, self._goals[i] + 1)
             else:
                 self._stop_following(i)
-                self._left[i] = self._right[i] = 0
+                self._now[LEFT, i] = self._now[RIGHT, i] = 0
         who = np.flatnonzero(self._following)
-        dx, dy = self._goal_x[who] - self._x[who], self._goal_y[who] - self._y[who]
-        sin, cos = np.sin(self._angle[who]), np.cos(self._angle[who])
+        dx, dy = self._now[GOAL_X, who] - self._now[X, who], self._now[GOAL_Y, who] - self._now[Y, who]
+        sin, cos = np.sin(self._now[ANGLE, who]), np.cos(self._now[ANGLE, who])
         # The nose points along (-sin, cos); its right-hand side, clockwise of it, along (-cos, -sin).
-        self._left[who], self._right[who] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
+        self._now[LEFT, who], self._now[RIGHT, who] = wheels_towards(-dx * sin + dy * cos, -dx * cos - dy * sin)
 
     def _move(self, dt_s: float) -> None:
-        left = self._left * (TOP_SPEED_MMPS / 100)
-        right = self._right * (TOP_SPEED_MMPS / 100)
-        middle = self._angle + (left - right) / AXLE_MM * (dt_s / 2)
+        left = self._now[LEFT] * (TOP_SPEED_MMPS / 100)
+        right = self._now[RIGHT] * (TOP_SPEED_MMPS / 100)
+        middle = self._now[ANGLE] + (left - right) / AXLE_MM * (dt_s / 2)
         ahead = (left + right) / 2 * dt_s
-        self._x = np.clip(self._x - ahead * np.sin(middle), BODY_MM, AREA_MM[0] - BODY_MM)
-        self._y = np.clip(self._y + ahead * np.cos(middle), BODY_MM, AREA_MM[1] - BODY_MM)
-        self._angle = np.mod(self._angle + (left - right) / AXLE_MM * dt_s, 2 * math.pi)
+        self._now[X] = np.clip(self._now[X] - ahead * np.sin(middle), BODY_MM, AREA_MM[0] - BODY_MM)
+        self._now[Y] = np.clip(self._now[Y] + ahead * np.cos(middle), BODY_MM, AREA_MM[1] - BODY_MM)
+        self._now[ANGLE] = np.mod(self._now[ANGLE] + (left - right) / AXLE_MM * dt_s, 2 * math.pi)
 
     def _record(self) -> None:
-        dx, dy = self._x - self._trail_x, self._y - self._trail_y
-        driving = (self._left != 0) | (self._right != 0)
+        dx, dy = self._now[X] - self._now[TRAIL_X], self._now[Y] - self._now[TRAIL_Y]
+        driving = (self._now[LEFT] != 0) | (self._now[RIGHT] != 0)
         # Before the first point these are NaN, and nothing is near.
         who = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
-        self._trail_x[who], self._trail_y[who] = self._x[who], self._y[who]
-        for i, x, y in zip(who.tolist(), self._x[who].tolist(), self._y[who].tolist(), strict=True):
+        self._now[TRAIL_X, who], self._now[TRAIL_Y, who] = self._now[X, who], self._now[Y, who]
+        for i, x, y in zip(who.tolist(), self._now[X, who].tolist(), self._now[Y, who].tolist(), strict=True):
             self._history[i].append(Point(round(x, 1), round(y, 1)))
 
     def _drain(self, dt_s: float) -> None:
-        effort = (np.abs(self._left) + np.abs(self._right)) / 200
-        self._battery = np.maximum(self._battery - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s, BATTERY_EMPTY_MV)
-        for i in reversed(np.flatnonzero(self._battery <= BATTERY_EMPTY_MV).tolist()):
+        effort = (np.abs(self._now[LEFT]) + np.abs(self._now[RIGHT])) / 200
+        self._now[BATTERY] = np.maximum(self._now[BATTERY] - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s, BATTERY_EMPTY_MV)
+        for i in reversed(np.flatnonzero(self._now[BATTERY] <= BATTERY_EMPTY_MV).tolist()):
             ready_s = self._elapsed_s + CHARGE_S
             self._charging.append((ready_s, self._addresses[i], self._names[i], self._leds[i]))
             self.leave(self._addresses[i])
