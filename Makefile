@@ -10,15 +10,15 @@ FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 # Tests that compute leave the processor to those that wait for somebody, and have limits for it.
-COMPUTES := -m "not waits and not alone" --numprocesses 2 --dist worksteal
-WAITS := -m "waits and not alone" --numprocesses 2 --dist loadfile
-ALONE := -m alone
+COMPUTES := -m "not waits and not alone and not long" --numprocesses 2 --dist worksteal
+WAITS := -m "waits and not alone and not long" --numprocesses 2 --dist loadfile
+ALONE := -m "alone and not long"
 DEMO ?=
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
 NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodejs npm=npm
-ifeq ($(filter test% coverage lint bench docs %-dev,$(MAKECMDGOALS)),)
+ifeq ($(filter test% check-long coverage lint bench docs %-dev,$(MAKECMDGOALS)),)
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
@@ -26,12 +26,12 @@ NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
 .PHONY: help setup setup-dev ready ready-dev demo test lint test-firmware test-web test-python test-computes test-waits \
-	test-alone coverage bench docs clean
+	test-alone check-long coverage bench docs clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
 	@echo "make test    everything: lint, types, firmware, Python, TypeScript, browser, docs"
-	@echo "make setup | lint | test-python | coverage | bench | docs | clean"
+	@echo "make setup | lint | test-python | check-long | coverage | bench | docs | clean"
 
 # --- setting up -------------------------------------------------------------------------------------------------------
 
@@ -120,6 +120,9 @@ test-waits: setup-dev
 
 test-alone: setup-dev
 	$(BIN)/python -m pytest --durations=10 $(ALONE)
+
+check-long: setup-dev
+	$(BIN)/python -m pytest --durations=10 -m long
 
 coverage: setup-dev
 	rm -f .coverage .coverage.*

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import aiomqtt
 import pytest
+from hypothesis import HealthCheck, settings
 
 from chromium import FLAGS
 from phalanx.io import ANY, Server
@@ -25,13 +26,31 @@ from phalanx.io.ports import free_port
 
 ROOT = Path(__file__).parent.parent
 PHALANX = [sys.executable, "-m", "phalanx"]
+# How long an example takes says how busy the machine is.
+settings.register_profile("beside others", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("beside others")
 # Whoever runs in the background of a shell does not hear Ctrl-C, nor does any program that is started from there.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_running: list[pytest.Item] = []
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    _running[:] = [item]
+
+
+def in_real_time():
+    """Whoever waits beside tests that compute would be late."""
+    marks = {mark.name for mark in _running[0].iter_markers()}
+    assert marks & {"waits", "alone"}, "mark this test as one that `waits` (CONTRIBUTING.md)"
 
 
 @asynccontextmanager
 async def a_broker(kind: str = "mosquitto"):
     """An embedded broker on free ports."""
+    in_real_time()
     async with open_broker(kind, tcp_port=free_port(), ws_port=free_port()) as broker:
         yield broker
 
@@ -87,6 +106,7 @@ def bare_mosquitto(tcp_port: int, ws_port: int, folder: Path, *more: str):
             [*lines, f"listener {tcp_port} 127.0.0.1", f"listener {ws_port} 127.0.0.1", "protocol websockets", ""]
         )
     )
+    in_real_time()
     running: list[subprocess.Popen] = []
 
     def start():
@@ -132,6 +152,7 @@ class Child:
     """`phalanx …` as a child: its lines of stdout as they come, its stderr, its exit code."""
 
     def __init__(self, *arguments: str, env: dict[str, str] | None = None, stdin: int | None = subprocess.DEVNULL):
+        in_real_time()
         self.process = subprocess.Popen(
             [*PHALANX, *arguments],
             stdin=stdin,
@@ -212,7 +233,7 @@ def a_gateway(*arguments: str, **more):
     defence = () if protected else ("--defence", "none")
     with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
         # The first after a kernel has changed compiles the world.
-        yield running, running.wait_for("ready", timeout_s=500.0 if protected else 20.0)
+        yield running, running.wait_for("ready", timeout_s=500.0 if protected else 60.0)
 
 
 def secrets_of(ready: dict) -> list[str]:
@@ -222,6 +243,7 @@ def secrets_of(ready: dict) -> list[str]:
 
 @pytest.fixture(scope="module")
 def browser():
+    in_real_time()
     playwright = pytest.importorskip("playwright.sync_api")
     chromium = shutil.which("chromium")
     assert chromium, "apt-get install chromium"

@@ -12,7 +12,7 @@ import pytest
 
 from conftest import ROOT
 
-pytestmark = [pytest.mark.alone, pytest.mark.browser, pytest.mark.slow]
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.slow]
 
 # Every case by the library as the benchmark's visitors load it: how it ends. A Buffer is what Node itself sealed.
 OPEN_ENVELOPES = """

@@ -49,6 +49,13 @@ def a_dotbot_server(tcp: int, *arguments: str):
         server.wait()
 
 
+@pytest.fixture(scope="module")
+def gateway():
+    """For those that read, or drive and look at nothing but what comes of it."""
+    with a_gateway() as (up, ready):
+        yield up, ready
+
+
 class TestVisitor:
     @pytest.mark.alone
     def test_a_phone_scans_and_drives_by_touch_and_the_robot_stops_when_it_lets_go(self, browser):
@@ -209,8 +216,9 @@ class TestVisitor:
                 assert len(seen) == 5, "it moves"
                 assert "500 robots" in badge(page, "live")
 
-    def test_a_page_that_hears_nothing_says_so(self, browser):
-        with a_gateway() as (_, ready), a_page(browser) as page:
+    def test_a_page_that_hears_nothing_says_so(self, browser, gateway):
+        _, ready = gateway
+        with a_page(browser) as page:
             page.goto(insecure(ready["qr_url"].replace(ready["pin"], "1" * 39)))
             assert "scan" in badge(page, "silent").lower()
 
@@ -240,35 +248,38 @@ class TestVisitor:
         [(29, "live", "12 robots"), (-29, "live", "12 robots"), (-31, "clock", "behind"), (31, "clock", "ahead")],
     )
     def test_a_phones_clock_may_be_off_by_thirty_seconds_and_is_told_when_it_is_more(
-        self, browser, skew_s, state, words
+        self, browser, gateway, skew_s, state, words
     ):
+        up, ready = gateway
+        drives, refusals = len(moves(up)), len(up.events("rejected"))
         clock = f"{{const now = Date.now.bind(Date); Date.now = () => now() + {skew_s * 1000};}}"
-        with a_gateway() as (up, ready), a_page(browser, clock) as page:
+        with a_page(browser, clock) as page:
             page.goto(insecure(ready["qr_url"]))
             assert words in badge(page, state)
             if state == "live":
                 choose(page, "Ada")
                 page.get_by_test_id("joystick").focus()
                 page.keyboard.down("KeyW")
-                wait_until(lambda: moves(up))
+                wait_until(lambda: len(moves(up)) > drives)
                 page.keyboard.up("KeyW")
             else:
                 assert re.search("3[012] s", badge(page, state))
-                up.wait_for("rejected")
+                up.wait_for("rejected", refusals + 1)
 
-    def test_light_and_dark_follow_what_the_phone_is_set_to(self, browser):
+    def test_light_and_dark_follow_what_the_phone_is_set_to(self, browser, gateway):
         shades = {}
-        with a_gateway() as (_, ready):
-            for scheme in ("light", "dark"):
-                with a_page(browser, **PHONE, color_scheme=scheme) as page:
-                    page.goto(insecure(ready["page_url"]))
-                    badge(page, "nocode")
-                    colour = page.evaluate("getComputedStyle(document.body).backgroundColor")
-                    shades[scheme] = sum(map(int, re.findall(r"\d+", colour)[:3]))
+        _, ready = gateway
+        for scheme in ("light", "dark"):
+            with a_page(browser, **PHONE, color_scheme=scheme) as page:
+                page.goto(insecure(ready["page_url"]))
+                badge(page, "nocode")
+                colour = page.evaluate("getComputedStyle(document.body).backgroundColor")
+                shades[scheme] = sum(map(int, re.findall(r"\d+", colour)[:3]))
         assert shades["light"] > 600 > 200 > shades["dark"]
 
-    def test_without_a_code_it_asks_for_one(self, browser):
-        with a_gateway() as (_, ready), a_page(browser) as page:
+    def test_without_a_code_it_asks_for_one(self, browser, gateway):
+        _, ready = gateway
+        with a_page(browser) as page:
             page.goto(insecure(ready["page_url"]))
             badge(page, "nocode")
             page.get_by_test_id("link").fill(ready["qr_url"])
@@ -276,9 +287,10 @@ class TestVisitor:
             badge(page, "live")
 
     @pytest.mark.parametrize(("vocabulary", "side"), [([], 1), (["--millimetres"], 2000)], ids=["0.28", "0.30"])
-    def test_it_drives_a_server_of_pydotbots_words(self, browser, tmp_path, vocabulary, side):
+    def test_it_drives_a_server_of_pydotbots_words(self, browser, gateway, tmp_path, vocabulary, side):
         tcp, ws = free_port(), free_port()
-        with bare_mosquitto(tcp, ws, tmp_path) as (start, _), a_gateway() as (_, ready), a_page(browser) as page:
+        _, ready = gateway
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, _), a_page(browser) as page:
             start()
             with a_dotbot_server(tcp, *vocabulary) as events:
 
@@ -307,9 +319,10 @@ class TestVisitor:
                 assert middle["y"] / side == pytest.approx(0.5, abs=0.1)
                 assert not [e for e in events if e["event"] == "refused"]
 
-    def test_it_looks_like_the_picture_in_the_readme(self, browser, tmp_path):
+    def test_it_looks_like_the_picture_in_the_readme(self, browser, gateway, tmp_path):
         """Not pixel by pixel: the same layout at phone size, nothing beside the screen, text of a readable size."""
-        with a_gateway() as (_, ready), a_page(browser) as page:
+        _, ready = gateway
+        with a_page(browser) as page:
             page.goto(insecure(ready["qr_url"]))
             badge(page, "live")
             assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -324,8 +337,9 @@ class TestVisitor:
             )
             assert not small
 
-    def test_it_fits_the_narrowest_phone(self, browser):
-        with a_gateway() as (_, ready), a_page(browser, **PHONE | {"viewport": {"width": 320, "height": 568}}) as page:
+    def test_it_fits_the_narrowest_phone(self, browser, gateway):
+        _, ready = gateway
+        with a_page(browser, **PHONE | {"viewport": {"width": 320, "height": 568}}) as page:
             for url in (ready["page_url"], ready["qr_url"]):
                 page.goto(insecure(url))
                 badge(page, "nocode" if url == ready["page_url"] else "live")

@@ -383,6 +383,7 @@ def test_ctrl_c_keeps_the_rows_and_the_same_command_goes_on(tmp_path):
     looks_like_a_figure(tmp_path / "link-fig4.png")
 
 
+@pytest.mark.waits
 def test_a_foreign_csv_is_misuse_and_a_missing_broker_a_failure(tmp_path):
     csv = write(tmp_path / CSV_NAME, rows_of(1.0), Origin(broker="mqtt://a:1", interval_s=0.5, lost_after_s=10.0))
     before = csv.read_bytes()

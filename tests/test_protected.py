@@ -252,6 +252,7 @@ class TestChoice:
             choose_protection(robots, defence, f_max)
         assert "--defence none" in refused.value.hint
 
+    @pytest.mark.waits
     def test_the_command_says_so(self):
         with child("up", "--events", "--port", "0", "--robots", "101", "--defence", "bound") as running:
             assert running.wait(60) == 2

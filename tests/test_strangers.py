@@ -19,6 +19,8 @@ from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
 
+pytestmark = pytest.mark.waits
+
 
 def with_length(kind: int, body: bytes) -> bytes:
     """An MQTT packet."""

@@ -180,9 +180,12 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         last=np.full((m, 2), np.nan),
         led=np.zeros((m, 3), np.uint8),
         area=np.array(setup.area_m),
-        discs=np.array([(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)]).reshape(-1, 3),
+        # Of float64 whatever they were written as: of a world of integers all would be compiled again.
+        discs=np.array(
+            [(o.x_m, o.y_m, o.radius_m) for o in setup.obstacles if isinstance(o, Disc)], np.float64
+        ).reshape(-1, 3),
         boxes=np.array(
-            [(o.left_m, o.bottom_m, o.right_m, o.top_m) for o in setup.obstacles if isinstance(o, Box)]
+            [(o.left_m, o.bottom_m, o.right_m, o.top_m) for o in setup.obstacles if isinstance(o, Box)], np.float64
         ).reshape(-1, 4),
         moved_us=np.zeros(m, np.int64),
         boot_us=boot_us,
