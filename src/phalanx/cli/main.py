@@ -49,7 +49,7 @@ class _OnUse(UserDict[str, click.Command]):
 def _finite_numbers(command: click.Command) -> None:
     """Every number that this command or one below it takes has to be finite.
 
-    NaN passes any check that is a comparison, and what then waits until NaN waits for ever.
+    NaN passes any check that is a comparison, and waiting until NaN never ends.
     """
     for option in command.params:
         if isinstance(option.type, click.types.FloatParamType):
@@ -66,7 +66,7 @@ def _finite(context: click.Context, option: click.Parameter, value: float | None
 
 
 def _whole_sentences(command: click.Command) -> None:
-    """The list of a group's commands shows what each does to the end of the sentence; click would cut it short."""
+    """A group's help shows the whole first sentence of each command; click would cut it short."""
     if isinstance(command, click.Group):
         for below in command.commands.values():
             below.short_help = " ".join((below.help or "").partition("\n\n")[0].split())

@@ -14,8 +14,8 @@ BLACK, WHITE = 16, 231  # of the 256 colours: the first sixteen are the theme's 
 def qr_text(url: str, border: int = 2, *, colour: bool) -> str:
     """The QR code of `url`, two modules a character.
 
-    With colour it is black on white whatever the terminal's theme. Without, light modules are drawn: right on a dark
-    background, and read by most phones on a light one too.
+    With colour it is black on white, whatever the terminal's theme. Without colour, its light modules are drawn: right
+    on a dark background, and most phones read it on a light one too.
     """
     # The pin as a number of its own takes 130 bits for 312: a code one size smaller, which fits 24 lines.
     parts: Any = [part for part in MANY_DIGITS.split(url) if part]  # segno's types know only one part

@@ -101,7 +101,7 @@ def _robots(
     count: int,
     seed: int,
 ) -> Iterator[Swarm | None]:
-    """Robots that live missions, the first of which has begun if there is one; None where no mission is wanted."""
+    """Robots that live missions, and have begun the first if there is one; None if no mission is wanted."""
     if (start_key is not None or trust or furnish) and not (missions and is_encoded(missions[0])):
         raise UsageError(
             "--start-key, --trust and --furnish are for encoded missions", "phalanx mission build makes one"

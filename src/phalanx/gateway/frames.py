@@ -1,6 +1,6 @@
 """Frames: everything that happened in one tick, for all robots at once (docs/spec/vocabulary.md).
 
-A tick is one frame while it fits a small message, else several; each stands for itself.
+A tick is one frame if that fits a small message, and several frames otherwise; each can be read without the others.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class Places:
 
 
 def in_places(rows: NDArray[np.int64]) -> list[Places]:
-    """The rows in as few `Places` as tell them well: whoever is far from the others does not blur where they are.
+    """The rows in as few `Places` as tell them well: a robot far from the others does not make their places coarse.
 
     Args:
         rows: as of `Places`.

@@ -113,7 +113,7 @@ class _Site:
         await self._runner.cleanup()
 
     async def _hang_up_on_idlers(self) -> None:
-        """No connection outlives its last request by much, or its beginning if it asks nothing.
+        """A connection is closed soon after its last request; one that asks nothing, soon after it began.
 
         aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
         """
@@ -179,7 +179,7 @@ class OperatorPages(_Site):
                 self.app.router.add_post(f"/api/mission/{name}", self._asked_with(act))
 
     def refuse(self, request: web.Request) -> web.Response | None:
-        """Turn away names that are not ours: a foreign page that rebinds its name to loopback comes with such a one."""
+        """Refuse a host name that is not ours: a foreign page that rebinds its name to loopback sends its own."""
         name = request.host.rsplit(":", 1)[0]
         if name not in (LOOPBACK, "localhost"):
             return web.json_response({"error": "this page is for this machine only"}, status=403)

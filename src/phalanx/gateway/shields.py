@@ -1,6 +1,6 @@
 """What is told of the shields: who vouches for whom, how audits end, who was stopped.
 
-Visitors are told all of it but which robot the operator has compromised: only `state` and `say` know that.
+Visitors are told all of it, except which robot the operator has compromised: only `state` and `say` know that.
 """
 
 from __future__ import annotations

@@ -246,7 +246,7 @@ class Running:
 
 @contextlib.asynccontextmanager
 async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
-    """The body ends quietly after `duration_s`, or never for None; a TimeoutError of its own is no such end."""
+    """The body is ended quietly after `duration_s`, if that is given; a TimeoutError of its own is passed on."""
     limit = asyncio.timeout(duration_s)
     try:
         async with limit:

@@ -141,7 +141,7 @@ class Connection:
     def start(self) -> asyncio.Task[None]:
         """Stay connected until the task that this returns is cancelled.
 
-        It ends with `Unavailable` if before the first connect the broker refuses the login, or cannot be trusted.
+        It ends with `Unavailable` if the broker refuses the login or cannot be trusted before the first connect.
         """
         self._running = asyncio.create_task(self._run())
         return self._running
@@ -181,7 +181,7 @@ class Connection:
             await asyncio.sleep(wait_s * random.uniform(0.5, 1.5))  # noqa: S311  # spreads retries, hides nothing
 
     async def send(self, asks: Iterable[Ask]) -> bool:
-        """Carry out what a side of the link asks; false if the broker is away, and then it is not done later.
+        """Carry out what a side of the link asks; false if the broker is away: then it is not done, now or later.
 
         Nothing is queued for a broker that is away: a joystick's command must not come true a minute late. Only what
         should be subscribed to is made good: by connecting anew, if a subscription fails.
@@ -295,7 +295,7 @@ class Connection:
         self.trouble = words
 
     def _not_yet(self, error: BaseException, words: str) -> None:
-        """What may be wrong with a broker that we never reached: end if waiting is no use, or try its other version."""
+        """Deal with a broker that was never reached: end if waiting is no use, or try its other version."""
         code = getattr(error, "rc", None)
         number = getattr(code, "value", code)
         if number in REFUSED_LOGIN:

@@ -21,7 +21,7 @@ YOUNG_S = 10.0
 def private_folder() -> Iterator[Path]:
     """A new folder that nobody else may enter, for as long as the context lasts.
 
-    Those that were left by gateways that were killed outright are removed first: nobody holds their lock.
+    Folders that killed gateways left behind are removed first: nobody holds their lock.
     """
     _sweep()
     with tempfile.TemporaryDirectory(prefix=PREFIX) as folder, (Path(folder) / LOCK).open("w") as lock:

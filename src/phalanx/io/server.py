@@ -116,7 +116,7 @@ class Server:
 
     @property
     def rotates_in_s(self) -> float:
-        """Seconds until the next pin; before the first connect the whole time, for nobody can have scanned this one."""
+        """Seconds until the next pin; the whole time before the first connect: nobody can have scanned this one."""
         if not self._reached.is_set():
             return self.config.rotate_s
         return max(0.0, self._side.rotated_at_s + self.config.rotate_s - time.monotonic())
@@ -281,7 +281,7 @@ async def _call(handler: Callable[[Any], Any], said: Command | Request) -> Any:
 
 
 def _fault(error: Exception) -> str:
-    """Type and place of a fault of this program. Not its message, which may quote a visitor: a KeyError is the key."""
+    """Type and place of a fault of this program. Not its message: it may quote a visitor (a KeyError says the key)."""
     ours, *theirs = ((frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__))
     # The handler's own innermost line says more than that of the library it called.
     path, line = next((at for at in reversed(theirs) if at[0] == theirs[0][0]), ours)

@@ -88,7 +88,7 @@ class ClientSide:
         return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
 
     def fall_back(self, asked: Epoch) -> Moved | None:
-        """Back to the last epoch, if nobody speaks in this one; for a client that `asked` there, and was not answered.
+        """Go back to the last epoch if nobody speaks in this one; for a client that `asked` there and got no answer.
 
         Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
 

@@ -58,7 +58,7 @@ def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> 
 
 
 def encode_pin_message(pin: Pin) -> bytes:
-    """The plaintext of a pin message: not an envelope, and with the pin as a string.
+    """The plaintext of a pin message. It is no envelope, and has the pin as a string.
 
     Source: Qrkey §III-D; as published.
     """

@@ -94,7 +94,7 @@ class ServerSide:
         return self._publish("notify", payload, now_s)
 
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
-        """The answer to `request`, on every live epoch: the visitor may be moving between two.
+        """The answer to `request`, on every live epoch: the visitor may be moving from one to the next.
 
         A list goes in parts to a client that reads parts.
 

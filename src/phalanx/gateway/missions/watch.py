@@ -1,6 +1,6 @@
 """What is told of a mission: what robots have decoded, how far each is, and how much is still dark.
 
-Of what nobody has decoded there is nothing here to tell.
+Nothing here knows what no robot has decoded.
 """
 
 from __future__ import annotations
