@@ -8,7 +8,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from phalanx.gateway.simulated import mission_swarm, simulated_swarm
+from phalanx.gateway.rehearsal import rehearse
+from phalanx.gateway.simulated import mission_swarm
 from phalanx.sim.building.floorplan import load_floorplan
 
 
@@ -21,7 +22,7 @@ def flock() -> None:
 
 
 def gateway() -> None:
-    simulated_swarm(12, 0, None, None, print)
+    rehearse("bound")
 
 
 def mission() -> None:

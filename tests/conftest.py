@@ -232,8 +232,11 @@ def a_gateway(*arguments: str, **more):
     protected = "--defence" in arguments
     defence = () if protected else ("--defence", "none")
     with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
-        # The first after a kernel has changed compiles the world.
-        yield running, running.wait_for("ready", timeout_s=500.0 if protected else 60.0)
+        ready = running.wait_for("ready", timeout_s=60.0)
+        if protected and "none" not in arguments:
+            # The first after a kernel has changed compiles the world.
+            running.wait_for("shielded", timeout_s=500.0)
+        yield running, ready
 
 
 def secrets_of(ready: dict) -> list[str]:

@@ -28,7 +28,7 @@ PURE_BELOW = RANK["sim"]
 # It finds numba a folder for compiled code, and looks at nothing that a kernel could see.
 HOUSEKEEPING = {"kernel.py"}
 # The gateway knows protocols (robot/{swarm,shield,on_mission}.py); these make the demo's robots.
-MAKE_ROBOTS = {"gateway/simulated.py", "gateway/up.py"}
+MAKE_ROBOTS = {"gateway/rehearsal.py", "gateway/simulated.py", "gateway/up.py"}
 LONGEST = 400
 
 

@@ -5,14 +5,19 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import subprocess
+import time
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from conftest import a_gateway, child, eventually
-from phalanx.errors import Unknown, UsageError
+from phalanx.errors import Unavailable, Unknown, UsageError
+from phalanx.gateway import UpOptions, up
+from phalanx.gateway.rehearsal import rehearse_elsewhere
 from phalanx.gateway.simulated import choose_protection
 from phalanx.io import Client
 from phalanx.robot import Led, Point
@@ -357,6 +362,74 @@ class TestUp:
                 area = await client.request(1, frames=True)
         assert area["unprotected"] == choose_protection(101, None, None).note
         assert "t_val_ms" not in area
+
+    async def test_robots_drive_before_all_is_compiled_and_get_their_shields_where_they_stand(self, monkeypatch):
+        compiled = asyncio.Event()
+
+        async def elsewhere(_: str) -> None:
+            await compiled.wait()
+
+        monkeypatch.setattr("phalanx.gateway.simulated.is_compiled", lambda _: False)
+        monkeypatch.setattr("phalanx.gateway.simulated.rehearse_elsewhere", elsewhere)
+        events: asyncio.Queue[dict] = asyncio.Queue()
+        lines: list[str] = []
+        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, talk=lines.append))
+        try:
+            ready = await asyncio.wait_for(events.get(), 10)
+            assert ready["event"] == "ready"
+            async with Client(ready["qr_url"]) as client:
+                area = await client.request(1, frames=True)
+                assert "being compiled" in area["unprotected"]
+                assert "t_val_ms" not in area
+                before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                driven = next(iter(before))
+                for _ in range(10):
+                    await client.command(driven, "move_raw", {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60})
+                    await asyncio.sleep(0.1)
+                await asyncio.sleep(0.5)
+                stood = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                assert stood[driven]["lh2_position"] != before[driven]["lh2_position"]
+                assert not any("shield" in robot for robot in stood.values())
+                compiled.set()
+                while (await asyncio.wait_for(events.get(), 500))["event"] != "shielded":
+                    pass
+                area = await client.request(1, frames=True)
+                assert area["tokens_needed"] == 4
+                assert "unprotected" not in area
+                after = {robot["address"]: robot for robot in await client.request(0, frames=True)}
+                assert all(robot["shield"][0] == 0 for robot in after.values())
+                for field in ("name", "direction", "lh2_position", "position_history", "n"):
+                    assert {a: r[field] for a, r in after.items()} == {a: r[field] for a, r in stood.items()}, field
+            assert [line.split(":")[0].split(";")[0] for line in lines] == [
+                "compiling what audits need",
+                "all is compiled",
+            ]
+        finally:
+            gateway.cancel()
+            await asyncio.gather(gateway, return_exceptions=True)
+
+    @pytest.mark.alone
+    def test_the_code_is_shown_within_ten_seconds_though_nothing_is_compiled(self, tmp_path):
+        began_s = time.monotonic()
+        with child("up", "--events", "--port", "0", env={"NUMBA_CACHE_DIR": str(tmp_path)}) as running:
+            ready = running.wait_for("ready", timeout_s=60)
+            took_s = time.monotonic() - began_s
+            assert state_of(ready)["shields"] is None, "nobody is told of shields that are not there"
+            assert running.process.poll() is None
+            own = subprocess.run(["pgrep", "-P", str(running.process.pid)], capture_output=True, text=True, check=True)
+            children = [int(pid) for pid in own.stdout.split()]
+            assert len(children) == 2, "a broker, and what compiles"
+            began_s = time.monotonic()
+            assert running.stop() == 0
+            assert time.monotonic() - began_s < 2
+            assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+        assert not [line for line in running.err if "Traceback" in line]
+        assert took_s < 10
+
+    async def test_a_gateway_whose_code_does_not_compile_says_so_in_a_line(self, monkeypatch):
+        monkeypatch.setattr("sys.executable", "/bin/false")
+        with pytest.raises(Unavailable, match="cannot be compiled: exit code 1"):
+            await rehearse_elsewhere("bound")
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

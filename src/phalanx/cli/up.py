@@ -29,7 +29,7 @@ from .login import read_login
 from .mission.files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
 from .qr import qr_text
 from .run import run
-from .terminal import EventLines, end_status_line, plain, status_line
+from .terminal import EventLines, end_status_line, plain, status_line, talk
 
 
 def up(
@@ -84,7 +84,7 @@ def up(
         if events:
             lines = EventLines()
             try:
-                run(run_gateway(options, lines, swarm=swarm, talk=_talk))
+                run(run_gateway(options, lines, swarm=swarm, talk=talk))
             finally:
                 lines.close()
         else:
@@ -110,7 +110,7 @@ def _robots(
         yield None
         return
     plan, orders = _orders(missions, furnish, world, start_key, trust)
-    with mission_swarm(plan, count, seed, _talk) as swarm:
+    with mission_swarm(plan, count, seed, talk) as swarm:
         if orders is not None:
             swarm.begin(orders)
         yield swarm
@@ -136,10 +136,6 @@ def _orders(
     return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
 
 
-def _talk(words: str) -> None:
-    click.echo(f"phalanx: {words}", err=True)
-
-
 def _run_for_people(options: UpOptions, swarm: Swarm | None) -> None:
     watch: list[asyncio.Task[None]] = []
 
@@ -162,7 +158,7 @@ def _run_for_people(options: UpOptions, swarm: Swarm | None) -> None:
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
 
-    run(run_gateway(options, say, started, swarm, _talk))
+    run(run_gateway(options, say, started, swarm, talk))
     end_status_line()
 
 
@@ -188,6 +184,7 @@ async def _keep_status(running: Running) -> None:
         status_line(
             f"{now['robots']} robots   {now['visitors']} visitors   {now['commands']} commands   "
             f"{now['rejected']} refused   new code in {minutes}:{seconds:02d}"
+            + ("   compiling, no shields yet" if now["compiling"] else "")
             + ("" if now["connected"] else "   broker away, trying again")
         )
         await asyncio.sleep(1)

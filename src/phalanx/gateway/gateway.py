@@ -54,14 +54,13 @@ class Gateway:
         say: Callable[[dict[str, Any]], None] = lambda _: None,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        self.swarm = swarm
         self.server = server
         self.visitors = Visitors()
         self._clock = clock
         self._joysticks = Joysticks()
         self._frames = Frames(server.config.part_plaintext_bytes)
-        self.shields = ShieldWatch(swarm, say) if isinstance(swarm, Shielded) else None
-        self._longest_route = swarm.longest_route if isinstance(swarm, Shielded) else vocabulary.MAX_WAYPOINTS
+        self._say = say
+        self._serve(swarm)
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
         self._next_update = 0
@@ -78,6 +77,17 @@ class Gateway:
         if missions := self.missions:
             server.on_request(vocabulary.REQUEST_WALLS)(lambda _: missions.walls())
             server.on_request(vocabulary.REQUEST_LIT)(lambda _: missions.lit())
+
+    def _serve(self, swarm: Swarm) -> None:
+        self.swarm = swarm
+        self.shields = ShieldWatch(swarm, self._say) if isinstance(swarm, Shielded) else None
+        self._longest_route = swarm.longest_route if isinstance(swarm, Shielded) else vocabulary.MAX_WAYPOINTS
+
+    async def adopt(self, swarm: Swarm) -> None:
+        """Serve this swarm of the same robots from now on; visitors are told to ask for everything."""
+        self._serve(swarm)
+        self._lists.clear()
+        await self._tell_one(Notice.RELOAD)
 
     async def run(self) -> None:
         """Tell visitors what happens, and stop robots that nobody drives any longer, until cancelled."""

@@ -11,17 +11,16 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 from phalanx.sim.signals import handled_by
 from phalanx.sim.swarms.mission import MissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
+from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
+
 DEFAULT_F_MAX = 3
-# Long enough for a round of audits, for attacks to be refused, and for the robots to be stopped.
-REHEARSAL_S = 12.0
-PATIENCE_S = 1.0
-MISSION_PATIENCE_S = 10.0  # a process of their own takes a few seconds at any time
+PATIENCE_S = 10.0  # a process of their own takes a few seconds at any time
+NO_SHIELDS_YET = "what audits need is being compiled, until then nothing stops a robot that lies"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +64,7 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pr
 def simulated_swarm(
     robots: int, seed: int, defence: str | None, f_max: int | None, talk: Callable[[str], None]
 ) -> Dotbots | ProtectedSwarm:
-    """Simulated robots, ready to run: whatever has to be compiled for them is.
+    """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
 
     Args:
         robots: how many.
@@ -76,20 +75,45 @@ def simulated_swarm(
     Raises: UsageError: a number is out of range.
     """
     protection = choose_protection(robots, defence, f_max)
-    swarm = _make(robots, seed, protection, talk)
     if protection.note:
         talk(protection.note)
-    return swarm
-
-
-def _make(robots: int, seed: int, protection: Protection, talk: Callable[[str], None]) -> Dotbots | ProtectedSwarm:
     if protection.defence == "none":
         return Dotbots(robots, seed, time.time, unprotected=protection.note)
-    with _patiently(talk):
-        # An event loop hears of Ctrl-C when it has its turn, which may be in minutes.
-        with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
-            _rehearse(protection.defence)
-        return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max)
+    if not is_compiled(protection.defence):
+        return SoonProtected(robots, seed, protection, talk)
+    # An event loop hears of Ctrl-C when it has its turn.
+    with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
+        rehearse(protection.defence)
+    return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max)
+
+
+class SoonProtected(Dotbots):
+    """Robots that can be driven at once, and will audit each other when what that needs is compiled.
+
+    Args:
+        robots: how many.
+        seed: of their places.
+        protection: what they will have.
+        talk: told when that begins, and when it is done.
+    """
+
+    def __init__(self, robots: int, seed: int, protection: Protection, talk: Callable[[str], None]) -> None:
+        super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
+        self._count, self._seed, self._protection, self._talk = robots, seed, protection, talk
+
+    async def protected(self) -> ProtectedSwarm:
+        """The same robots, where they are when all is compiled, auditing each other.
+
+        Raises: Unavailable: it cannot be compiled.
+        """
+        self._talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields yet")
+        defence = self._protection.defence
+        await rehearse_elsewhere(defence)
+        await rehearse_here(defence)
+        f_max, now = self._protection.f_max, self.robots()
+        swarm = ProtectedSwarm(self._count, self._seed, time.time, defence=defence, f_max=f_max, now=now)
+        self._talk("all is compiled: robots audit each other from now on")
+        return swarm
 
 
 @contextlib.contextmanager
@@ -104,30 +128,17 @@ def mission_swarm(plan: FloorPlan, robots: int, seed: int, talk: Callable[[str],
     Raises: UsageError: too many robots, or a building without walls or a start. Unavailable: they do not come up.
     """
     with contextlib.ExitStack() as stack:
-        with _patiently(talk, MISSION_PATIENCE_S):
+        with _patiently(talk):
             swarm = stack.enter_context(MissionSwarm(plan, robots, seed, time.time))
         yield swarm
 
 
 @contextlib.contextmanager
-def _patiently(talk: Callable[[str], None], patience_s: float = PATIENCE_S) -> Iterator[None]:
-    slow = threading.Timer(patience_s, talk, ["preparing what robots run; the first time, this takes minutes"])
+def _patiently(talk: Callable[[str], None]) -> Iterator[None]:
+    slow = threading.Timer(PATIENCE_S, talk, ["preparing what robots run; the first time, this takes minutes"])
     slow.daemon = True
     slow.start()
     try:
         yield
     finally:
         slow.cancel()
-
-
-def _rehearse(defence: str) -> None:
-    # In a swarm of its own each order is given and each attack is run: none of it is compiled while visitors wait.
-    swarm = ProtectedSwarm(30, 0, lambda: 0.0, defence=defence)
-    addresses = [robot.address for robot in swarm.robots()]
-    swarm.drive(addresses[0], 50, 50)
-    swarm.set_led(addresses[1], Led(1, 2, 3))
-    swarm.follow(addresses[2], [Point(1000.0, 1000.0)], 60.0)
-    swarm.step(1.0)
-    for address, attack in zip(addresses, swarm.attacks(), strict=False):
-        swarm.compromise(address, attack.name)
-    swarm.step(REHEARSAL_S)

@@ -36,7 +36,7 @@ from .events import tell_event
 from .gateway import Gateway
 from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
-from .simulated import simulated_swarm
+from .simulated import SoonProtected, simulated_swarm
 
 log = logging.getLogger(__name__)
 
@@ -136,6 +136,7 @@ class Running:
             "rejected": sum(self._server.rejected.values()),
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
+            "compiling": isinstance(self.gateway.swarm, SoonProtected),
         }
 
     def state(self) -> dict[str, Any]:
@@ -192,7 +193,7 @@ class Running:
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
-        work = (self._turn(), self.gateway.run(), self._server.run(), self._report())
+        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._shield())
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
@@ -208,16 +209,19 @@ class Running:
         return self._qr[1]
 
     async def _turn(self) -> None:
-        swarm = self.gateway.swarm
-        if not isinstance(swarm, Dotbots | ProtectedSwarm):  # real robots move by themselves
-            return
         before_s = time.monotonic()
-        while True:
+        while isinstance(swarm := self.gateway.swarm, Dotbots | ProtectedSwarm):  # real robots move by themselves
             await asyncio.sleep(1 / WORLD_HZ)
             now_s = time.monotonic()
             # A machine that slept does not hurl its robots through the wall.
             swarm.step(min(now_s - before_s, 0.2))
             before_s = now_s
+
+    async def _shield(self) -> None:
+        if isinstance(swarm := self.gateway.swarm, SoonProtected):
+            await self.gateway.adopt(await swarm.protected())
+        if self.gateway.shields:
+            self._say({"event": "shielded"})
 
     async def _report(self) -> None:
         connected = True
@@ -297,7 +301,6 @@ async def up(
             broker_for_visitors=on_host(broker.websocket, advertised),
             mqtt=broker.mqtt,
         )
-        # After all that can be wrong: the first time it takes minutes.
         swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)
         running = Running(options, broker, page_url, server, swarm, say)
         desk = MissionDesk(swarm) if isinstance(swarm, OnMission) else None

@@ -5,14 +5,11 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-import ctypes
 import hashlib
 import logging
 import os
 import pwd
 import shutil
-import signal
-import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -22,6 +19,7 @@ import aiomqtt
 from phalanx.errors import Unavailable
 
 from .broker_url import BrokerUrl, Login
+from .children import die_with_parent
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK
 from .private_folder import private_folder
@@ -41,7 +39,6 @@ PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
 END_TIMEOUT_S = 1.0
-PR_SET_PDEATHSIG = 1
 
 
 def find_mosquitto() -> str | None:
@@ -106,17 +103,11 @@ def password_line(login: Login) -> str:
 
 
 def _whose() -> str | None:
-    """As whom to run it. mosquitto gives up root by itself, but that would undo what `_die_with_parent` asks for."""
+    """As whom to run it. mosquitto gives up root by itself, but that would undo what `die_with_parent` asks for."""
     if os.geteuid() != 0:
         return None
     names = {entry.pw_name for entry in pwd.getpwall()}
     return "mosquitto" if "mosquitto" in names else "nobody"
-
-
-def _die_with_parent() -> None:
-    # A gateway that is killed outright must not leave a broker behind.
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @contextlib.asynccontextmanager
@@ -237,7 +228,7 @@ async def _child(program: str, path: Path) -> AsyncIterator[asyncio.subprocess.P
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
-        preexec_fn=_die_with_parent,
+        preexec_fn=die_with_parent,  # or a gateway that is killed outright left a broker behind
         user=_whose(),
     )
     try:

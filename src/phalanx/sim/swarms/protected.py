@@ -95,11 +95,19 @@ class ProtectedSwarm:
         clock: seconds since 1970.
         defence: "paper" or "bound".
         f_max: compromised robots that are tolerated.
+        now: the same robots as they were so far: they stay where they are, and stop.
     Raises: UsageError: the count is out of range.
     """
 
     def __init__(
-        self, count: int, seed: int, clock: Callable[[], float], *, defence: str = "bound", f_max: int = 3
+        self,
+        count: int,
+        seed: int,
+        clock: Callable[[], float],
+        *,
+        defence: str = "bound",
+        f_max: int = 3,
+        now: Sequence[Robot] = (),
     ) -> None:
         if not least_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
@@ -109,11 +117,16 @@ class ProtectedSwarm:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
         self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
+        self._rows = {f"DECAFBAD{i + 1:08X}": i for i in range(count)}
+        here = {self._rows[robot.address]: robot for robot in now}
+        places_mm = draw_places(count, chance)
+        for i, robot in here.items():
+            places_mm[i] = robot.at.x_mm, robot.at.y_mm
         station = np.array([AREA_MM]) / 2000
         self.world = make_world(
             Setup(
                 robots=count,
-                starts_m=np.vstack((draw_places(count, chance) / 1000, station)),
+                starts_m=np.vstack((places_mm / 1000, station)),
                 profile=PROFILES[defence],
                 controller=dispatch.NUMBERS["wheels"],
                 params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
@@ -128,7 +141,6 @@ class ProtectedSwarm:
         )
         self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
         self._station = count
-        self._rows = {f"DECAFBAD{i + 1:08X}": i for i in range(count)}
         self._addresses = tuple(self._rows)
         self._names = [robot_name(i) for i in range(count)]
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
@@ -146,8 +158,12 @@ class ProtectedSwarm:
         self._now_s = 0.0
         self._stopped_at_s: dict[int, float] = {}
         start(self.world, {})
+        for i, robot in here.items():
+            self.world.vel[i, 0] = robot.direction_deg
+            self._battery_mv[i] = robot.battery_v * 1000
+            self._history[i].extend(robot.history)
         for i in range(count):
-            self._show(i, COLOURS[i % len(COLOURS)])
+            self._show(i, here[i].led if i in here else COLOURS[i % len(COLOURS)])
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
