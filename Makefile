@@ -26,12 +26,12 @@ NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
 .PHONY: help setup setup-dev ready ready-dev demo test lint test-firmware test-web test-python test-computes test-waits \
-	test-alone check-long coverage bench docs clean
+	test-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
 	@echo "make test    everything: lint, types, firmware, Python, TypeScript, browser, docs"
-	@echo "make setup | lint | test-python | check-long | coverage | bench | docs | clean"
+	@echo "make setup | lint | test-python | check-long | coverage | bench | docs | release | clean"
 
 # --- setting up -------------------------------------------------------------------------------------------------------
 
@@ -143,6 +143,15 @@ bench: setup-dev
 
 docs: setup-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
+
+# All but the upload, of what is committed: CONTRIBUTING.md says what it looks at.
+release: $(NEEDED) .venv/release/installed
+	.venv/release/bin/python release/dry_run.py
+
+.venv/release/installed: requirements-release.lock | .venv/bin/pip
+	@.venv/bin/python -m venv .venv/release
+	@.venv/release/bin/pip --disable-pip-version-check --quiet install --require-hashes -r requirements-release.lock
+	@touch $@
 
 clean:
 	rm -rf build firmware/build src/*.egg-info src/phalanx/*.so

@@ -1,5 +1,28 @@
-"""The C part of the build; everything else is in pyproject.toml (docs/adr/0010)."""
+"""What the build does; what the package is, pyproject.toml says (docs/adr/0010, docs/adr/0022)."""
+
+import os
+import sys
+import sysconfig
+from pathlib import Path
 
 from setuptools import setup
 
-setup(cffi_modules=["firmware/build.py:bound", "firmware/build.py:paper"])
+sys.path.insert(0, str(Path(__file__).resolve().parent / "release"))
+
+from commands import BdistWheel, BuildPy, Sdist
+from readme import for_index
+
+# The same sources give the same bytes, whenever and wherever they are built: not the time of a checkout, nor the places
+# of libraries that some Pythons would have written into what they link.
+os.environ.setdefault("SOURCE_DATE_EPOCH", "1767225600")
+link = [word for word in sysconfig.get_config_var("LDSHARED").split() if not word.startswith(("-L", "-Wl,-rpath"))]
+os.environ.setdefault("LDSHARED", " ".join(link))
+
+setup(
+    cffi_modules=["firmware/build.py:bound", "firmware/build.py:paper"],
+    cmdclass={"bdist_wheel": BdistWheel, "build_py": BuildPy, "sdist": Sdist},
+    long_description=for_index(Path("README.md").read_text(encoding="utf-8")),
+    long_description_content_type="text/markdown",
+    # cffi compiles against the stable interface: one wheel for 3.11 and whatever comes.
+    options={"bdist_wheel": {"py_limited_api": "cp311"}},
+)

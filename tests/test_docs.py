@@ -11,14 +11,16 @@ import re
 import shlex
 import signal
 import sys
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from conftest import bare_mosquitto
-from phalanx import crypto, errors
+from phalanx import __version__, crypto, errors
 from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
@@ -93,10 +95,12 @@ def test_every_command_line_would_be_understood(page):
         if program == "phalanx":
             path = parse_phalanx(words)
             assert CliRunner().invoke(phalanx, [*path, "--help"]).exit_code == 0, line
+        elif program == ".venv/bin/phalanx":
+            parse_phalanx(words)
         elif program == "make":
             assert set(words) <= make_targets(), line
         else:
-            assert program in (".", "/usr/sbin/mosquitto", "python"), f"who checks {line!r}?"
+            assert program in (".", "cd", "git", "/usr/sbin/mosquitto", "python"), f"who checks {line!r}?"
 
 
 @each_page()
@@ -135,9 +139,24 @@ def test_options_named_in_the_text_exist():
             assert named is None or named[1] in known, f"{page.name}: {code}"
 
 
-def test_the_first_screen_has_the_two_commands():
+def test_the_first_screen_begins_with_a_clone_and_names_the_shields():
     first = "\n".join((ROOT / "README.md").read_text().splitlines()[:40])
-    assert "$ make demo\n$ make test" in first
+    assert commands_of(ROOT / "README.md")[:4] == ["git clone URL phalanx", "cd phalanx", "make demo", "make test"]
+    assert all(f"**{shield}**" in first for shield in ("link", "encoded mission", "Bounded-time interaction"))
+
+
+def test_every_paper_is_cited_where_it_is_named():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert len(citation["references"]) == 3
+    assert citation["version"] == __version__
+    for paper in citation["references"]:
+        assert f"*{paper['title']}*" in readme
+        assert all(author["family-names"] in readme for author in paper["authors"])
+        where = f"https://doi.org/{paper['doi']}" if "doi" in paper else paper.get("repository-code", paper.get("url"))
+        assert f"({where})" in readme
+        assert where in project["urls"].values()
 
 
 # --- the example ------------------------------------------------------------------------------------------------------
