@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -11,7 +13,7 @@ from phalanx.cli.options import furnish_option, json_option, record_option
 
 from .runs import runs
 
-MISSION = "[MISSION.yaml|BUILTIN]"
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 PROFILES = click.Choice(["paper", "sealed"])
 profile_option = click.option(
     "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
@@ -21,9 +23,18 @@ start_option = click.option(
     metavar="X,Y[,DEGREES]",
     help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
 )
-picture_option = click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="A .png or .svg file."
-)
+source_argument = click.argument("source", required=False, shell_complete=a_mission, metavar="[MISSION.yaml|BUILTIN]")
+file_argument = click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
+
+
+def map_option(words: str) -> Decorator:
+    """--map, in words of the command's own."""
+    return click.option("--map", "plan", metavar="MAP", shell_complete=a_map, help=words)
+
+
+def out_option(words: str) -> Decorator:
+    """--out, a file that is made."""
+    return click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help=words)
 
 
 @click.group(epilog="Example: phalanx mission build office --out office.phxm")
@@ -32,16 +43,10 @@ def mission() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission build office --out office.phxm --sign-key operator.pem")
-@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The encoded mission.")
+@source_argument
+@out_option("The encoded mission.")
 @profile_option
-@click.option(
-    "--map",
-    "plan",
-    metavar="MAP",
-    shell_complete=a_map,
-    help="Floor plan: explore it, or check the mission against it.",
-)
+@map_option("Floor plan: explore it, or check the mission against it.")
 @start_option
 @click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
 @click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
@@ -58,7 +63,7 @@ def build() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission inspect office.phxm --json")
-@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
+@file_argument
 @json_option
 @runs("mission.author", "inspect")
 def inspect() -> None:
@@ -66,7 +71,7 @@ def inspect() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
-@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
+@file_argument
 @click.option("--trust", multiple=True, metavar="KEY", help="Public key: 64 hex digits or a PEM file; repeatable.")
 @click.option("--robot", type=click.IntRange(0, 65_535), help="Whether this robot may run it.")
 @click.option("--at", "now_s", type=float, help="When, in seconds on the mission's clock; now without.")
@@ -80,15 +85,9 @@ def verify() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission audit office --profile paper")
-@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
+@source_argument
 @profile_option
-@click.option(
-    "--map",
-    "plan",
-    metavar="MAP",
-    shell_complete=a_map,
-    help="The mission that build makes of this map, or what to check against.",
-)
+@map_option("The mission that build makes of this map, or what to check against.")
 @start_option
 @click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
 @json_option
@@ -98,15 +97,9 @@ def audit() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")
-@click.argument("source", required=False, shell_complete=a_mission, metavar=MISSION)
-@picture_option
-@click.option(
-    "--map",
-    "plan",
-    metavar="MAP",
-    shell_complete=a_map,
-    help="Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.",
-)
+@source_argument
+@out_option("A .png or .svg file.")
+@map_option("Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.")
 @start_option
 @click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
@@ -119,7 +112,7 @@ def draw() -> None:
 
 
 @mission.command(epilog="Example: phalanx mission crack office.phxm --box 0,0,40,40 --budget 60")
-@click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
+@file_argument
 @click.option("--key", type=click.Path(path_type=Path), help="The start key, captured too (sealed profile).")
 @click.option("--box", metavar="X0,Y0,X1,Y1", default="0,0,40,40", show_default=True, help="Where to look, metres.")
 @click.option("--budget", type=click.FloatRange(min=0.1), default=30.0, show_default=True, help="Seconds to go on.")
