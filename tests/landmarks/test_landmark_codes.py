@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from phalanx.errors import BadPayload, PeerError, UsageError
+from phalanx.errors import UsageError
 from phalanx.mission.landmarks import codepose
 from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
-from phalanx.mission.landmarks.codes import SeenCode, codes_from_bytes, codes_to_bytes, read_codes
+from phalanx.mission.landmarks.codes import read_codes
 
 QR = Path(__file__).parent.parent / "data" / "qr"
 PLAIN = Intrinsics(fx=1000.0, fy=1000.0, cx=640.0, cy=360.0, width=1280, height=720)
@@ -95,30 +95,6 @@ class TestPicturesOfOthers:
         for wrong in (np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4)), np.zeros((0, 4), np.uint8)):
             with pytest.raises(UsageError):
                 read_codes(wrong)
-
-
-class TestReadings:
-    def test_a_reading_comes_back_to_the_bit(self):
-        codes = read_codes(grey(QR / "boofcv" / "image02.jpg"))
-        again = codes_from_bytes(codes_to_bytes(codes))
-        assert [code.text for code in again] == [code.text for code in codes]
-        assert all(np.array_equal(a.corners_px, b.corners_px) for a, b in zip(again, codes, strict=True))
-
-    def test_no_more_codes_are_told_than_are_read(self):
-        many = tuple(SeenCode(str(n), np.zeros((4, 2))) for n in range(70))
-        assert len(codes_from_bytes(codes_to_bytes(many))) == 64
-        with pytest.raises(BadPayload):
-            codes_from_bytes(codes_to_bytes(many) + codes_to_bytes(many[:1]))
-
-    @given(st.binary(max_size=200))
-    def test_garbage_is_a_peers_error_or_the_same_bytes_again(self, data):
-        try:
-            codes = codes_from_bytes(data)
-        except PeerError:
-            return
-        assert codes_to_bytes(codes) == data
-        for code in codes:
-            code_pose(code.corners_px, 0.12, PLAIN)
 
 
 class TestPoses:

@@ -14,8 +14,9 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
 from phalanx.mission.authoring.survey import survey
-from phalanx.mission.landmarks import LaserScan, extract, landmarks_of
+from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.scan import beam_table
+from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.building.lidar import Lidar
@@ -42,12 +43,13 @@ class Robot:
         self.drive = DiffDrive(plan, plan.start)
         self.odometry = Odometry(plan.start, OdometryNoise(0.03, 0.05), self.random)
         self.lidar = Lidar(plan.walls)
+        self.sensors = Sensors(self.lidar.config)
         self.beams = beam_table(self.lidar.config.angle_min_rad, self.lidar.config.angle_increment_rad, 1080)
         self.leg, self.arrived = None, False
 
     def experience(self, t_s):
         # What an auditor would get.
-        scan = LaserScan.from_bytes(self.lidar.sweep(self.drive.pose, self.random).to_bytes())
+        scan = self.sensors.scan_of(self.sensors.raw_of(self.lidar.sweep(self.drive.pose, self.random)))
         seen = extract(scan).landmarks(*self.odometry.pose)
         return Experience(t_s, *self.odometry.pose, self.odometry.travelled_m, seen)
 

@@ -1,18 +1,17 @@
-"""QR codes in a picture: their texts (by zxing) and their corners to a fraction of a pixel; and the bytes of that.
+"""QR codes in a picture: their texts (by zxing) and their corners to a fraction of a pixel.
 
 Pictures are not replayed: what a robot is held to is the reading, the texts and the corners.
 """
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
 import numpy as np
 import zxingcpp
 from numpy.typing import NDArray
 
-from phalanx.errors import BadPayload, UsageError
+from phalanx.errors import UsageError
 
 # How far from zxing's corner, in pixels and as a part of the code's edge, the border is looked for.
 REACH_PX = 3.0
@@ -20,8 +19,6 @@ REACH_PART = 0.04
 SAMPLES = 48
 # Corners are told in this part of a pixel.
 PART_PX = 1 / 64
-CODES_MAX = 64
-_CODE = struct.Struct("<H8i")
 _RISE = 12.0  # grey values from dark to light that are a border
 _STEP_PX = 0.5
 _QR = zxingcpp.BarcodeFormats(zxingcpp.BarcodeFormat.QRCode)
@@ -38,38 +35,6 @@ class SeenCode:
 
     text: str
     corners_px: NDArray[np.float64]
-
-
-def codes_to_bytes(codes: tuple[SeenCode, ...]) -> bytes:
-    """A camera's reading, as it is logged: the first CODES_MAX codes."""
-    parts = []
-    for code in codes[:CODES_MAX]:
-        text = code.text.encode()
-        parts.append(_CODE.pack(len(text), *np.rint(code.corners_px.ravel() / PART_PX).astype(int).tolist()) + text)
-    return b"".join(parts)
-
-
-def codes_from_bytes(data: bytes) -> tuple[SeenCode, ...]:
-    """The reading that a peer sent.
-
-    Raises: BadPayload: these are not the bytes of one.
-    """
-    codes: list[SeenCode] = []
-    at = 0
-    while at < len(data):
-        if len(codes) == CODES_MAX or len(data) - at < _CODE.size:
-            raise BadPayload(f"a reading of {len(data)} bytes")
-        length, *corners = _CODE.unpack_from(data, at)
-        at += _CODE.size
-        if len(data) - at < length:
-            raise BadPayload(f"a text of {length} bytes in {len(data) - at}")
-        try:
-            text = data[at : at + length].decode()
-        except UnicodeDecodeError as error:
-            raise BadPayload("a text that is not UTF-8") from error
-        codes.append(SeenCode(text, np.array(corners, np.float64).reshape(4, 2) * PART_PX))
-        at += length
-    return tuple(codes)
 
 
 def read_codes(picture: NDArray[np.uint8]) -> tuple[SeenCode, ...]:

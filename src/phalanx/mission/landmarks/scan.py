@@ -1,4 +1,4 @@
-"""One sweep of a 2-D lidar, in ROS's conventions, and its bytes.
+"""One sweep of a 2-D lidar, in ROS's conventions.
 
 Metres and radians, x forward, counter-clockwise. A miss (nothing within `range_max_m`) is +inf; a beam that says
 nothing (dropped, too close, broken) is NaN. The difference matters: through a miss a robot sees that the way is free.
@@ -12,17 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.errors import BadPayload, UsageError
+from phalanx.errors import UsageError
 
 from .angles import TWO_PI, sin_cos
 
 BEAMS_MAX = 8192
-# On the wire a range is a whole number of millimetres.
-MM_PER_M = 1000
-_SILENT = 0
-_MISS = 0xFFFF
-_HEADER = np.dtype([("beams", "<u2"), ("first", "<i4"), ("step", "<i4"), ("min", "<u2"), ("max", "<u2")])
-_ANGLE_UNIT_RAD = 1e-7
+FARTHEST_M = 65_534
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +49,7 @@ class LaserScan:
                 f"{len(ranges)} beams from {self.angle_min_rad} rad in steps of {self.angle_increment_rad} rad",
                 "counter-clockwise, one turn at most",
             )
-        if not 0 <= self.range_min_m < self.range_max_m <= _MISS - 1:
+        if not 0 <= self.range_min_m < self.range_max_m <= FARTHEST_M:
             raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "0 <= min < max, finite")
         with np.errstate(invalid="ignore"):
             ranges[ranges > self.range_max_m] = np.inf
@@ -71,46 +66,6 @@ class LaserScan:
     def full_turn(self) -> bool:
         """The last beam is the first one's neighbour."""
         return self.angle_increment_rad * (len(self.ranges_m) + 0.5) > TWO_PI
-
-    def to_bytes(self) -> bytes:
-        """The scan in millimetres; `from_bytes` gives what an auditor works on, so a robot extracts from that, too."""
-        header = np.zeros(1, _HEADER)
-        header["beams"] = len(self.ranges_m)
-        header["first"] = round(self.angle_min_rad / _ANGLE_UNIT_RAD)
-        header["step"] = round(self.angle_increment_rad / _ANGLE_UNIT_RAD)
-        header["min"] = min(_MISS - 1, round(self.range_min_m * MM_PER_M))
-        header["max"] = min(_MISS - 1, round(self.range_max_m * MM_PER_M))
-        ranges = np.full(len(self.ranges_m), _SILENT, "<u2")
-        ranges[np.isposinf(self.ranges_m)] = _MISS
-        seen = np.isfinite(self.ranges_m)
-        ranges[seen] = np.clip(np.rint(self.ranges_m[seen] * MM_PER_M), 1, _MISS - 1)
-        return header.tobytes() + ranges.tobytes()
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> LaserScan:
-        """The scan that a peer sent.
-
-        Raises: BadPayload: these are not the bytes of a scan.
-        """
-        if len(data) < _HEADER.itemsize:
-            raise BadPayload(f"a scan of {len(data)} bytes")
-        header = np.frombuffer(data, _HEADER, 1)[0]
-        if len(data) != _HEADER.itemsize + 2 * int(header["beams"]):
-            raise BadPayload(f"a scan of {header['beams']} beams in {len(data)} bytes")
-        raw = np.frombuffer(data, "<u2", offset=_HEADER.itemsize)
-        ranges = raw / float(MM_PER_M)
-        ranges[raw == _SILENT] = np.nan
-        ranges[raw == _MISS] = np.inf
-        try:
-            return cls(
-                ranges,
-                int(header["first"]) * _ANGLE_UNIT_RAD,
-                int(header["step"]) * _ANGLE_UNIT_RAD,
-                int(header["min"]) / MM_PER_M,
-                int(header["max"]) / MM_PER_M,
-            )
-        except UsageError as error:
-            raise BadPayload(str(error)) from error
 
 
 @lru_cache(maxsize=64)
