@@ -183,7 +183,6 @@ DIGEST = """
 import hashlib, numpy as np
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks import LaserScan, extract
-from phalanx.sim.floorplan import load_floorplan
 digest = hashlib.sha256()
 random = np.random.default_rng(7)
 for n in range(8):
