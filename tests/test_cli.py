@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
+from phalanx.cli.commands.mission import PROFILES
 from phalanx.cli.main import ABOUT, phalanx
 from phalanx.cli.qr import qr_text
 from phalanx.io.ports import free_port
@@ -159,6 +160,11 @@ class TestHelp:
             for option in command.params:
                 if isinstance(option, click.Option):
                     assert option.help, (path, option.name)
+
+    def test_the_profiles_that_are_offered_are_those_of_missions(self):
+        from phalanx.mission import Profile
+
+        assert list(PROFILES.choices) == [profile.name.lower() for profile in Profile]
 
     def test_version(self):
         from phalanx import __version__
