@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import hashlib
-import io
 import math
 import signal
 import statistics
@@ -25,9 +23,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from phalanx.config.defence import DEFENCES
-from phalanx.errors import PhalanxError, UsageError
+from phalanx.errors import PhalanxError
 from phalanx.experiments.bti.attack_trial import airtime_since, sent, stop_bound_s
-from phalanx.experiments.growing_table import ELSEWHERE, GrowingTable
+from phalanx.experiments.table import Head, TableFile
 from phalanx.experiments.version import version
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Liar
@@ -84,26 +82,15 @@ TYPES = {"str": str, "int": int, "float": float}
 COLUMNS = {field.name: TYPES[str(field.type)] for field in fields(Result)}
 
 
-class ResultFile(GrowingTable):
-    """The CSV while it grows. `results` are those that were there."""
+HEAD = Head(figure="attacks", columns=tuple(COLUMNS), origin={"robots": ROBOTS}, by_line=True)
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, f"# phalanx attacks: {ROBOTS} robots\n{','.join(COLUMNS)}\n")
-        self.results: list[Result] = []
 
-    def append(self, result: Result) -> None:
-        """Write a run, now."""
-        line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(astuple(result))
-        self._write(line.getvalue())
-
-    def _whole(self, data: bytes) -> int:
-        if not data.startswith(self._head.encode()):
-            raise UsageError(f"{self.path} has other columns", ELSEWHERE)
-        whole = data.rfind(b"\n") + 1
-        for words in csv.reader(data[len(self._head) : whole].decode().splitlines()):
-            self.results.append(Result(*(kind(word) for kind, word in zip(COLUMNS.values(), words, strict=True))))
-        return whole
+def results_in(file: TableFile) -> list[Result]:
+    """Those that were there."""
+    return [
+        Result(*(kind(word) for kind, word in zip(COLUMNS.values(), words, strict=True)))
+        for _, words in file.table.lines
+    ]
 
 
 def one_run(task: tuple[str, str, int, str]) -> Result:
@@ -150,12 +137,12 @@ def one_run(task: tuple[str, str, int, str]) -> Result:
     )
 
 
-def new_results(tasks: list[tuple[str, str, int, str]], file: ResultFile | None) -> Iterator[Result]:
+def new_results(tasks: list[tuple[str, str, int, str]], file: TableFile | None) -> Iterator[Result]:
     """Each is in the file before it is given."""
     with get_context("spawn").Pool(min(2, len(tasks)), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
         for done, result in enumerate(pool.imap_unordered(one_run, tasks), 1):
             if file:
-                file.append(result)
+                file.append_line(map(str, astuple(result)))
             print(f"\r{done} of {len(tasks)} runs", end="", file=sys.stderr, flush=True)
             yield result
     print(file=sys.stderr)
@@ -215,8 +202,8 @@ def main() -> int:
     wanted = [(name, said.defence, seed) for seed in range(said.seeds) for name in names]
     interrupted = False
     with contextlib.ExitStack() as stack:
-        file = stack.enter_context(ResultFile(said.out)) if said.out else None
-        results = {(run.attack, run.defence, run.seed): run for run in (file.results if file else ())}
+        file = stack.enter_context(TableFile(said.out, HEAD)) if said.out else None
+        results = {(run.attack, run.defence, run.seed): run for run in (results_in(file) if file else ())}
         todo = [(*task, by) for task in wanted if task not in results]
         try:
             for result in new_results(todo, file) if todo else ():

@@ -18,23 +18,29 @@ from phalanx.experiments.bti import fig8 as bti_fig8
 from phalanx.experiments.bti import fig9 as bti_fig9
 from phalanx.experiments.bti import flock as bti_flock
 from phalanx.experiments.bti.attack_trial import FlockTrial, Stop, stop_bound_s, try_attack
-from phalanx.experiments.bti.flock import FlockConfig, band, last_line, mean_distances_m, measure, read_reference
-from phalanx.experiments.bti.flock_plot import draw_flock
-from phalanx.experiments.bti.flock_table import (
+from phalanx.experiments.bti.flock import (
+    COLUMNS,
     HONEST,
     LIAR,
     STOPPED,
-    FlockFile,
+    Flock,
     FlockRun,
-    FlockTable,
-    Origin,
-    read_flock_table,
+    FlockRuns,
+    mean_distances_m,
+    read_reference,
+    runs_of,
 )
+from phalanx.experiments.bti.flock_plot import draw_flock
+from phalanx.experiments.figure import Figure
+from phalanx.experiments.library import FIGURES
+from phalanx.experiments.plot import draw
+from phalanx.experiments.statement import band, last_line
+from phalanx.experiments.table import Head, TableFile, measure, read_table
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
-ORIGIN = Origin(figure="bti-fig8", scenario="all of it", every_s=5.0, version="0 (cafe)")
+ORIGIN = {"scenario": "all of it", "every_s": 5.0, "version": "0 (cafe)"}
 GOAL_M = (500.0, 500.0)
 SMALL = Scenario(
     name="small",
@@ -48,14 +54,23 @@ SMALL = Scenario(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SmallConfig(FlockConfig):
+class SmallFlock(Flock):
     """The same measurement over a swarm that is done in a moment."""
+
+    COLUMNS = COLUMNS
+    cases = staticmethod(bti_flock.cases)
+    check = staticmethod(runs_of)
 
     def scenario(self, case, seed):
         return replace(SMALL, seed=seed, attacks=SMALL.attacks if case == "attacked" else ())
 
+    def draw(self, table, picture):
+        return draw_flock(self, table, picture)
 
-SMALL_CONFIG = SmallConfig(name="bti-fig9", title="small", reference=bti_fig9.CONFIG.reference, seeds=2)
+
+SMALL_FIGURE = Figure(
+    name="bti-fig9", about="small", made_by=SmallFlock(name="bti-fig9", reference=bti_fig9.FLOCK.reference)
+)
 
 
 def flock_run(case, seed, distances_m, liar=None, first_s=15.0, safe_s=None, robots=25, **more):
@@ -78,7 +93,7 @@ def flock_run(case, seed, distances_m, liar=None, first_s=15.0, safe_s=None, rob
 
 
 def table_of(*runs):
-    return FlockTable(ORIGIN, {(run.case, run.seed): run for run in runs})
+    return FlockRuns({(run.case, run.seed): run for run in runs})
 
 
 def same(one: FlockRun, other: FlockRun) -> bool:
@@ -88,10 +103,27 @@ def same(one: FlockRun, other: FlockRun) -> bool:
     return arrays and (one.case, one.seed, one.summary) == (other.case, other.seed, other.summary)
 
 
-def write(path, *runs, origin=ORIGIN):
-    with FlockFile(path, origin) as file:
+def opened(path, figure="bti-fig8", **changed):
+    return TableFile(path, Head(figure=figure, columns=COLUMNS, origin=ORIGIN | changed), runs_of)
+
+
+def append(file, run):
+    samples = [
+        (t_s, robot, state, *place)
+        for t_s, places, states in zip(run.times_s, run.positions_m, run.states)
+        for robot, (place, state) in enumerate(zip(places, states), start=1)
+    ]
+    file.append(f"{run.case} seed {run.seed}", np.array(samples), run.summary)
+
+
+def read(path):
+    return runs_of(read_table(path))
+
+
+def write(path, *runs):
+    with opened(path) as file:
         for run in runs:
-            file.append(run)
+            append(file, run)
     return path
 
 
@@ -104,13 +136,14 @@ RUNS = [
 
 class TestTable:
     def test_runs_come_back_as_they_were_written(self, tmp_path):
-        table = read_flock_table(write(tmp_path / "deep" / "f.csv", *RUNS))
-        assert table.origin == ORIGIN
+        path = write(tmp_path / "deep" / "f.csv", *RUNS)
+        table = read(path)
+        assert read_table(path).origin == ORIGIN
         assert all(same(table.runs[run.case, run.seed], run) for run in RUNS)
         assert table.seeds() == [0, 1]
 
     def test_a_seed_of_which_a_case_is_missing_is_not_counted(self, tmp_path):
-        assert read_flock_table(write(tmp_path / "f.csv", *RUNS[:3])).seeds() == [0]
+        assert read(write(tmp_path / "f.csv", *RUNS[:3])).seeds() == [0]
 
     def test_what_was_cut_short_is_ignored_and_then_cut_off(self, tmp_path):
         path = write(tmp_path / "f.csv", *RUNS)
@@ -120,44 +153,45 @@ class TestTable:
             path.write_bytes(whole[:size])
             done = sum(end <= size for end in ends) - 1
             if done >= 0:
-                assert len(read_flock_table(path).runs) == done
+                assert len(read(path).runs) == done
                 assert path.stat().st_size == size, "reading alters nothing"
-            with FlockFile(path, ORIGIN) as file:
-                assert file.done == {(run.case, run.seed) for run in RUNS[: max(done, 0)]}
+            with opened(path) as file:
+                assert file.done == {f"{run.case} seed {run.seed}" for run in RUNS[: max(done, 0)]}
                 for run in RUNS[max(done, 0) :]:
-                    file.append(run)
+                    append(file, run)
             assert path.read_bytes() == whole
 
     @pytest.mark.parametrize("name", ["figure", "scenario", "every_s", "version"])
     def test_a_file_of_another_measurement_is_refused_and_left_alone(self, tmp_path, name):
         path = write(tmp_path / "f.csv", *RUNS)
         before = path.read_bytes()
-        other = replace(ORIGIN, **{name: 2.5 if name == "every_s" else "bti-other"})
-        with pytest.raises(UsageError, match=f"another {name}"), FlockFile(path, other):
+        other = {name: 2.5 if name == "every_s" else "bti-other"}
+        why = "not a CSV of bti-other" if name == "figure" else f"another {name}"
+        with pytest.raises(UsageError, match=why), opened(path, **other):
             pass
         assert path.read_bytes() == before
 
     def test_two_at_a_time_are_refused(self, tmp_path):
         with (
-            FlockFile(tmp_path / "f.csv", ORIGIN),
+            opened(tmp_path / "f.csv"),
             pytest.raises(UsageError, match="another run"),
-            FlockFile(tmp_path / "f.csv", ORIGIN),
+            opened(tmp_path / "f.csv"),
         ):
             pass
 
     @pytest.mark.parametrize(
         "old, new",
         [
-            (b"# phalanx bti-fig8", b"# phalanx bti-fig9"),
-            (b"case,seed", b"seed,case"),
-            (b"honest,0,5,2,", b"honest,0,5,3,"),
-            (b"honest,0,5,2,", b"honest,1,5,2,"),
-            (b"honest,0,5,2,honest", b"honest,0,5,2,dead"),
-            (b"honest,0,5,2,honest,200.000", b"honest,0,5,2,honest,nan"),
-            (b'# end {"case"', b'# end ["case"'),
+            (b"# phalanx bti-fig8", b"# another bti-fig8"),
+            (b"case,t_s", b"t_s,case"),
+            (b"honest seed 0,5,2,", b"honest seed 0,5,3,"),
+            (b"honest seed 0,5,2,", b"honest seed 1,5,2,"),
+            (b"honest seed 0,5,2,0,", b"honest seed 0,5,2,9,"),
+            (b"honest seed 0,5,2,0,200,", b"honest seed 0,5,2,0,nan,"),
+            (b"# end honest seed 0 {", b"# end honest seed 0 {{"),
             (b'"robots": 4', b'"robots": "four"'),
-            (b"honest,0,5,2,", b"honest,0,5,2\xff,"),
-            (b"honest,0,5,2,", b"2,"),
+            (b"honest seed 0,5,2,", b"honest seed 0,5,2\xff,"),
+            (b"honest seed 0,5,2,", b"2,"),
         ],
     )
     def test_a_file_that_is_not_ours_is_told_apart(self, tmp_path, old, new):
@@ -165,11 +199,13 @@ class TestTable:
         assert old in path.read_bytes()
         path.write_bytes(path.read_bytes().replace(old, new, 1))
         with pytest.raises(UsageError):
-            read_flock_table(path)
+            read(path)
+        with pytest.raises(UsageError), opened(path):
+            pass
 
     def test_no_file(self, tmp_path):
         with pytest.raises(UsageError, match="no file"):
-            read_flock_table(tmp_path / "f.csv")
+            read(tmp_path / "f.csv")
 
 
 class TestCounting:
@@ -215,7 +251,7 @@ class TestComparison:
     """On tables made by hand, so that each statement is seen to agree and to disagree."""
 
     def fig8(self, honest=1.0, attacked=1.0, safe_s=None, contacts=0):
-        return bti_fig8.compare(
+        return bti_fig8.compare_runs(
             table_of(
                 *(flock_run("honest", seed, as_reference("honest") * honest, contacts=contacts) for seed in range(3)),
                 *(
@@ -228,7 +264,7 @@ class TestComparison:
     def fig9(self, apart_m=0.0, safe_s=24.0, wronged=(), alone=()):
         more = {"correct_in_safe_mode": list(wronged), "without_quorum": list(alone)}
         honest = as_reference("stopped_at_25s")
-        return bti_fig9.compare(
+        return bti_fig9.compare_runs(
             table_of(
                 *(flock_run("honest", seed, honest) for seed in range(3)),
                 *(
@@ -276,34 +312,34 @@ class TestComparison:
 
 class TestMeasuring:
     def test_a_measurement_that_was_stopped_goes_on_to_the_same_file(self, tmp_path):
-        shares = []
-        whole = measure(tmp_path / "whole", SMALL_CONFIG, shares.append).read_bytes()
-        assert shares == sorted(shares)
-        assert shares[-1] == 1.0
+        told = []
+        whole = measure(tmp_path / "whole", SMALL_FIGURE, 2, lambda done, of: told.append(done / of)).read_bytes()
+        assert told == sorted(told)
+        assert told[-1] == 1.0
 
         class Enough(Exception):
             pass
 
-        def stop(share):
-            if share > 0.6:
+        def stop(done, of):
+            if done / of > 0.6:
                 raise Enough
 
         with pytest.raises(Enough):
-            measure(tmp_path / "parts", SMALL_CONFIG, stop)
-        part = read_flock_table(tmp_path / "parts" / SMALL_CONFIG.csv_name)
+            measure(tmp_path / "parts", SMALL_FIGURE, 2, stop)
+        part = read(SMALL_FIGURE.csv(tmp_path / "parts"))
         assert sorted(part.runs) == [("attacked", 0), ("honest", 0)]
-        assert measure(tmp_path / "parts", SMALL_CONFIG).read_bytes() == whole
+        assert measure(tmp_path / "parts", SMALL_FIGURE, 2).read_bytes() == whole
 
-        def fail(_share):
-            assert _share in (0.25, 0.5, 0.75, 1.0), "nothing is run again"
+        def fail(done, of):
+            assert done in range(1, of + 1), "nothing is run again"
 
-        assert measure(tmp_path / "parts", SMALL_CONFIG, fail).read_bytes() == whole
+        assert measure(tmp_path / "parts", SMALL_FIGURE, 2, fail).read_bytes() == whole
 
     def test_rows_are_the_run_s(self, tmp_path):
-        table = read_flock_table(measure(tmp_path, SMALL_CONFIG))
+        table = read(measure(tmp_path, SMALL_FIGURE, 2))
         run = table.runs["attacked", 1]
         (told,) = run.summary["compromised"]
-        again = bti_flock.Run(SMALL_CONFIG.scenario("attacked", 1))
+        again = bti_flock.Run(SMALL_FIGURE.body.scenario("attacked", 1))
         for k, t_s in enumerate(run.times_s):
             again.advance(t_s)
             assert np.abs(again.positions_m - run.positions_m[k]).max() <= 0.0006
@@ -314,18 +350,19 @@ class TestMeasuring:
         assert not table.runs["honest", 1].liars.any()
         assert not (table.runs["honest", 1].states == LIAR).any()
 
-    def test_no_seeds(self):
+    def test_no_seeds(self, tmp_path):
         with pytest.raises(UsageError, match="0 seeds"):
-            replace(bti_fig8.CONFIG, seeds=0)
+            measure(tmp_path, FIGURES["bti-fig8"], 0)
+        assert not list(tmp_path.iterdir())
 
 
 class TestPicture:
     def test_it_is_drawn_from_the_csv_alone(self, tmp_path):
         pytest.importorskip("matplotlib")
-        csv_path = measure(tmp_path / "a", SMALL_CONFIG)
+        csv_path = measure(tmp_path / "a", SMALL_FIGURE, 2)
         (tmp_path / "b").mkdir()
         moved = Path(shutil.copy(csv_path, tmp_path / "b"))
-        png, svg = draw_flock(moved, SMALL_CONFIG)
+        png, svg = draw(moved, SMALL_FIGURE)
         assert [path.name for path in sorted(moved.parent.iterdir())] == [
             "bti-fig9.csv",
             "bti-fig9.png",

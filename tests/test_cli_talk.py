@@ -13,7 +13,7 @@ import numba
 import pytest
 
 from conftest import ROOT
-from phalanx.cli import link, reproduce_bti, reproduce_mission, sim, terminal
+from phalanx.cli import link, reproduce, sim, terminal
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.sim import compiling
 
@@ -81,25 +81,21 @@ class TestCompiling:
             compiled()
         assert len(told) == 1
 
-    @pytest.mark.parametrize(
-        "module, words",
-        [(reproduce_bti, ("bti-fig9",)), (reproduce_mission, ("mission-fig8a",))],
-        ids=["bti", "mission"],
-    )
+    @pytest.mark.parametrize("figure", ["bti-fig9", "mission-fig8a"])
     def test_a_command_tells_and_claims_no_file_that_is_not_there(
-        self, module, words, compiled, monkeypatch, capsys, tmp_path
+        self, figure, compiled, monkeypatch, capsys, tmp_path
     ):
         def measure(*_):
             compiled()
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(module, "measure", measure)
-        command = ["reproduce", *words, "--out", str(tmp_path)]
+        monkeypatch.setattr(reproduce, "measure", measure)
+        command = ["reproduce", figure, "--out", str(tmp_path)]
         assert run_command(command) == 1
         first, last = capsys.readouterr().err.splitlines()
         assert first.startswith(f"{COMPILING} 0 of about ")
         assert last == "stopped"
-        csv = tmp_path / f"{words[0]}.csv"
+        csv = tmp_path / f"{figure}.csv"
         csv.touch()
         assert run_command(command) == 1
         assert f"in {csv}, the same command goes on from there" in capsys.readouterr().err

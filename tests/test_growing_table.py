@@ -9,55 +9,51 @@ import numpy as np
 import pytest
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.bti.flock_table import FlockFile, FlockRun, read_flock_table
-from phalanx.experiments.bti.flock_table import Origin as FlockOrigin
-from phalanx.experiments.link.fig4_table import Origin, Row, RowFile, read_table
-from phalanx.experiments.missions.table import CaseFile, read_case_table
+from phalanx.experiments.link.fig4_table import Row, cells, head, packets
+from phalanx.experiments.table import Head, TableFile, read_table
 
 
-class Rows:
+class Lines:
     """A file of each kind: opened, given the n-th thing to keep, counted."""
 
     def open(self, path):
-        return RowFile(path, Origin(broker="mosquitto", interval_s=0.5, lost_after_s=10.0, version="1"))
+        begin = head(broker="mosquitto", interval_s=0.5, lost_after_s=10.0, version="1")
+        return TableFile(path, begin, packets)
 
-    def nth(self, n):
-        return (Row(n, "plain", 1e9, "back", 1.5),)
-
-    def count(self, path):
-        return len(read_table(path).rows["plain"])
-
-
-class Runs:
-    def open(self, path):
-        return FlockFile(path, FlockOrigin(figure="bti-fig8", scenario="all", every_s=5.0, version="1"))
-
-    def nth(self, n):
-        at = np.zeros((2, 3, 2)), np.zeros((2, 3), np.int8)
-        return (FlockRun("honest", n, np.array([0.0, 5.0]), *at, {"robots": 3}),)
+    def append(self, file, n):
+        file.append_line(cells(Row(n, "plain", 1e9, "back", 1.5)))
 
     def count(self, path):
-        return len(read_flock_table(path).runs)
+        return len(packets(read_table(path))["plain"])
 
 
 class Cases:
-    def open(self, path):
-        return CaseFile(path, "mission-figx", "1", ("a", "b"))
+    kept = None
 
-    def nth(self, n):
-        return f"seed {n}", np.array([[1.0, n], [2.0, 3.0]])
+    def open(self, path):
+        return TableFile(path, Head(figure="mission-figx", columns=("a", "b"), origin={"version": "1"}))
+
+    def append(self, file, n):
+        file.append(f"seed {n}", np.array([[1.0, n], [2.0, 3.0]]), self.kept)
 
     def count(self, path):
-        return len(read_case_table(path).cases)
+        return len(read_table(path).cases)
 
 
-EACH = pytest.mark.parametrize("kind", [Rows(), Runs(), Cases()], ids=lambda kind: type(kind).__name__)
+class CasesOfWhichMoreIsKept(Cases):
+    def __init__(self):
+        self.kept = {"robots": 3, "compromised": [{"robot": 1}]}
+
+
+EACH = pytest.mark.parametrize(
+    "kind", [Lines(), Cases(), CasesOfWhichMoreIsKept()], ids=lambda kind: type(kind).__name__
+)
 
 
 def write(kind, path, *which):
     with kind.open(path) as file:
         for n in which:
-            file.append(*kind.nth(n))
+            kind.append(file, n)
     return path.read_bytes()
 
 

@@ -18,13 +18,26 @@ import pytest
 
 from conftest import bare_mosquitto, child, eventually
 from phalanx.errors import Unavailable, UsageError
-from phalanx.experiments.link.fig4 import CSV_NAME, PAPER, Config, make_packet, measure
-from phalanx.experiments.link.fig4_plot import draw
-from phalanx.experiments.link.fig4_table import KINDS, Origin, Row, RowFile, read_table, summarize
+from phalanx.experiments.library import FIGURES
+from phalanx.experiments.link.fig4 import CSV_NAME, Config, make_packet, measure
+from phalanx.experiments.link.fig4_table import KINDS, PAPER, Row, cells, head, packets, summarize
+from phalanx.experiments.plot import draw
+from phalanx.experiments.table import TableFile, read_table
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import free_port
 
-ORIGIN = Origin(broker="mosquitto", interval_s=0.5, lost_after_s=10.0, version="0.0.0 (cafe)")
+FIGURE = FIGURES["link-fig4"]
+ORIGIN = {"broker": "mosquitto", "interval_s": 0.5, "lost_after_s": 10.0, "version": "0.0.0 (cafe)"}
+
+
+def opened(path, **changed):
+    return TableFile(path, head(**ORIGIN | changed), packets)
+
+
+def rows_in(path):
+    return packets(read_table(path))
+
+
 QUICK = Config(duration_s=2, interval_s=0.02, lost_after_s=1)
 
 
@@ -36,10 +49,10 @@ def rows_of(*latencies_ms, kind="plain"):
     ]
 
 
-def write(path, rows, origin=ORIGIN):
-    with RowFile(path, origin) as file:
+def write(path, rows, **changed):
+    with opened(path, **changed) as file:
         for row in rows:
-            file.append(row)
+            file.append_line(cells(row))
     return path
 
 
@@ -90,9 +103,8 @@ def test_no_packet_back_and_no_packet_at_all():
 def test_rows_come_back_as_they_were_written_and_late_replaces_lost(tmp_path):
     rows = rows_of(1.5, "lost", "cut")
     path = write(tmp_path / "deep" / CSV_NAME, [*rows, Row(1, "plain", 1e9 + 1, "late", 11_000.25)])
-    table = read_table(path)
-    assert table.origin == ORIGIN
-    assert table.rows == {"plain": (rows[0], Row(1, "plain", 1e9 + 1, "late", 11_000.25), rows[2]), "sealed": ()}
+    assert read_table(path).origin == ORIGIN
+    assert rows_in(path) == {"plain": (rows[0], Row(1, "plain", 1e9 + 1, "late", 11_000.25), rows[2]), "sealed": ()}
 
 
 @pytest.mark.parametrize("cut", range(1, 30))
@@ -101,12 +113,12 @@ def test_a_last_line_cut_short_is_ignored_and_then_cut_off(tmp_path, cut):
     whole = path.read_bytes()
     path.write_bytes(whole[:-cut])
     lines = whole[:-cut].count(b"\n") - 2
-    assert len(read_table(path).rows["plain"]) == lines
+    assert len(rows_in(path)["plain"]) == lines
     assert path.read_bytes() == whole[:-cut], "reading alters nothing"
-    with RowFile(path, ORIGIN) as file:
-        assert file.next_seq == {"plain": lines, "sealed": 0}
+    with opened(path) as file:
+        assert len(packets(file.table)["plain"]) == lines
         for row in rows_of(1.0, 2.0, 3.0)[lines:]:
-            file.append(row)
+            file.append_line(cells(row))
     assert path.read_bytes() == whole
 
 
@@ -117,7 +129,7 @@ def test_a_head_cut_short_is_written_again(tmp_path):
         path.write_bytes(whole[:size])
         write(path, rows_of(1.0))
         assert path.read_bytes().startswith(whole)
-        assert len(read_table(path).rows["plain"]) == 1
+        assert len(rows_in(path)["plain"]) == 1
 
 
 @pytest.mark.parametrize(
@@ -127,13 +139,14 @@ def test_a_head_cut_short_is_written_again(tmp_path):
         (b"my only copy, no newline", "not a CSV of link-fig4"),
         (b"\xff\xfe\n", "not a CSV of link-fig4"),
         (b"# phalanx link-fig4 {}\n", "not a CSV of link-fig4"),
+        (b"# phalanx link-fig4 {}\nCOLUMNS", "measured with another broker"),
         (b"# phalanx link-fig4 []\n", "not a CSV of link-fig4"),
         (b"HEADseq,rtt\n", "other columns"),
         (b"HEADCOLUMNS0,plain,1.0,back,\n", "line 3 .* not a packet"),
         (b"HEADCOLUMNS0,plain,1.0,lost,3\n", "line 3 .* not a packet"),
         (b"HEADCOLUMNS0,plain,1.0,back,nan\n", "line 3 .* not a packet"),
         (b"HEADCOLUMNS0,plain,1.0,back,1\n1,secret,1.0,back,1\n", "line 4 .* not a packet"),
-        (b"HEADCOLUMNS\n", "line 3 .* not a packet"),
+        (b"HEADCOLUMNS\n", "line 3 .* not one of ours"),
     ],
 )
 def test_a_foreign_file_is_refused_in_one_line_and_left_alone(tmp_path, found, why):
@@ -142,7 +155,7 @@ def test_a_foreign_file_is_refused_in_one_line_and_left_alone(tmp_path, found, w
     data = found.replace(b"HEAD", head).replace(b"COLUMNS", columns)
     path.write_bytes(data)
     with pytest.raises(UsageError, match=why) as refused:
-        RowFile(path, ORIGIN).__enter__()
+        opened(path).__enter__()
     assert "\n" not in str(refused.value)
     assert refused.value.hint
     assert path.read_bytes() == data
@@ -157,25 +170,24 @@ def test_a_foreign_file_is_refused_in_one_line_and_left_alone(tmp_path, found, w
     ],
 )
 def test_rows_of_another_configuration_are_refused_and_left_alone(tmp_path, change, name):
-    words = {"broker": "mosquitto", "interval_s": 0.5, "lost_after_s": 10.0, "version": "9"}
     path = write(tmp_path / CSV_NAME, rows_of(1.0))
     before = path.read_bytes()
     with pytest.raises(UsageError, match=name):
-        RowFile(path, Origin(**{**words, **change})).__enter__()
+        opened(path, version="9", **change).__enter__()
     assert path.read_bytes() == before
-    with RowFile(path, Origin(**words)) as file:  # another version is welcome
-        assert file.next_seq["plain"] == 1
+    with opened(path, version="9") as file:  # another version is welcome
+        assert len(packets(file.table)["plain"]) == 1
 
 
 def test_two_runs_do_not_write_to_one_file(tmp_path):
-    with RowFile(tmp_path / CSV_NAME, ORIGIN), pytest.raises(UsageError, match="another run"):
-        RowFile(tmp_path / CSV_NAME, ORIGIN).__enter__()
+    with opened(tmp_path / CSV_NAME), pytest.raises(UsageError, match="another run"):
+        opened(tmp_path / CSV_NAME).__enter__()
 
 
 def test_a_folder_that_cannot_be_made_and_a_full_disk_are_told_in_one_line(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(Unavailable, match="cannot write"):
-        RowFile(tmp_path / "file" / CSV_NAME, ORIGIN).__enter__()
+        opened(tmp_path / "file" / CSV_NAME).__enter__()
     with pytest.raises(UsageError, match="no file"):
         read_table(tmp_path / "nothing.csv")
 
@@ -191,25 +203,24 @@ def test_a_configuration_out_of_range_is_refused(change):
 @pytest.mark.waits
 async def test_through_a_real_broker_every_packet_comes_back_plain_and_sealed(tmp_path):
     told = []
-    path = await measure(tmp_path, QUICK, "mosquitto", on_progress=lambda done, of: told.append((done, of)))
-    table = read_table(path)
+    path = await measure(tmp_path, lambda done, of: told.append((done, of)), config=QUICK, broker="mosquitto")
     assert told == [(done, 100) for done in range(101)]
     for kind in KINDS:
-        assert [row.seq for row in table.rows[kind]] == list(range(100))
-        assert {row.outcome for row in table.rows[kind]} == {"back"}
-        assert all(row.latency_ms > 0 for row in table.rows[kind])
+        assert [row.seq for row in rows_in(path)[kind]] == list(range(100))
+        assert {row.outcome for row in rows_in(path)[kind]} == {"back"}
+        assert all(row.latency_ms > 0 for row in rows_in(path)[kind])
     # One after the other: both see the same network.
-    sent = sorted((row.sent_at_s, row.kind) for kind in KINDS for row in table.rows[kind])
+    sent = sorted((row.sent_at_s, row.kind) for kind in KINDS for row in rows_in(path)[kind])
     assert [kind for _, kind in sent[:6]] == ["plain", "sealed"] * 3
     # Finished: nothing is sent again. More is asked for: it goes on.
     before = path.read_bytes()
-    await measure(tmp_path, QUICK, "mosquitto")
+    await measure(tmp_path, config=QUICK, broker="mosquitto")
     assert path.read_bytes() == before
-    await measure(tmp_path, Config(duration_s=2.4, interval_s=0.02, lost_after_s=1), "mosquitto")
+    await measure(tmp_path, config=Config(duration_s=2.4, interval_s=0.02, lost_after_s=1), broker="mosquitto")
     assert path.read_bytes().startswith(before)
-    assert summarize(read_table(path).rows["sealed"]).sent == 120
+    assert summarize(rows_in(path)["sealed"]).sent == 120
     with pytest.raises(UsageError, match="interval_s"):
-        await measure(tmp_path, Config(duration_s=2, interval_s=0.04, lost_after_s=1), "mosquitto")
+        await measure(tmp_path, config=Config(duration_s=2, interval_s=0.04, lost_after_s=1), broker="mosquitto")
 
 
 @pytest.mark.waits
@@ -232,7 +243,7 @@ async def test_what_goes_over_the_wire_is_the_packet_and_an_envelope(tmp_path):
         ready = asyncio.Event()
         listener = asyncio.create_task(listen())
         await ready.wait()
-        await measure(tmp_path, Config(duration_s=0.2, interval_s=0.02), f"mqtt://127.0.0.1:{port}")
+        await measure(tmp_path, config=Config(duration_s=0.2, interval_s=0.02), broker=f"mqtt://127.0.0.1:{port}")
         await eventually(lambda: len(seen) == 20)
         listener.cancel()
     plain, sealed = seen[::2], seen[1::2]
@@ -271,14 +282,14 @@ async def test_a_broker_that_goes_and_comes_costs_packets_and_not_the_measuremen
         start()
         await answers(port)
         config = Config(duration_s=8, interval_s=0.02, lost_after_s=0.5)
-        running = asyncio.create_task(measure(tmp_path, config, f"mqtt://127.0.0.1:{port}"))
+        running = asyncio.create_task(measure(tmp_path, config=config, broker=f"mqtt://127.0.0.1:{port}"))
         await eventually(lambda: count("back"))
         kill()
         await eventually(lambda: count("lost"))
         start()
         await running
     for kind in KINDS:
-        rows = read_table(path).rows[kind]
+        rows = rows_in(path)[kind]
         summary = summarize(rows)
         assert summary.sent == len(rows) == 400
         assert summary.undecided == 0
@@ -307,14 +318,14 @@ async def test_packets_that_come_after_all_are_late_with_their_true_latency(tmp_
     with a_process_of_mosquitto(port, tmp_path) as broker:
         await answers(port)
         config = Config(duration_s=4, interval_s=0.02, lost_after_s=0.3)
-        running = asyncio.create_task(measure(tmp_path, config, f"mqtt://127.0.0.1:{port}"))
+        running = asyncio.create_task(measure(tmp_path, config=config, broker=f"mqtt://127.0.0.1:{port}"))
         await eventually(lambda: path.exists() and path.read_text().count("back") > 10)
         broker.send_signal(signal.SIGSTOP)
         await eventually(lambda: path.read_text().count("lost") > 10)
         broker.send_signal(signal.SIGCONT)
         await running
     for kind in KINDS:
-        rows = read_table(path).rows[kind]
+        rows = rows_in(path)[kind]
         summary = summarize(rows)
         assert summary.sent == len(rows) == 200
         assert summary.lost == summary.late > 3  # TCP lost nothing: it all came, too late
@@ -342,7 +353,7 @@ async def test_ctrl_c_does_not_wait_for_a_broker_that_hangs(tmp_path):
 async def test_a_broker_that_never_was_is_told_in_one_line(tmp_path):
     config = Config(duration_s=1, connect_timeout_s=0.5)
     with pytest.raises(Unavailable, match=r"no broker at mqtt://127\.0\.0\.1:\d+ within 0\.5 s"):
-        await measure(tmp_path, config, f"mqtt://127.0.0.1:{free_port()}")
+        await measure(tmp_path, config=config, broker=f"mqtt://127.0.0.1:{free_port()}")
 
 
 @pytest.mark.waits
@@ -370,7 +381,7 @@ def test_ctrl_c_keeps_the_rows_and_the_same_command_goes_on(tmp_path):
     assert rows["sent"] == {"metric": "sent", "paper": 108471, "plain": 8, "sealed": 8}
     assert rows["slow_pct"]["paper"] == 1.194
     assert set(rows) > set(PAPER)
-    assert [row.seq for row in read_table(csv).rows["sealed"]] == list(range(8))
+    assert [row.seq for row in rows_in(csv)["sealed"]] == list(range(8))
     looks_like_a_figure(tmp_path / "link-fig4.png")
     # Finished: only the table and the figure once more.
     (tmp_path / "link-fig4.png").unlink()
@@ -385,7 +396,7 @@ def test_ctrl_c_keeps_the_rows_and_the_same_command_goes_on(tmp_path):
 
 @pytest.mark.waits
 def test_a_foreign_csv_is_misuse_and_a_missing_broker_a_failure(tmp_path):
-    csv = write(tmp_path / CSV_NAME, rows_of(1.0), Origin(broker="mqtt://a:1", interval_s=0.5, lost_after_s=10.0))
+    csv = write(tmp_path / CSV_NAME, rows_of(1.0), broker="mqtt://a:1")
     before = csv.read_bytes()
     with child("reproduce", "link-fig4", "--duration", "1", "--out", str(tmp_path)) as refused:
         assert refused.wait() == 2
@@ -403,7 +414,7 @@ def test_the_figure_is_drawn_from_the_csv_alone_and_keeps_no_login(tmp_path):
     alone = tmp_path / "elsewhere" / "copy.csv"
     alone.parent.mkdir()
     shutil.copy(csv, alone)
-    png, svg = draw(alone)
+    png, svg = draw(alone, FIGURE)
     assert sorted(path.name for path in alone.parent.iterdir()) == ["copy.csv", "copy.png", "copy.svg"]
     looks_like_a_figure(png)
     assert svg.read_text().lstrip().startswith("<?xml")
@@ -411,7 +422,7 @@ def test_the_figure_is_drawn_from_the_csv_alone_and_keeps_no_login(tmp_path):
 
 @pytest.mark.parametrize("rows", [[], rows_of("lost", "lost"), rows_of("cut"), rows_of(0.4)], ids=len)
 def test_little_or_nothing_is_drawn_without_complaint(tmp_path, rows):
-    looks_like_a_figure(draw(write(tmp_path / CSV_NAME, rows))[0])
+    looks_like_a_figure(draw(write(tmp_path / CSV_NAME, rows), FIGURE)[0])
 
 
 def test_without_matplotlib_the_csv_is_kept_and_the_hint_given(tmp_path, monkeypatch):
@@ -420,7 +431,7 @@ def test_without_matplotlib_the_csv_is_kept_and_the_hint_given(tmp_path, monkeyp
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(Unavailable, match="matplotlib is not installed") as missing:
-        draw(csv)
+        draw(csv, FIGURE)
     assert missing.value.hint == "make setup, or pip install matplotlib"
     assert [path.name for path in tmp_path.iterdir()] == [CSV_NAME]
 

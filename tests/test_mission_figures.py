@@ -9,7 +9,8 @@ import pytest
 
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
 from phalanx.errors import UsageError
-from phalanx.experiments.bti.flock import Statement
+from phalanx.experiments.figure import Figure
+from phalanx.experiments.library import FIGURES
 from phalanx.experiments.missions import fig8a as mission_fig8a
 from phalanx.experiments.missions import fig8c as mission_fig8c
 from phalanx.experiments.missions import fig9 as mission_fig9
@@ -17,23 +18,28 @@ from phalanx.experiments.missions import fig10 as mission_fig10
 from phalanx.experiments.missions import table1 as mission_table1
 from phalanx.experiments.missions.drive import encoded, errors_m, record, replay
 from phalanx.experiments.missions.explore import ROBOTS, ends, measure_case, shares_of
-from phalanx.experiments.missions.figure import MissionFigure, draw, measure
-from phalanx.experiments.missions.table import CaseFile, CaseTable, read_case_table
+from phalanx.experiments.plot import draw
+from phalanx.experiments.statement import Statement, report
+from phalanx.experiments.table import Head, Table, TableFile, measure, read_table
 from phalanx.mission import Walker
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 ROWS = np.array([[1.5, 2.0], [np.nan, 4.0]])
 
 
+def opened(path: Path, figure: str = "mission-figx", version: str = "1") -> TableFile:
+    return TableFile(path, Head(figure=figure, columns=("a", "b"), origin={"version": version}))
+
+
 def write(path: Path, *cases: str) -> None:
-    with CaseFile(path, "mission-figx", "1", ("a", "b")) as file:
+    with opened(path) as file:
         for case in cases:
             file.append(case, ROWS)
 
 
 def test_a_table_that_is_read_again_has_what_was_written(tmp_path: Path) -> None:
     write(tmp_path / "x.csv", "seed 0", "fixed 3 m;0 0.05;seed 1")
-    table = read_case_table(tmp_path / "x.csv")
+    table = read_table(tmp_path / "x.csv")
     assert list(table.cases) == ["seed 0", "fixed 3 m;0 0.05;seed 1"]
     assert np.array_equal(table.cases["seed 0"], ROWS, equal_nan=True)
     assert table.column("seed 0", "b").tolist() == [2.0, 4.0]
@@ -43,18 +49,18 @@ def test_a_case_that_was_cut_short_is_measured_again_and_whole_ones_are_not(tmp_
     path = tmp_path / "x.csv"
     write(path, "seed 0", "seed 1")
     path.write_bytes(path.read_bytes()[:-9])
-    with CaseFile(path, "mission-figx", "1", ("a", "b")) as file:
+    with opened(path) as file:
         assert file.done == {"seed 0"}
         file.append("seed 1", ROWS)
-    assert list(read_case_table(path).cases) == ["seed 0", "seed 1"]
+    assert list(read_table(path).cases) == ["seed 0", "seed 1"]
 
 
-@pytest.mark.parametrize("other", [("mission-figy", "1", ("a", "b")), ("mission-figx", "2", ("a", "b"))])
-def test_another_measurements_file_is_left_as_it_is(tmp_path: Path, other: tuple[str, str, tuple[str, ...]]) -> None:
+@pytest.mark.parametrize("other", [{"figure": "mission-figy"}, {"version": "2"}])
+def test_another_measurements_file_is_left_as_it_is(tmp_path: Path, other: dict[str, str]) -> None:
     path = tmp_path / "x.csv"
     write(path, "seed 0")
     before = path.read_bytes()
-    with pytest.raises(UsageError), CaseFile(path, *other):
+    with pytest.raises(UsageError), opened(path, **other):
         pass
     assert path.read_bytes() == before
 
@@ -63,33 +69,46 @@ def test_another_measurements_file_is_left_as_it_is(tmp_path: Path, other: tuple
 def test_what_is_no_table_is_refused(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.csv").write_bytes(data)
     with pytest.raises(UsageError):
-        read_case_table(tmp_path / "x.csv")
+        read_table(tmp_path / "x.csv")
 
 
 def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone(tmp_path: Path) -> None:
     measured: list[str] = []
 
-    def one(case: str) -> np.ndarray:
-        measured.append(case)
-        if case == "seed 1" and measured.count(case) == 1:
-            raise KeyboardInterrupt
-        return ROWS
+    class Body:
+        COLUMNS = ("a", "b")
 
-    figure = MissionFigure(
-        name="mission-figx",
-        about="a test",
-        columns=("a", "b"),
-        seeds=2,
-        cases=lambda seeds: [f"seed {seed}" for seed in range(seeds)],
-        measure=one,
-        compare=lambda table: [Statement("rows", "", "", str(len(table.cases)), agrees=True, why="")],
-        draw=lambda table, picture: picture.subplots().plot(table.column("seed 0", "b")),
-    )
+        def cases(self, seeds: int) -> list[str]:
+            return [f"seed {seed}" for seed in range(seeds)]
+
+        def measure_case(self, case: str, _tell: object) -> np.ndarray:
+            measured.append(case)
+            if case == "seed 1" and measured.count(case) == 1:
+                raise KeyboardInterrupt
+            return ROWS
+
+        def compare(self, table: Table) -> list[Statement]:
+            return [Statement("rows", "", "", str(len(table.cases)), agrees=True, why="")]
+
+        def draw(self, table: Table, picture) -> None:
+            picture.subplots().plot(table.column("seed 0", "b"))
+
+    figure = Figure(name="mission-figx", about="a test", made_by=Body())
     with pytest.raises(KeyboardInterrupt):
         measure(tmp_path, figure, 2)
     csv = measure(tmp_path, figure, 2)
     assert measured == ["seed 0", "seed 1", "seed 1"]
     assert all(path.stat().st_size > 1000 for path in draw(csv, figure))
+    told = report(figure, read_table(csv))
+    assert told.rows[0]["ours"] == "2"
+    assert told.lines[-1] == "agrees: rows.  nothing disagrees"
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_is_made_by_something_that_can_measure_compare_and_draw(name: str) -> None:
+    body = FIGURES[name].body
+    assert callable(body.draw)
+    assert all(map(callable, (body.measure, body.report) if hasattr(body, "measure") else (body.cases, body.compare)))
 
 
 def test_encoded_landmarks_correct_what_odometry_alone_loses() -> None:
@@ -129,18 +148,18 @@ def test_the_graph_is_divided_evenly_and_wholly_among_the_explorers() -> None:
 
 def test_four_explorers_find_everything_and_none_sees_more_of_the_floor_than_the_papers() -> None:
     rows = measure_case("seed 0")
-    table = CaseTable("mission-fig9", "1", mission_fig9.FIGURE.columns, {"seed 0": rows})
+    table = Table("mission-fig9", {}, mission_fig9.COLUMNS, {"seed 0": rows})
     assert len(ends(rows)) == ROBOTS
     assert all(each.agrees for each in mission_fig9.compare(table))
     assert mission_table1.compare(table)[-1].agrees
 
 
 def test_every_statement_of_a_short_drive_names_what_was_asked(tmp_path: Path) -> None:
-    csv = measure(tmp_path, mission_fig8a.FIGURE, 1)
-    statements = mission_fig8a.compare(read_case_table(csv))
+    csv = measure(tmp_path, FIGURES["mission-fig8a"], 1)
+    statements = mission_fig8a.compare(read_table(csv))
     assert all(each.what and each.ours and each.why for each in statements)
     assert all(each.agrees for each in statements)
-    for path in draw(csv, mission_fig8a.FIGURE):
+    for path in draw(csv, FIGURES["mission-fig8a"]):
         assert path.exists()
 
 

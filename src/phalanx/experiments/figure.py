@@ -1,68 +1,89 @@
-"""How every figure is made, looks and is saved: without a display, and never half-written."""
+"""What a figure of a paper is: one record for each.
+
+What is measured, compared and drawn is a module of this package, and only its name stands here until somebody asks: the
+list of figures needs no compiler. Rows go to a CSV (table.py), and the figure is drawn from the CSV alone (plot.py).
+"""
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from phalanx.errors import Unavailable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from phalanx.errors import UsageError
 
 MATPLOTLIB_HINT = "make setup, or pip install matplotlib"
-# Okabe and Ito's: told apart by every kind of eye, and in grey.
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure.
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What can be asked of a figure.
 
-    Raises: Unavailable: matplotlib is missing.
+    Args:
+        name: as typed, without the dashes.
+        default: of the type that it takes.
+        help: for people.
+        least, most: of a number.
     """
-    try:
-        # Made without pyplot, and so without a display or any state that others could share.
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
-        from matplotlib.figure import Figure  # noqa: PLC0415
-    except ImportError as error:
-        raise Unavailable("matplotlib is not installed: nothing drawn", MATPLOTLIB_HINT) from error
-    figure = Figure(figsize=(width_in, height_in))
-    FigureCanvasAgg(figure)
-    return figure
+
+    name: str
+    default: float | str
+    help: str
+    least: float = 0.0
+    most: float = float("inf")
 
 
-def dress_axes(axes: Axes) -> None:
-    """A faint grid, and no frame where no scale is."""
-    axes.grid(alpha=0.25, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
+SEEDS = Option("seeds", 20, "Runs of each case.", 1, 10_000)
 
 
-def legend_above(axes: Axes, columns: int = 1) -> None:
-    """A legend above the axes, where it covers nothing that was measured."""
-    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, frameon=False, borderaxespad=0.2)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """One figure or table of a paper.
 
+    What it is made by has `draw(table, picture)`, which draws into an empty picture and returns the footer or None; and
 
-def write_margins(figure: Figure, title: str, footer: str) -> None:
-    """What it shows, above; where that comes from, below."""
-    figure.suptitle(title, x=0.01, ha="left")
-    figure.text(0.01, 0.01, footer, fontsize=7.5, color="0.35")
+    - `COLUMNS`, `cases(seeds)`, the cases' names in the order to measure them, `measure_case(case, tell)`, the rows of
+      one and what else is kept of it, or only the rows, and `compare(table)`, the statements; and `origin()`, if more
+      than the version must agree for two measurements to share a file;
+    - or `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)`, where it is measured otherwise.
 
-
-def save_figure(figure: Figure, csv: Path) -> tuple[Path, Path]:
-    """The PNG and the SVG beside `csv`.
-
-    Raises: Unavailable: the disk is full.
+    Args:
+        name: as typed, and of its files.
+        about: what it shows, one line with its place in the paper.
+        made_by: a module of this package by its name, or whatever else has what is said above.
+        example: options that somebody may want.
+        options: what can be asked of it.
+        has_login: whether it asks for a broker's login.
+        counted: what is counted while it is measured.
+        size_in: of the picture.
     """
-    png, svg = csv.with_suffix(".png"), csv.with_suffix(".svg")
-    for path in (png, svg):
-        half_done = path.with_suffix(f".{os.getpid()}{path.suffix}")
-        try:
-            figure.savefig(half_done, dpi=150)
-            half_done.replace(path)
-        except OSError as error:
-            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
-        finally:
-            half_done.unlink(missing_ok=True)
-    return png, svg
+
+    name: str
+    about: str
+    made_by: Any
+    example: str = "--seeds 5"
+    options: tuple[Option, ...] = (SEEDS,)
+    has_login: bool = False
+    counted: str = "cases"
+    size_in: tuple[float, float] = (11.0, 5.5)
+
+    @property
+    def body(self) -> Any:
+        """What it is made by."""
+        return import_module(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
+
+    def csv(self, folder: Path) -> Path:
+        """Where its rows are."""
+        return folder / f"{self.name}.csv"
+
+    def check(self, said: Mapping[str, Any]) -> None:
+        """Numbers are within their bounds.
+
+        Raises: UsageError: one is not.
+        """
+        for option in self.options:
+            value = said.get(option.name, option.default)
+            if not isinstance(value, str) and not option.least <= value <= option.most:
+                raise UsageError(f"{value:g} {option.name}", f"{option.least:g} to {option.most:g}")

@@ -1,5 +1,52 @@
-"""`phalanx reproduce`: the papers' figures, ours beside theirs."""
+"""`phalanx reproduce`: the papers' figures, ours beside theirs; one command for each figure there is."""
 
-from phalanx.cli.reproduce import reproduce
+from __future__ import annotations
 
-__all__ = ["reproduce"]
+from functools import partial, update_wrapper
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.cli.options import json_option, login_option
+from phalanx.experiments.figure import SEEDS, Figure
+from phalanx.experiments.library import FIGURES
+
+from .runs import runs
+
+NOTES = (
+    "Ctrl-C stops; the same command goes on from there, and only draws when all is there. What an earlier command left "
+    "in the same folder counts too, also where it is more."
+)
+FINDINGS = (
+    " Ends with 0 once it has been measured and drawn, whether or not ours agrees with the paper: NO is a finding, and "
+    "the last line says why."
+)
+
+
+@click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
+def reproduce() -> None:
+    """Measure a figure of one of the papers and draw ours beside it."""
+
+
+def _command(figure: Figure) -> click.Command:
+    measure: Any = runs("reproduce", "reproduce")(lambda: None)
+    command = update_wrapper(partial(measure, figure=figure.name), measure)
+    command = click.option(
+        "--out",
+        type=click.Path(path_type=Path, file_okay=False),
+        default=Path("out"),
+        show_default=True,
+        help="Folder for the CSV and the figure.",
+    )(json_option(command))
+    for option in reversed(figure.options):
+        command = click.option(f"--{option.name}", default=option.default, show_default=True, help=option.help)(command)
+    if figure.has_login:
+        command = login_option(command)
+    example = f"Example: phalanx reproduce {figure.name} {figure.example}"
+    notes = NOTES + FINDINGS * (SEEDS in figure.options)
+    return click.command(figure.name, help=f"{figure.about}.\n\n{notes}", epilog=example)(command)
+
+
+for each in FIGURES.values():
+    reproduce.add_command(_command(each))

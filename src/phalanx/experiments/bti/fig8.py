@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from .flock import FlockConfig, Statement, at_times, mean_distances_m, quantiles, read_reference
-from .flock_table import FlockTable
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Table
 
-CONFIG = FlockConfig(
-    name="bti-fig8",
-    title="One robot lies from 15 s on, and nobody stops it (RoboRebound Fig. 8)",
-    reference={"honest": "honest", "attacked": "attacked"},
-)
+from .flock import COLUMNS, Flock, FlockRuns, at_times, cases, mean_distances_m, read_reference, runs_of
+from .flock_plot import draw_flock
+
+__all__ = ["COLUMNS", "cases", "check", "compare", "draw", "measure_case", "origin"]
+
+FLOCK = Flock(name="bti-fig8", reference={"honest": "honest", "attacked": "attacked"})
+origin, measure_case, check, draw = FLOCK.origin, FLOCK.measure_case, runs_of, partial(draw_flock, FLOCK)
 TIMES_S = (50.0, 100.0, 150.0)
 # Two implementations of one law, whose broadcasts come at other moments.
 HONEST_SHARE = 0.03
@@ -21,12 +25,17 @@ PLATEAU_FROM_S = 100.0
 PLATEAU_SHARE = 0.05
 
 
-def compare(table: FlockTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
+    """What the paper says, the independent reference, and ours."""
+    return compare_runs(runs_of(table))
+
+
+def compare_runs(table: FlockRuns) -> list[Statement]:
     """What the paper says of Fig. 8, the independent reference, and ours.
 
     Source: RoboRebound §5.3; docs/spec/world.md (tolerances: 3 % honest).
     """
-    goal_m = CONFIG.scenario("honest", 0).goal_m
+    goal_m = FLOCK.scenario("honest", 0).goal_m
     honest_m = mean_distances_m(table, "honest", goal_m, of_the_honest_in_both=False)
     attacked_m = mean_distances_m(table, "attacked", goal_m)
     reference = read_reference()

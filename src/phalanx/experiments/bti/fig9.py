@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from .attack_trial import stop_bound_s
-from .flock import FlockConfig, Statement, at_times, mean_distances_m, quantiles, read_reference
-from .flock_table import FlockTable
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Table
 
-CONFIG = FlockConfig(
-    name="bti-fig9",
-    title="One robot lies from 15 s on, and the others audit it (RoboRebound Fig. 9)",
-    reference={"honest": "honest", "attacked": "stopped_at_25s"},
-)
+from .attack_trial import stop_bound_s
+from .flock import COLUMNS, Flock, FlockRuns, at_times, cases, mean_distances_m, read_reference, runs_of
+from .flock_plot import draw_flock
+
+__all__ = ["COLUMNS", "cases", "check", "compare", "draw", "measure_case", "origin"]
+
+FLOCK = Flock(name="bti-fig9", reference={"honest": "honest", "attacked": "stopped_at_25s"})
+origin, measure_case, check, draw = FLOCK.origin, FLOCK.measure_case, runs_of, partial(draw_flock, FLOCK)
 TIMES_S = (50.0, 100.0, 150.0)
 # How far the reference's flock ever is from its own baseline when its liar is switched off after 10 s.
 NEAR_M = 4.0
 HONEST_SHARE = 0.03
 
 
-def compare(table: FlockTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
+    """What the paper says, the independent reference, and ours."""
+    return compare_runs(runs_of(table))
+
+
+def compare_runs(table: FlockRuns) -> list[Statement]:
     """What the paper says of Fig. 9, the independent reference, and ours.
 
     Source: RoboRebound §5.3; docs/spec/rebound.md (P1, P2); docs/spec/world.md (within 4 m of the baseline).
     """
     seeds = table.seeds()
-    scenario = CONFIG.scenario("attacked", 0)
+    scenario = FLOCK.scenario("attacked", 0)
     told = [table.runs["attacked", seed].summary["compromised"][0] for seed in seeds]
     lived_s = np.array(
         [np.inf if each["safe_mode_s"] is None else each["safe_mode_s"] - each["first_deviation_s"] for each in told]

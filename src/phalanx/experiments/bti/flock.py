@@ -7,126 +7,73 @@ import importlib.resources
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.experiments.version import version
+from phalanx.experiments.table import Rows, Table
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
-from .flock_table import HONEST, LIAR, STOPPED, FlockFile, FlockRun, FlockTable, Origin
-
 CASES = ("honest", "attacked")
+COLUMNS = ("t_s", "robot", "state", "x_m", "y_m")
+HONEST, LIAR, STOPPED = STATES = 0, 1, 2  # what a robot is, in `state`
 EVERY_S = 5.0
 # A run is advanced in steps, so that progress is seen and Ctrl-C heard.
 STEP_S = 1.0
-LOW, HIGH = 0.05, 0.95
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlockConfig:
+class Flock:
     """What one of the figures measures.
 
     Args:
-        name: bti-fig8 or bti-fig9: of the figure and of the built-in scenario.
-        title: above the figure.
+        name: of the built-in scenario.
         reference: by case, the series of data/flock_reference.csv that belongs beside ours.
-        seeds: of each case so many runs, with seeds from 0.
-    Raises: UsageError: no seeds.
     """
 
     name: str
-    title: str
     reference: dict[str, str]
-    seeds: int = 20
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.seeds <= 10_000:
-            raise UsageError(f"{self.seeds} seeds", "1 to 10000")
-
-    @property
-    def csv_name(self) -> str:
-        """Of the CSV in the folder of results."""
-        return f"{self.name}.csv"
 
     def scenario(self, case: str, seed: int) -> Scenario:
         """What runs: the built-in scenario, in the honest case without its attack."""
         chosen = replace(find_scenario(self.name), seed=seed)
         return chosen if case == "attacked" else replace(chosen, attacks=())
 
+    def origin(self) -> dict[str, Any]:
+        """What two measurements that share a file must agree in: what was run, all of it, and how often looked at."""
+        return {"scenario": repr(self.scenario("attacked", 0)), "every_s": EVERY_S}
 
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """One thing that the paper or the reference says, and what we found.
-
-    Args:
-        what: is compared, with its unit.
-        paper: what the paper says, in words.
-        reference: what the independent reference has, or "".
-        ours: what we measured.
-        agrees: whether they agree, by the tolerance named in `why`.
-        why: the tolerance, and where it comes from; of a disagreement, the reason.
-    """
-
-    what: str
-    paper: str
-    reference: str
-    ours: str
-    agrees: bool
-    why: str
-
-
-def measure(folder: Path, config: FlockConfig, on_progress: Callable[[float], None] = lambda _share: None) -> Path:
-    """The CSV in `folder`, with all runs in it; goes on where an earlier measurement was stopped.
-
-    Args:
-        folder: made if it is not there.
-        config: which figure, how many seeds.
-        on_progress: called with the share of the work that is done, 0 to 1.
-    Raises: UsageError: a CSV of another measurement. Unavailable: the disk is full.
-    Source: RoboRebound §5.3.
-    """
-    path = folder / config.csv_name
-    origin = Origin(
-        figure=config.name, scenario=repr(config.scenario("attacked", 0)), every_s=EVERY_S, version=version()
-    )
-    todo = [(seed, case) for seed in range(config.seeds) for case in CASES]
-    done = 0
-
-    def tell(share: float) -> None:
-        on_progress((done + share) / len(todo))
-
-    with FlockFile(path, origin) as file:
-        for seed, case in todo:
-            if (case, seed) not in file.done:
-                file.append(_run(config, case, seed, tell))
-            done += 1
-            tell(0.0)
-    return path
+    def measure_case(self, case: str, tell: Callable[[float], None]) -> tuple[Rows, dict[str, Any]]:
+        """A row for each sample and robot; and the run's summary, less the series and what was the machine's."""
+        kind, seed = split(case)
+        scenario = self.scenario(kind, seed)
+        run, rows = Run(scenario), []
+        with ctrl_c_between_steps() as check:
+            for sample in range(math.floor(scenario.duration_s / EVERY_S) + 1):
+                t_s = sample * EVERY_S
+                while run.now_s < t_s:
+                    run.advance(min(run.now_s + STEP_S, t_s))
+                    tell(run.now_s / scenario.duration_s)
+                    check()
+                rows.append(np.column_stack([np.full(len(run.ids), t_s), run.ids, _states(run), run.positions_m]))
+        drop = ("distance_series", "real_time_factor")
+        return np.concatenate(rows), {key: value for key, value in run.summary().items() if key not in drop}
 
 
-def _run(config: FlockConfig, case: str, seed: int, on_progress: Callable[[float], None]) -> FlockRun:
-    scenario = config.scenario(case, seed)
-    run = Run(scenario)
-    samples = math.floor(scenario.duration_s / EVERY_S) + 1
-    times_s = np.arange(samples, dtype=np.float64) * EVERY_S
-    positions_m = np.zeros((samples, scenario.robots, 2))
-    states = np.zeros((samples, scenario.robots), np.int8)
-    with ctrl_c_between_steps() as check:
-        for sample, t_s in enumerate(times_s):
-            while run.now_s < t_s:
-                run.advance(min(run.now_s + STEP_S, t_s))
-                on_progress(run.now_s / scenario.duration_s)
-                check()
-            positions_m[sample] = run.positions_m
-            states[sample] = _states(run)
-    summary = {key: value for key, value in run.summary().items() if key not in ("distance_series", "real_time_factor")}
-    return FlockRun(case, seed, times_s, positions_m, states, summary)
+def cases(seeds: int) -> list[str]:
+    """Seed by seed."""
+    return [f"{case} seed {seed}" for seed in range(seeds) for case in CASES]
+
+
+def split(case: str) -> tuple[str, int]:
+    """(honest or attacked, seed)."""
+    kind, _, seed = case.split(" ")
+    return kind, int(seed)
 
 
 def _states(run: Run) -> NDArray[np.int8]:
@@ -137,8 +84,74 @@ def _states(run: Run) -> NDArray[np.int8]:
     return states
 
 
+@dataclass(frozen=True, slots=True)
+class FlockRun:
+    """One run.
+
+    Args:
+        case: honest or attacked.
+        seed: of the run.
+        times_s: (T,).
+        positions_m: (T, N, 2).
+        states: (T, N) int8: HONEST, LIAR, STOPPED.
+        summary: as `phalanx sim run --json`, less the series.
+    """
+
+    case: str
+    seed: int
+    times_s: NDArray[np.float64]
+    positions_m: NDArray[np.float64]
+    states: NDArray[np.int8]
+    summary: dict[str, Any]
+
+    @property
+    def liars(self) -> NDArray[np.bool_]:
+        """(N,), who was compromised."""
+        liars = np.zeros(self.positions_m.shape[1], bool)
+        liars[[told["robot"] - 1 for told in self.summary["compromised"]]] = True
+        return liars
+
+    def distances_m(self, goal_m: tuple[float, float]) -> NDArray[np.float64]:
+        """(T, N), to the goal. Source: RoboRebound Fig. 8."""
+        distances: NDArray[np.float64] = np.sqrt(((self.positions_m - np.array(goal_m)) ** 2).sum(axis=2))
+        return distances
+
+
+@dataclass(frozen=True, slots=True)
+class FlockRuns:
+    """A table's runs, by case and seed."""
+
+    runs: dict[tuple[str, int], FlockRun]
+
+    def seeds(self) -> list[int]:
+        """Those of which each case is there."""
+        cases = {case for case, _ in self.runs}
+        seeds = {seed for _, seed in self.runs}
+        return sorted(seed for seed in seeds if all((case, seed) in self.runs for case in cases))
+
+
+def runs_of(table: Table) -> FlockRuns:
+    """The runs in a table.
+
+    Raises: UsageError: a case of it is no run of a flock.
+    """
+    try:
+        return FlockRuns({split(case): _run(case, rows, table.kept[case]) for case, rows in table.cases.items()})
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise UsageError(f"a case of {table.figure} is no run of a flock: {error}", "measure it again") from error
+
+
+def _run(case: str, rows: Rows, summary: dict[str, Any]) -> FlockRun:
+    robots = int(summary["robots"])
+    each = rows.reshape(-1, robots, len(COLUMNS))
+    in_order = (each[:, :, 1] == np.arange(1, robots + 1)).all() and np.isin(each[:, :, 2], STATES).all()
+    if not (np.isfinite(rows).all() and in_order):
+        raise ValueError(case)
+    return FlockRun(*split(case), each[:, 0, 0], each[:, :, 3:], each[:, :, 2].astype(np.int8), summary)
+
+
 def mean_distances_m(
-    table: FlockTable, case: str, goal_m: tuple[float, float], *, of_the_honest_in_both: bool = True
+    table: FlockRuns, case: str, goal_m: tuple[float, float], *, of_the_honest_in_both: bool = True
 ) -> NDArray[np.float64]:
     """(S, T): of each seed, the mean distance to the goal of the robots that are honest.
 
@@ -158,29 +171,9 @@ def mean_distances_m(
     return np.array(rows)
 
 
-def band(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Median, 5 % and 95 % quantile over the seeds, each (T,)."""
-    low, middle, high = np.quantile(values, (LOW, 0.5, HIGH), axis=0)
-    return middle, low, high
-
-
 def at_times(values: NDArray[np.float64], times_s: NDArray[np.float64], t_s: float) -> NDArray[np.float64]:
     """(S,): of (S, T) values those at `t_s`, between two samples in proportion."""
     return np.array([float(np.interp(t_s, times_s, row)) for row in values])
-
-
-def quantiles(values: NDArray[np.float64], form: str = ".1f") -> str:
-    """`median (5 % … 95 %)` in words."""
-    low, middle, high = np.quantile(values, (LOW, 0.5, HIGH), method="nearest")
-    return f"{middle:{form}} ({low:{form}} … {high:{form}})"
-
-
-def last_line(statements: list[Statement]) -> str:
-    """What agrees with the paper and the reference, what does not, and why."""
-    agree = [each.what for each in statements if each.agrees]
-    differ = [f"{each.what}: {each.ours} (asked: {each.why})" for each in statements if not each.agrees]
-    said = [f"agrees: {'; '.join(agree)}"] if agree else []
-    return ".  ".join([*said, f"does not agree: {'; '.join(differ)}" if differ else "nothing disagrees"])
 
 
 def read_reference() -> dict[str, NDArray[np.float64]]:

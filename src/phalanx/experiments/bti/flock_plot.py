@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.figure import (
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILION,
-    dress_axes,
-    legend_above,
-    new_figure,
-    save_figure,
-    write_margins,
-)
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, legend_above
+from phalanx.experiments.statement import band
+from phalanx.experiments.table import Table
 
-from .flock import CASES, FlockConfig, band, mean_distances_m, read_reference
-from .flock_table import HONEST, LIAR, STOPPED, FlockRun, FlockTable, read_flock_table
+from .flock import CASES, HONEST, LIAR, STOPPED, Flock, FlockRun, FlockRuns, mean_distances_m, read_reference, runs_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
 
 COLOUR = {HONEST: BLUE, LIAR: VERMILION, STOPPED: GREY}
 WORDS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
@@ -32,35 +23,25 @@ PAPER_Z_M = 150.0
 MARGIN_M = 40.0
 
 
-def draw_flock(csv: Path, config: FlockConfig) -> tuple[Path, Path]:
-    """The PNG and the SVG beside `csv`.
-
-    Raises: UsageError: no such CSV, or not one of ours. Unavailable: matplotlib is missing, or the disk is full.
-    Source: RoboRebound Fig. 8, Fig. 9.
-    """
-    table = read_flock_table(csv)
-    seeds = table.seeds()
-    figure = new_figure(11, 8.4)
-    rows = figure.subplots(len(CASES), 2, width_ratios=(7, 5))
+def draw_flock(flock: Flock, table: Table, picture: Picture) -> str:
+    """Of each case, the distances over time and the ground. Source: RoboRebound Fig. 8, Fig. 9."""
+    runs = runs_of(table)
+    seeds = runs.seeds()
+    rows = picture.subplots(len(CASES), 2, width_ratios=(7, 5))
     for case, (over_time, ground) in zip(CASES, rows, strict=True):
-        run = table.runs[case, seeds[0]]
-        _draw_over_time(over_time, table, config, run)
-        _draw_ground(ground, config, run)
+        run = runs.runs[case, seeds[0]]
+        _draw_over_time(over_time, runs, flock, run)
+        _draw_ground(ground, flock, run)
         for axes in (over_time, ground):
-            dress_axes(axes)
             legend_above(axes, columns=2)
-    write_margins(
-        figure,
-        config.title,
+    return (
         f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}; "
-        f"hollow: an independent script\nphalanx {table.origin.version}",
+        f"hollow: an independent script\nphalanx {table.version}"
     )
-    figure.tight_layout(rect=(0, 0.04, 1, 1))
-    return save_figure(figure, csv)
 
 
-def _draw_over_time(axes: Axes, table: FlockTable, config: FlockConfig, run: FlockRun) -> None:
-    goal_m = config.scenario(run.case, run.seed).goal_m
+def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -> None:
+    goal_m = flock.scenario(run.case, run.seed).goal_m
     distances_m = run.distances_m(goal_m)
     axes.plot(run.times_s, distances_m[:, ~run.liars], color=BLUE, alpha=0.25, linewidth=0.7)
     axes.plot(run.times_s, distances_m[:, run.liars], color=VERMILION, linewidth=1.2)
@@ -70,7 +51,7 @@ def _draw_over_time(axes: Axes, table: FlockTable, config: FlockConfig, run: Flo
     middle, low, high = band(mean_distances_m(table, run.case, goal_m))
     axes.fill_between(run.times_s, low, high, color=BLUE, alpha=0.3, linewidth=0, label="5 to 95 % of seeds")
     axes.plot(run.times_s, middle, color=BLUE, linewidth=2, label="mean of correct robots, median of seeds")
-    reference = read_reference()[config.reference[run.case]]
+    reference = read_reference()[flock.reference[run.case]]
     axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
     axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")
     axes.text(0, PAPER_Z_M, " paper's z = 150 m", fontsize=7.5, color="0.35", va="bottom")
@@ -87,8 +68,8 @@ def _shade(axes: Axes, run: FlockRun) -> None:
             axes.axvspan(told["first_deviation_s"], end_s, color=VERMILION, alpha=0.15, linewidth=0, label="it lies")
 
 
-def _draw_ground(axes: Axes, config: FlockConfig, run: FlockRun) -> None:
-    goal_m = config.scenario(run.case, run.seed).goal_m
+def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
+    goal_m = flock.scenario(run.case, run.seed).goal_m
     start_m = run.positions_m[0]
     axes.plot(start_m[:, 0], start_m[:, 1], "o", mfc="none", mec=BLUE, ms=3.5, label="at the start")
     for state in (HONEST, LIAR, STOPPED):

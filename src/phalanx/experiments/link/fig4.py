@@ -25,6 +25,7 @@ from typing import Any
 from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import OpenError, Unavailable, UsageError
+from phalanx.experiments.table import TableFile
 from phalanx.experiments.version import version
 from phalanx.io import Login
 from phalanx.io.broker import RunningBroker, open_broker
@@ -35,7 +36,10 @@ from phalanx.link.messages import Publish
 from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import full_topic
 
-from .fig4_table import KINDS, Kind, Origin, Row, RowFile
+from .fig4_plot import draw
+from .fig4_table import KINDS, Kind, Row, cells, head, packets, report
+
+__all__ = ["Config", "draw", "make_packet", "measure", "report"]
 
 log = logging.getLogger(__name__)
 
@@ -43,8 +47,6 @@ CSV_NAME = "link-fig4.csv"
 MOST_PACKETS = 10**7
 LINK = LinkConfig()
 CLOSE_TIMEOUT_S = 1.0
-# The paper's own, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
-PAPER = {"sent": 108_471, "lost": 0, "mean_ms": 21.55, "slow_pct": 1.194, "longest_slow_run": 70}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,32 +81,37 @@ class Config:
 
 async def measure(
     folder: Path,
-    config: Config,
+    on_progress: Callable[[int, int], None] = lambda _sent, _of: None,
+    *,
+    duration: float = 60.0,
     broker: str = "auto",
     login: Login | None = None,
-    on_progress: Callable[[int, int], None] = lambda _sent, _of: None,
+    config: Config | None = None,
 ) -> Path:
     """The CSV in `folder`, with all of the packets in it; goes on where an earlier run was stopped.
 
     Args:
         folder: made if it is not there.
-        config: how many packets, and how often.
+        on_progress: called before each packet with the sequence number and how many there will be.
+        duration: seconds.
         broker: auto, mosquitto, amqtt, or a URL.
         login: for a broker that asks for one.
-        on_progress: called before each packet with the sequence number and how many there will be.
+        config: how many packets, and how often, if not for `duration`.
     Raises: UsageError: a bad URL, or a CSV of another measurement. Unavailable: no broker, or the disk is full.
     """
+    config = config or Config(duration_s=duration)
     path = folder / CSV_NAME
     async with open_broker(broker, login=login) as running:
-        origin = Origin(
+        begin = head(
             broker=str(running.url) if running.name == "external" else running.name,
             interval_s=config.interval_s,
             lost_after_s=config.lost_after_s,
             version=version(),
         )
-        with RowFile(path, origin) as rows:
-            if min(rows.next_seq.values()) < config.packets:
-                await _Probe(running, config, rows, on_progress).run()
+        with TableFile(path, begin, packets) as file:
+            next_seq = {kind: rows[-1].seq + 1 if rows else 0 for kind, rows in packets(file.table).items()}
+            if min(next_seq.values()) < config.packets:
+                await _Probe(running, config, file, next_seq, on_progress).run()
     return path
 
 
@@ -112,10 +119,16 @@ class _Probe:
     """Sends packets on time, whatever becomes of those before them, and writes down what does."""
 
     def __init__(
-        self, broker: RunningBroker, config: Config, rows: RowFile, on_progress: Callable[[int, int], None]
+        self,
+        broker: RunningBroker,
+        config: Config,
+        file: TableFile,
+        next_seq: dict[Kind, int],
+        on_progress: Callable[[int, int], None],
     ) -> None:
         self._config = config
-        self._rows = rows
+        self._file = file
+        self._next_seq = next_seq
         self._on_progress = on_progress
         self._epochs: dict[Kind, Epoch] = {kind: derive_epoch(new_pin(LINK.pin_digits, os.urandom)) for kind in KINDS}
         self._topics = {kind: full_topic(LINK.root, self._epochs[kind].topic, "notify") for kind in KINDS}
@@ -148,7 +161,7 @@ class _Probe:
         except asyncio.CancelledError:
             # Neither back nor lost: to drop them would hide losses, to count them as lost would make some up.
             for (kind, _), (seq, sent_at_s, _) in self._under_way.items():
-                self._rows.append(Row(seq, kind, sent_at_s, "cut"))
+                self._write(Row(seq, kind, sent_at_s, "cut"))
             raise
         finally:
             tasks: tuple[asyncio.Task[Any], ...] = (staying, pacing, *self._sending)
@@ -162,7 +175,7 @@ class _Probe:
             await self._link.wait_connected(self._config.connect_timeout_s)
         except TimeoutError as error:
             raise Unavailable(str(error), "check host, port and firewall") from error
-        config, next_seq = self._config, self._rows.next_seq
+        config, next_seq = self._config, self._next_seq
         due_s = time.monotonic()
         for seq in range(min(next_seq.values()), config.packets):
             self._on_progress(seq, config.packets)
@@ -201,14 +214,17 @@ class _Probe:
             return
         now_s = time.monotonic()
         if sent := self._under_way.pop((kind, packet), None):
-            self._rows.append(Row(sent[0], kind, sent[1], "back", (now_s - sent[2]) * 1000))
+            self._write(Row(sent[0], kind, sent[1], "back", (now_s - sent[2]) * 1000))
         elif sent := self._given_up.pop((kind, packet), None):
-            self._rows.append(Row(sent[0], kind, sent[1], "late", (now_s - sent[2]) * 1000))
+            self._write(Row(sent[0], kind, sent[1], "late", (now_s - sent[2]) * 1000))
 
     def _open(self, payload: bytes) -> str:
         opened = open_envelope(payload, self._epochs["sealed"], time.time(), self._cache, LINK.max_to_client_bytes)
         assert isinstance(opened, Envelope), "no pin message was allowed"
         return str(opened.payload)
+
+    def _write(self, row: Row) -> None:
+        self._file.append_line(cells(row))
 
     async def _on_connect(self, again: bool) -> None:
         log.debug("%s", "reconnected" if again else "connected")
@@ -217,7 +233,7 @@ class _Probe:
         oldest_s = time.monotonic() - self._config.lost_after_s
         for key in [key for key, sent in self._under_way.items() if sent[2] <= oldest_s]:
             sent = self._under_way.pop(key)
-            self._rows.append(Row(sent[0], key[0], sent[1], "lost"))
+            self._write(Row(sent[0], key[0], sent[1], "lost"))
             self._given_up[key] = sent
 
 

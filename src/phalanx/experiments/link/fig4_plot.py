@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from phalanx.experiments.figure import BLUE, VERMILION, dress_axes, legend_above, new_figure, save_figure, write_margins
+from phalanx.experiments.plot import BLUE, VERMILION, legend_above
+from phalanx.experiments.table import Table
 
-from .fig4 import PAPER
-from .fig4_table import KINDS, SLOW_MS, Kind, Row, Summary, Table, is_slow, read_table, summarize
+from .fig4_table import KINDS, PAPER, SLOW_MS, Kind, Packets, Row, Summary, is_slow, packets, summarize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Picture
 
 COLOUR: dict[Kind, str] = {"plain": BLUE, "sealed": VERMILION}
 SHAPE: dict[Kind, str] = {"plain": "s", "sealed": "D"}
@@ -23,43 +22,34 @@ TIME_UNITS = ((3 * 3600, "h", 3600), (180, "min", 60), (0, "s", 1))
 MANY_POINTS = 20_000
 
 
-def draw(csv: Path) -> tuple[Path, Path]:
-    """The PNG and the SVG beside `csv`.
-
-    Raises: UsageError: no such CSV, or not one of ours. Unavailable: matplotlib is missing, or the disk is full.
-    Source: Qrkey Fig. 4; the paper's points from the text of §V.
-    """
-    table = read_table(csv)
-    return save_figure(_figure(table), csv)
-
-
-def _figure(table: Table) -> Figure:
-    figure = new_figure(11, 5.4)
-    over_time, distribution = figure.subplots(1, 2, width_ratios=(6, 5))
-    summaries = {kind: summarize(table.rows[kind]) for kind in KINDS}
-    _draw_over_time(over_time, table, summaries)
-    _draw_distribution(distribution, table, summaries)
+def draw(table: Table, picture: Picture) -> str:
+    """Latency over time, and its distribution. Source: Qrkey Fig. 4; the paper's points from the text of §V."""
+    rows = packets(table)
+    over_time, distribution = picture.subplots(1, 2, width_ratios=(6, 5))
+    summaries = {kind: summarize(rows[kind]) for kind in KINDS}
+    _draw_over_time(over_time, table, rows, summaries)
+    _draw_distribution(distribution, table, rows, summaries)
     for axes in (over_time, distribution):
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
-        dress_axes(axes)
         legend_above(axes)
-    write_margins(
-        figure, "Latency through the broker, with and without sealing (Qrkey Fig. 4)", _footer(table, summaries)
+    sent = ", ".join(f"{summaries[kind].sent} {kind}" for kind in KINDS)
+    return (
+        f"{sent} packets of 20 characters, one of each every {table.origin['interval_s']:g} s; "
+        f"lost after {table.origin['lost_after_s']:g} s; hollow: the paper's, through HiveMQ\n"
+        f"phalanx {table.version}; broker: {table.origin['broker']}"
     )
-    figure.tight_layout(rect=(0, 0.05, 1, 1))
-    return figure
 
 
-def _draw_over_time(axes: Axes, table: Table, summaries: dict[Kind, Summary]) -> None:
-    interval_s = table.origin.interval_s
+def _draw_over_time(axes: Axes, table: Table, rows: Packets, summaries: dict[Kind, Summary]) -> None:
+    interval_s = table.origin["interval_s"]
     span_s = max(1, *(summary.sent for summary in summaries.values())) * interval_s
     unit, unit_s = next((unit, unit_s) for least_s, unit, unit_s in TIME_UNITS if span_s >= least_s)
     span = span_s / unit_s
     # In the order of time, or the kind that is drawn last would hide the other.
-    rows = sorted((row for kind in KINDS for row in table.rows[kind]), key=lambda row: row.seq)
-    back = [(row.seq * interval_s / unit_s, row.latency_ms, row.kind) for row in rows if row.latency_ms is not None]
+    every = sorted((row for kind in KINDS for row in rows[kind]), key=lambda row: row.seq)
+    back = [(row.seq * interval_s / unit_s, row.latency_ms, row.kind) for row in every if row.latency_ms is not None]
     many = len(back) > MANY_POINTS
     axes.scatter(
         [at for at, _, _ in back],
@@ -70,12 +60,12 @@ def _draw_over_time(axes: Axes, table: Table, summaries: dict[Kind, Summary]) ->
         linewidths=0,
         rasterized=many,
     )
-    lost_ms = table.origin.lost_after_s * 1000
+    lost_ms = table.origin["lost_after_s"] * 1000
     if any(summary.lost for summary in summaries.values()):
         axes.text(0.01 * span, lost_ms, "lost:", va="center", fontsize=8)
     # The means side by side in a margin, for they may well be the same.
     for place, kind in zip((1.04, 1.08), KINDS, strict=True):
-        lost = [row.seq * interval_s / unit_s for row in table.rows[kind] if row.outcome in ("lost", "late")]
+        lost = [row.seq * interval_s / unit_s for row in rows[kind] if row.outcome in ("lost", "late")]
         axes.plot(lost, [lost_ms] * len(lost), CROSS[kind], color=COLOUR[kind])
         mean_ms = summaries[kind].mean_ms
         words = "nothing came back" if mean_ms is None else f"mean {mean_ms:.2f} ms, {len(lost)} lost"
@@ -95,13 +85,13 @@ def _draw_over_time(axes: Axes, table: Table, summaries: dict[Kind, Summary]) ->
     axes.set(xlabel=f"time measured ({unit})", ylabel="latency (ms)", yscale="log")
     axes.set_xlim(0, 1.16 * span)
     axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= span])
-    axes.set_ylim(*_latency_limits(table))
+    axes.set_ylim(*_latency_limits(table, rows))
 
 
-def _draw_distribution(axes: Axes, table: Table, summaries: dict[Kind, Summary]) -> None:
+def _draw_distribution(axes: Axes, table: Table, rows: Packets, summaries: dict[Kind, Summary]) -> None:
     most = 1
     for kind in KINDS:
-        decided = [row for row in table.rows[kind] if row.outcome != "cut"]
+        decided = [row for row in rows[kind] if row.outcome != "cut"]
         most = max(most, len(decided))
         latencies, shares_pct = _shares_above(decided)
         slow, share_pct = sum(map(is_slow, decided)), summaries[kind].slow_pct
@@ -114,7 +104,7 @@ def _draw_distribution(axes: Axes, table: Table, summaries: dict[Kind, Summary])
     axes.plot([SLOW_MS], [paper_pct], "o", mfc="none", mec="black", label=label)
     axes.axvline(SLOW_MS, color="0.4", linewidth=0.8, linestyle=":")
     axes.set(xlabel="latency (ms)", ylabel="packets above that latency (%)", xscale="log", yscale="log")
-    axes.set_xlim(*_latency_limits(table))
+    axes.set_xlim(*_latency_limits(table, rows))
     axes.set_ylim(min(50 / most, paper_pct / 2), 150)
 
 
@@ -125,20 +115,10 @@ def _shares_above(decided: Sequence[Row]) -> tuple[list[float], list[float]]:
     return [*latencies[:1], *latencies], [100.0] * bool(latencies) + shares_pct
 
 
-def _latency_limits(table: Table) -> tuple[float, float]:
-    shown = [row.latency_ms for rows in table.rows.values() for row in rows if row.latency_ms]
-    some_lost = any(row.outcome in ("lost", "late") for rows in table.rows.values() for row in rows)
+def _latency_limits(table: Table, rows: Packets) -> tuple[float, float]:
+    shown = [row.latency_ms for each in rows.values() for row in each if row.latency_ms]
+    some_lost = any(row.outcome in ("lost", "late") for each in rows.values() for row in each)
     least = min([*shown, PAPER["mean_ms"]])
-    most = max([*shown, SLOW_MS, table.origin.lost_after_s * 1000 * some_lost])
+    most = max([*shown, SLOW_MS, table.origin["lost_after_s"] * 1000 * some_lost])
     # Whole decades, so that there are at least two labelled ticks.
     return 10.0 ** math.floor(math.log10(least / 1.2)), 10.0 ** math.ceil(math.log10(most * 1.2))
-
-
-def _footer(table: Table, summaries: dict[Kind, Summary]) -> str:
-    origin = table.origin
-    sent = ", ".join(f"{summaries[kind].sent} {kind}" for kind in KINDS)
-    return (
-        f"{sent} packets of 20 characters, one of each every {origin.interval_s:g} s; "
-        f"lost after {origin.lost_after_s:g} s; hollow: the paper's, through HiveMQ\n"
-        f"phalanx {origin.version}; broker: {origin.broker}"
-    )

@@ -1,44 +1,37 @@
-"""The rows of Fig. 4: a CSV that grows a line a packet, and the figures of the paper computed from it.
-
-Only this file reads or writes that CSV (growing_table.py says how). A line without its newline was cut short.
-"""
+"""The packets of Fig. 4: a line each in the figure's table, and the figures of the paper computed from them."""
 
 from __future__ import annotations
 
-import json
 import math
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Any, Literal, cast, get_args
 
 from phalanx.errors import UsageError
-from phalanx.experiments.growing_table import ELSEWHERE, GrowingTable, read_growing_table
+from phalanx.experiments.statement import Report
+from phalanx.experiments.table import ELSEWHERE, Head, Table
 
 Kind = Literal["plain", "sealed"]
 Outcome = Literal["back", "lost", "late", "cut"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-MARK = "# phalanx link-fig4 "
-COLUMNS = "seq,kind,sent_at_s,outcome,latency_ms"
+COLUMNS = ("seq", "kind", "sent_at_s", "outcome", "latency_ms")
 SLOW_MS = 200.0  # the paper's limit
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Origin:
-    """Where rows come from. All but the version must agree for two runs to share a file.
-
-    Args:
-        broker: mosquitto or amqtt for an embedded one, else its URL; never a login.
-        interval_s: between two packets of one kind.
-        lost_after_s: a packet not back by then is lost.
-        version: of the program that began the file, with its commit if known.
-    """
-
-    broker: str
-    interval_s: float
-    lost_after_s: float
-    version: str = ""
+# The paper's own, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
+PAPER = {"sent": 108_471, "lost": 0, "mean_ms": 21.55, "slow_pct": 1.194, "longest_slow_run": 70}
+METRICS = {
+    "sent": ("packets sent", "d"),
+    "lost": ("lost", "d"),
+    "late": ("  of these, back too late", "d"),
+    "undecided": ("under way when interrupted", "d"),
+    "reliability_pct": ("reliability, %", ".4f"),
+    "mean_ms": ("mean latency, ms", ".2f"),
+    "median_ms": ("median, ms", ".2f"),
+    "p99_ms": ("99th percentile, ms", ".2f"),
+    "max_ms": ("largest, ms", ".2f"),
+    "slow_pct": ("above 200 ms, %", ".3f"),
+    "longest_slow_run": ("longest run above 200 ms", "d"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +53,43 @@ class Row:
     latency_ms: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A CSV's origin and rows: one row a packet, by kind and in the order of sequence numbers."""
+Packets = dict[Kind, tuple[Row, ...]]
 
-    origin: Origin
-    rows: dict[Kind, tuple[Row, ...]]
+
+def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Head:
+    """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
+
+    Args:
+        broker: mosquitto or amqtt for an embedded one, else its URL; never a login.
+        interval_s: between two packets of one kind.
+        lost_after_s: a packet not back by then is lost.
+        version: of the program that begins the file.
+    """
+    origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
+    return Head(figure="link-fig4", columns=COLUMNS, origin=origin, by_line=True, free=frozenset({"version"}))
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """Of its line."""
+    latency = "" if row.latency_ms is None else f"{row.latency_ms:.3f}"
+    return str(row.seq), row.kind, f"{row.sent_at_s:.3f}", row.outcome, latency
+
+
+def packets(table: Table) -> Packets:
+    """By kind and in the order of sequence numbers, one row each: a late packet has two lines, first lost, then late.
+
+    Raises: UsageError: a line is none, or the head does not say with what they were measured.
+    """
+    found: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
+    if table.columns != COLUMNS or {"broker", "interval_s", "lost_after_s"} - table.origin.keys():
+        raise UsageError(f"{table.figure} was measured otherwise: other columns, or another origin", ELSEWHERE)
+    for number, line in table.lines:
+        try:
+            row = _parse_row(line)
+        except ValueError as error:
+            raise UsageError(f"line {number} of {table.figure}.csv is not a packet", ELSEWHERE) from error
+        found[row.kind][row.seq] = row
+    return {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in found.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +145,22 @@ def summarize(rows: Sequence[Row]) -> Summary:
     )
 
 
+def report(table: Table) -> Report:
+    """The paper's figures, and ours for each kind of packet."""
+    ours = {kind: asdict(summarize(rows)) for kind, rows in packets(table).items()}
+    paper = {**PAPER, "reliability_pct": 100.0}
+    rows: list[dict[str, Any]] = [
+        {"metric": metric, "paper": paper.get(metric), **{kind: ours[kind][metric] for kind in KINDS}}
+        for metric in METRICS
+    ]
+    lines = [f"{'':28}" + "".join(f"{who:>10}" for who in ("paper", *KINDS))]
+    for row in rows:
+        words, form = METRICS[row["metric"]]
+        told = ("-" if row[who] is None else format(row[who], form) for who in ("paper", *KINDS))
+        lines.append(f"{words:28}" + "".join(f"{cell:>10}" for cell in told))
+    return Report(rows, lines, {"broker": table.origin["broker"]})
+
+
 def is_slow(row: Row) -> bool:
     """Whether a packet took more than 200 ms, or never came."""
     return row.latency_ms is None or row.latency_ms > SLOW_MS
@@ -146,86 +186,10 @@ def _longest_slow_run(decided: Iterable[Row]) -> int:
     return longest
 
 
-def read_table(path: Path) -> Table:
-    """The table in a CSV.
-
-    Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
-    """
-    return _parse(path, read_growing_table(path))
-
-
-class RowFile(GrowingTable):
-    """The CSV while it grows, by rows.
-
-    Args:
-        path: made if it is not there, with its folder.
-        origin: where the rows will come from.
-    """
-
-    def __init__(self, path: Path, origin: Origin) -> None:
-        super().__init__(path, f"{MARK}{json.dumps(asdict(origin))}\n{COLUMNS}\n")
-        self.next_seq: dict[Kind, int] = dict.fromkeys(KINDS, 0)
-        self._origin = origin
-
-    def append(self, row: Row) -> None:
-        """Write a row, now."""
-        latency = "" if row.latency_ms is None else f"{row.latency_ms:.3f}"
-        self._write(f"{row.seq},{row.kind},{row.sent_at_s:.3f},{row.outcome},{latency}\n")
-
-    def _whole(self, data: bytes) -> int:
-        table = _parse(self.path, data)
-        for name in ("broker", "interval_s", "lost_after_s"):
-            theirs, ours = getattr(table.origin, name), getattr(self._origin, name)
-            if theirs != ours:
-                raise UsageError(f"{self.path} was measured with {name} {theirs}, this run has {ours}", ELSEWHERE)
-        for kind, rows in table.rows.items():
-            self.next_seq[kind] = rows[-1].seq + 1 if rows else 0
-        return data.rfind(b"\n") + 1
-
-
-def _parse(path: Path, data: bytes) -> Table:
-    lines = _whole_lines(path, data)
-    origin = _parse_origin(path, next(lines, (1, ""))[1])
-    packets: dict[Kind, dict[int, Row]] = {kind: {} for kind in KINDS}
-    if next(lines, (2, ""))[1] != COLUMNS:
-        raise UsageError(f"{path} has other columns", ELSEWHERE)
-    for number, line in lines:
-        try:
-            row = _parse_row(line)
-        except ValueError as error:
-            raise UsageError(f"line {number} of {path} is not a packet", ELSEWHERE) from error
-        # A late packet has two rows: first lost, then late.
-        packets[row.kind][row.seq] = row
-    return Table(origin, {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in packets.items()})
-
-
-def _whole_lines(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
-    try:
-        text = data[: data.rfind(b"\n") + 1].decode()
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path} is not a CSV of link-fig4", ELSEWHERE) from error
-    return enumerate(text.splitlines(), start=1)
-
-
-def _parse_origin(path: Path, line: str) -> Origin:
-    try:
-        if not line.startswith(MARK):
-            raise ValueError
-        words = json.loads(line.removeprefix(MARK))
-        return Origin(
-            broker=str(words["broker"]),
-            interval_s=float(words["interval_s"]),
-            lost_after_s=float(words["lost_after_s"]),
-            version=str(words["version"]),
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{path} is not a CSV of link-fig4", ELSEWHERE) from error
-
-
-def _parse_row(line: str) -> Row:
-    seq, kind, sent_at_s, outcome, latency_ms = line.split(",")
+def _parse_row(line: list[str]) -> Row:
+    seq, kind, sent_at_s, outcome, latency_ms = line
     latency = float(latency_ms) if latency_ms else None
     came_back = latency is not None and latency >= 0
     if kind not in KINDS or outcome not in get_args(Outcome) or came_back is not (outcome in ("back", "late")):
-        raise ValueError(line)
+        raise ValueError(kind)
     return Row(int(seq), kind, float(sent_at_s), cast("Outcome", outcome), latency)

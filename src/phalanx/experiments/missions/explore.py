@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.experiments.table import Rows
 from phalanx.mission import BuildOptions, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -23,7 +24,6 @@ from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 from phalanx.sim.missions.robot import TICK_S, MissionRobot, World
 
 from .drive import office
-from .table import Rows
 
 ROBOTS = 4
 MEET_M = 6.0
@@ -42,7 +42,7 @@ def cases(seeds: int) -> list[str]:
     return [f"seed {seed}" for seed in range(seeds)]
 
 
-def measure_case(case: str) -> Rows:
+def measure_case(case: str, _tell: object = None) -> Rows:
     """Of one seed, a row for each robot and sample.
 
     Columns: found: landmarks that it decoded itself; told: more that others proved to it; area: the share of the free

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.bti.flock import Statement, quantiles
-from phalanx.experiments.figure import BLUE, ORANGE
+from phalanx.experiments.plot import BLUE, ORANGE
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.search import Budget, PaperSearch
@@ -27,8 +28,6 @@ from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
 from .drive import PATIENT, TICK_S, driven
-from .figure import MissionFigure
-from .table import CaseTable, Rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -86,7 +85,12 @@ def _place() -> tuple[FloorPlan, EncodedMission]:
     return plan, mission_of(plan)
 
 
-def measure_case(case: str) -> Rows:
+def cases(seeds: int) -> list[str]:
+    """One a seed."""
+    return [f"seed {seed}" for seed in range(seeds)]
+
+
+def measure_case(case: str, _tell: object = None) -> Rows:
     """The drive of one seed: a row for each picture."""
     seed = int(case.removeprefix("seed "))
     plan, mission = _place()
@@ -132,19 +136,19 @@ def _as_trusted(mark: Landmark, eye: Pose) -> Landmark:
     return mark if slanted else replace(mark, orientation_rad=None)
 
 
-def _errors_m(table: CaseTable, way: str, case: str) -> Rows:
+def _errors_m(table: Table, way: str, case: str) -> Rows:
     x, y = (table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m") for axis in "xy")
     errors: Rows = np.hypot(x, y)
     return errors
 
 
-def _times_s(table: CaseTable, stage: str) -> Rows:
+def _times_s(table: Table, stage: str) -> Rows:
     times = np.concatenate([table.column(case, stage) for case in table.cases])
     known: Rows = times[~np.isnan(times)]
     return known
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """What §VI-D says of Fig. 10, and ours."""
     largest = np.array([_errors_m(table, "hash", case).max() for case in table.cases])
     last = np.array([_errors_m(table, "odometry", case).max() for case in table.cases])
@@ -197,7 +201,7 @@ def compare(table: CaseTable) -> list[Statement]:
     ]
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """The path, the error over time, the time of each stage."""
     plan, _ = _place()
     ground, over_time, stages = picture.subplots(1, 3, width_ratios=(5, 4, 4))
@@ -233,16 +237,3 @@ def draw(table: CaseTable, picture: Picture) -> None:
     stages.set(ylabel="time for one picture (s)", yscale="log")
     ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.09), ncols=4, frameon=False)
     over_time.legend(fontsize=8, loc="upper left")
-
-
-FIGURE = MissionFigure(
-    name="mission-fig10",
-    about="An office with QR codes, by camera (Encoded graphs Fig. 10)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=lambda seeds: [f"seed {seed}" for seed in range(seeds)],
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-    size_in=(16.0, 6.0),
-)

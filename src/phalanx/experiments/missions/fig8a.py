@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.bti.flock import Statement, quantiles
-from phalanx.experiments.figure import BLUE, GREEN, GREY, ORANGE
+from phalanx.experiments.plot import BLUE, GREEN, GREY, ORANGE
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Rows, Table
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 from .drive import TICK_S, encoded, record, replay
-from .figure import MissionFigure
-from .table import CaseTable, Rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -27,7 +26,12 @@ ZERO_M = 0.15
 WAYS = (("odometry", ORANGE, "odometry alone"), ("doorways", GREEN, "doorways"), ("all", BLUE, "all landmarks"))
 
 
-def measure_case(case: str) -> Rows:
+def cases(seeds: int) -> list[str]:
+    """One a seed."""
+    return [f"seed {seed}" for seed in range(seeds)]
+
+
+def measure_case(case: str, _tell: object = None) -> Rows:
     """The path of one seed, at every tick of the lidar."""
     seed = int(case.removeprefix("seed "))
     drive = record(seed)
@@ -38,7 +42,7 @@ def measure_case(case: str) -> Rows:
     return np.column_stack([times_s, *(poses[:, :2] for poses in places)])
 
 
-def _errors_m(table: CaseTable, way: str) -> list[Rows]:
+def _errors_m(table: Table, way: str) -> list[Rows]:
     out = []
     for case in table.cases:
         x, y = (table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m") for axis in "xy")
@@ -46,7 +50,7 @@ def _errors_m(table: CaseTable, way: str) -> list[Rows]:
     return out
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """What Fig. 8a shows, and ours."""
     alone, doors, everything = (_errors_m(table, way) for way, _, _ in WAYS)
     share = np.array([np.mean(errors <= ZERO_M) for errors in everything])
@@ -87,7 +91,7 @@ def compare(table: CaseTable) -> list[Statement]:
     ]
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """The path on the floor plan, and the errors over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(5, 6))
     first = next(iter(table.cases))
@@ -107,16 +111,3 @@ def draw(table: CaseTable, picture: Picture) -> None:
     over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log", ylim=(1e-3, 10))
     for axes in (ground, over_time):
         axes.legend(fontsize=8, loc="upper left")
-
-
-FIGURE = MissionFigure(
-    name="mission-fig8a",
-    about="A path of 150 s recovered by odometry and by encoded landmarks (Encoded graphs Fig. 8a)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=lambda seeds: [f"seed {seed}" for seed in range(seeds)],
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-    size_in=(12.0, 6.0),
-)

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.bti.flock import Statement, quantiles
-from phalanx.experiments.figure import BLUE, ORANGE
+from phalanx.experiments.plot import BLUE, ORANGE
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Rows, Table
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 from .drive import encoded, errors_m, record, replay
-from .figure import MissionFigure
-from .table import CaseTable, Rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +51,7 @@ def cases(seeds: int) -> list[str]:
     ]
 
 
-def measure_case(case: str) -> Rows:
+def measure_case(case: str, _tell: object = None) -> Rows:
     """Quantiles of the error over one drive."""
     setting, sigmas, named = case.split(";")
     model, reach_m, _ = setting.split()
@@ -64,12 +63,12 @@ def measure_case(case: str) -> Rows:
     return np.concatenate([np.quantile(errors, SHARES) for errors in ways])[None, :]
 
 
-def _over_seeds(table: CaseTable, model: NoiseModel, reach_m: float, level: tuple[float, float], name: str) -> Rows:
+def _over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[float, float], name: str) -> Rows:
     wanted = _case(model, reach_m, level, 0).removesuffix("0")
     return np.array([table.column(case, name)[0] for case in table.cases if case.startswith(wanted)])
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """What §VI-B says of Fig. 8b, and ours."""
     out = []
     for model, reach_m in SETTINGS:
@@ -130,7 +129,7 @@ def compare(table: CaseTable) -> list[Statement]:
     return out
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """Boxes: odometry and encoded landmarks, one panel a setting."""
     for axes, (model, reach_m) in zip(picture.subplots(1, len(SETTINGS), sharey=True), SETTINGS, strict=True):
         _draw(axes, table, model, reach_m)
@@ -139,7 +138,7 @@ def draw(table: CaseTable, picture: Picture) -> None:
     picture.axes[0].legend(fontsize=8, loc="upper left")
 
 
-def _draw(axes: Axes, table: CaseTable, model: NoiseModel, reach_m: float) -> None:
+def _draw(axes: Axes, table: Table, model: NoiseModel, reach_m: float) -> None:
     for way, colour, offset in (("odometry", ORANGE, -0.2), ("hash", BLUE, 0.2)):
         boxes = []
         for level in LEVELS:
@@ -163,16 +162,3 @@ def _draw(axes: Axes, table: CaseTable, model: NoiseModel, reach_m: float) -> No
     axes.text(2.55, 3.3, "beyond the\npaper's limit", fontsize=7, color="0.35")
     axes.set_xticks(range(len(LEVELS)), [f"{t:g}\n{r:g}" for t, r in LEVELS])
     axes.set_xlabel(f"sigma_t, sigma_r\n{model.value}, features to {reach_m:g} m")
-
-
-FIGURE = MissionFigure(
-    name="mission-fig8b",
-    about="Localisation error for growing noise of the odometry (Encoded graphs Fig. 8b)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=cases,
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-    size_in=(16.0, 5.5),
-)

@@ -22,15 +22,14 @@ from numpy.typing import NDArray
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import Targets
 from phalanx.errors import Unavailable
-from phalanx.experiments.bti.flock import Statement
-from phalanx.experiments.figure import BLUE, VERMILION
+from phalanx.experiments.plot import BLUE, VERMILION
+from phalanx.experiments.statement import Statement
+from phalanx.experiments.table import Rows, Table
 from phalanx.mission import Experience
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.walk.search import Budget, PaperSearch, rings_of
 
 from .drive import encoded, record
-from .figure import MissionFigure
-from .table import CaseTable, Rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -64,7 +63,7 @@ def cases(seeds: int) -> list[str]:
     return [f"{kind};seed {seed}" for seed in range(seeds) for kind in kinds]
 
 
-def measure_case(case: str) -> Rows:
+def measure_case(case: str, _tell: object = None) -> Rows:
     """(SCANS, 3) times of one drive's scans, and hashes tried."""
     kind, named = case.split(";")
     seed = int(named.removeprefix("seed "))
@@ -142,11 +141,11 @@ def plain_find(message: bytes, at: int, patches: NDArray[np.uint64], targets: Ta
     return None
 
 
-def _all(table: CaseTable, kind: str, column: str) -> Rows:
+def _all(table: Table, kind: str, column: str) -> Rows:
     return np.concatenate([table.column(case, column) for case in table.cases if case.startswith(f"{kind};")])
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """What §VI-B says of Fig. 8c, and ours."""
     rings = [rings_of(MissionConfig(), CodingConfig(delta_mm=grid_mm), 1 << 40) for grid_mm in GRIDS_MM]
     cells = tuple((2 * each + 1) ** 2 for each in rings)
@@ -186,7 +185,7 @@ def compare(table: CaseTable) -> list[Statement]:
     return out
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """Times by grid, compiled and plain."""
     axes = picture.subplots(1, 2, sharey=True)
     for panel, column, words in zip(
@@ -214,15 +213,3 @@ def draw(table: CaseTable, picture: Picture) -> None:
     axes[0].plot([], [], color=VERMILION, label="landmarks of the scan")
     axes[0].plot([], [], color=BLUE, label="hash search")
     axes[0].legend(fontsize=8, loc="lower right")
-
-
-FIGURE = MissionFigure(
-    name="mission-fig8c",
-    about="Time to find landmarks in a scan and to search their hashes (Encoded graphs Fig. 8c)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=cases,
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-)

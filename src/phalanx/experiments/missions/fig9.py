@@ -6,23 +6,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.bti.flock import Statement, quantiles
-from phalanx.experiments.figure import BLUE, GREEN, ORANGE, VERMILION
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Table
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 
 from .drive import office
 from .explore import COLUMNS, LANDMARKS, ROBOTS, cases, ends, measure_case
-from .figure import MissionFigure
-from .table import CaseTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
+
+__all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 
 COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
 TEAM, ERROR, TOLD = COLUMNS.index("team"), COLUMNS.index("error_m"), COLUMNS.index("told")
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """What §VI-C says of Fig. 9, and ours."""
     last = [ends(rows) for rows in table.cases.values()]
     team = np.array([rows[:, TEAM].max() for rows in last])
@@ -56,7 +57,7 @@ def compare(table: CaseTable) -> list[Statement]:
     ]
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """The paths of the first seed on the floor plan, and landmarks found over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
     rows = next(iter(table.cases.values()))
@@ -75,16 +76,3 @@ def draw(table: CaseTable, picture: Picture) -> None:
     over_time.set(xlabel="time (s)", ylabel="landmarks found", ylim=(0, LANDMARKS + 4))
     ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.08), ncols=3, frameon=False)
     over_time.legend(fontsize=8, loc="upper left")
-
-
-FIGURE = MissionFigure(
-    name="mission-fig9",
-    about="Four robots explore together and share hashes alone (Encoded graphs Fig. 9)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=cases,
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-    size_in=(12.0, 6.5),
-)

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.bti.flock import Statement, quantiles
-from phalanx.experiments.figure import BLUE
+from phalanx.experiments.plot import BLUE
+from phalanx.experiments.statement import Statement, quantiles
+from phalanx.experiments.table import Rows, Table
 
 from .explore import COLUMNS, KNOWS_M, LANDMARKS, ROBOTS, cases, ends, measure_case
-from .figure import MissionFigure
-from .table import CaseTable, Rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
+
+__all__ = ["COLUMNS", "cases", "compare", "draw", "measure_case"]
 
 # Purple, orange, red, cyan.
 PAPER_FOUND = (12, 16, 15, 11)
@@ -22,12 +23,12 @@ PAPER_AREA_PCT = (23, 29, 41, 27)
 FOUND, AREA = COLUMNS.index("found"), COLUMNS.index("area")
 
 
-def _ends(table: CaseTable, column: int) -> Rows:
+def _ends(table: Table, column: int) -> Rows:
     """(seeds, ROBOTS), each seed's in ascending order: which robot is which is chance."""
     return np.sort([ends(rows)[:, column] for rows in table.cases.values()], axis=1)
 
 
-def compare(table: CaseTable) -> list[Statement]:
+def compare(table: Table) -> list[Statement]:
     """Table I, and ours: robots by rank."""
     found, area_pct = _ends(table, FOUND), 100 * _ends(table, AREA)
     out = []
@@ -69,7 +70,7 @@ def compare(table: CaseTable) -> list[Statement]:
     return out
 
 
-def draw(table: CaseTable, picture: Picture) -> None:
+def draw(table: Table, picture: Picture) -> None:
     """Ours as boxes over the seeds, the paper's hollow."""
     for axes, values, paper, words in zip(
         picture.subplots(1, 2),
@@ -95,15 +96,3 @@ def draw(table: CaseTable, picture: Picture) -> None:
         axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")
         axes.set(xlabel="robot, by rank", ylabel=words, ylim=(0, None))
         axes.legend(fontsize=8, loc="lower right")
-
-
-FIGURE = MissionFigure(
-    name="mission-table1",
-    about="How knowledge is divided among four exploring robots (Encoded graphs Table I)",
-    columns=COLUMNS,
-    seeds=20,
-    cases=cases,
-    measure=measure_case,
-    compare=compare,
-    draw=draw,
-)

@@ -1,0 +1,71 @@
+"""How every figure looks and is saved: without a display, and never half-written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from phalanx.errors import Unavailable
+
+from .figure import MATPLOTLIB_HINT, Figure
+from .table import read_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
+
+# Okabe and Ito's: told apart by every kind of eye, and in grey.
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#828282"
+
+
+def draw(csv: Path, figure: Figure) -> tuple[Path, Path]:
+    """The PNG and the SVG beside `csv`, from it alone.
+
+    Raises: UsageError: no such CSV, or not one of ours. Unavailable: matplotlib is missing, or the disk is full.
+    """
+    table = read_table(csv, figure.name)
+    picture = _empty(*figure.size_in)
+    footer = figure.body.draw(table, picture)
+    if footer is None:
+        cases = list(table.cases)
+        footer = f"{len(cases)} cases, {cases[0]} to {cases[-1]}; phalanx {table.version}"
+    for axes in picture.axes:
+        # A faint grid, and no frame where no scale is.
+        axes.grid(alpha=0.25, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+    picture.suptitle(figure.about, x=0.01, ha="left")
+    picture.text(0.01, 0.01, footer, fontsize=7.5, color="0.35")
+    picture.tight_layout(rect=(0, 0.04, 1, 0.99))
+    return _save(picture, csv)
+
+
+def legend_above(axes: Axes, columns: int = 1) -> None:
+    """A legend above the axes, where it covers nothing that was measured."""
+    axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, frameon=False, borderaxespad=0.2)
+
+
+def _empty(width_in: float, height_in: float) -> Picture:
+    try:
+        # Made without pyplot, and so without a display or any state that others could share.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
+        from matplotlib.figure import Figure as Picture  # noqa: PLC0415
+    except ImportError as error:
+        raise Unavailable("matplotlib is not installed: nothing drawn", MATPLOTLIB_HINT) from error
+    picture = Picture(figsize=(width_in, height_in))
+    FigureCanvasAgg(picture)
+    return picture
+
+
+def _save(picture: Picture, csv: Path) -> tuple[Path, Path]:
+    png, svg = csv.with_suffix(".png"), csv.with_suffix(".svg")
+    for path in (png, svg):
+        half_done = path.with_suffix(f".{os.getpid()}{path.suffix}")
+        try:
+            picture.savefig(half_done, dpi=150)
+            half_done.replace(path)
+        except OSError as error:
+            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
+        finally:
+            half_done.unlink(missing_ok=True)
+    return png, svg

@@ -1,0 +1,290 @@
+"""The CSV behind every figure: it grows by whole cases while they are measured, and goes on where it was stopped.
+
+    # phalanx mission-fig8b {"version": ...}     and what else two measurements that share a file must agree in
+    case,odometry_p50_m,...
+    fixed;3;0.06;0;seed 4,1.41,...               as many lines as the case has
+    # end fixed;3;0.06;0;seed 4 {...}            and what else is kept of it, if anything is
+
+Where a case is a line, it ends with the line. Only this file writes such CSVs, and only it knows what of them is whole:
+what was cut short at its end, by a crash or a full disk, is ignored when reading and cut off before writing on.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.errors import Unavailable, UsageError
+
+from .figure import Figure
+from .version import version
+
+Rows = NDArray[np.float64]
+END = "# end "
+ELSEWHERE = "use another folder with --out, or move the file away"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Head:
+    """What a CSV begins with.
+
+    Args:
+        figure: its name.
+        columns: of the lines.
+        origin: with what it is measured, the version of the program among it. All of it must agree for two
+            measurements to share a file, but what is in `free`.
+        by_line: whether each line is a case; else cases have names, and their cells are numbers.
+        free: of `origin`.
+    """
+
+    figure: str
+    columns: tuple[str, ...]
+    origin: Mapping[str, Any]
+    by_line: bool = False
+    free: frozenset[str] = frozenset()
+
+    @property
+    def text(self) -> str:
+        """The first two lines."""
+        names = self.columns if self.by_line else ("case", *self.columns)
+        return f"# phalanx {self.figure} {json.dumps(dict(self.origin))}\n{','.join(names)}\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What a CSV holds.
+
+    Args:
+        figure: its name.
+        origin: with what it was measured.
+        columns: of the lines, without the case.
+        cases: (rows, columns) of each, in the order measured.
+        kept: what else was kept of a case.
+        lines: where each line is a case, their cells and their numbers in the file.
+    """
+
+    figure: str
+    origin: dict[str, Any]
+    columns: tuple[str, ...]
+    cases: dict[str, Rows] = field(default_factory=dict)
+    kept: dict[str, dict[str, Any]] = field(default_factory=dict)
+    lines: list[tuple[int, list[str]]] = field(default_factory=list)
+
+    @property
+    def version(self) -> str:
+        """Of the program that began it."""
+        return str(self.origin.get("version", ""))
+
+    def column(self, case: str, name: str) -> Rows:
+        """(rows,) of a case."""
+        values: Rows = self.cases[case][:, self.columns.index(name)]
+        return values
+
+
+def read_table(path: Path, figure: str = "") -> Table:
+    """The table in a CSV.
+
+    Args:
+        path: of the CSV.
+        figure: whose it must be; "" for any.
+    Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise UsageError(f"no file {path}", "phalanx reproduce makes one") from error
+    except OSError as error:
+        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    return _parse(path, data, figure)[0]
+
+
+class TableFile:
+    """A CSV that grows. Use as `with`: entered, it is ours alone and ends with something whole.
+
+    Args:
+        path: made if it is not there, with its folder.
+        head: what it begins with.
+        check: raises UsageError on a table that was found and is none of the figure's.
+
+    Attributes:
+        table: what was there when it was entered.
+        done: names of the cases that are there.
+    Raises: on entering, UsageError: the file is another measurement's, or another run writes to it; nothing was
+        altered. Unavailable: it cannot be written, on entering or later.
+    """
+
+    def __init__(self, path: Path, head: Head, check: Callable[[Table], object] = lambda _table: None) -> None:
+        self.path = path
+        self._head = head
+        self._check = check
+        self._fd = -1
+        self.table = Table(head.figure, dict(head.origin), head.columns)
+        self.done: set[str] = set()
+
+    def __enter__(self) -> Self:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._fd = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        try:
+            self._continue()
+        except BaseException:
+            os.close(self._fd)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        os.close(self._fd)
+
+    def append(self, case: str, rows: Rows, kept: Mapping[str, Any] | None = None) -> None:
+        """Write a whole case, now.
+
+        Args:
+            case: its name, without a comma.
+            rows: (rows, columns).
+            kept: what else is kept of it.
+        """
+        lines = [f"{case},{','.join(format(value, '.6g') for value in row)}\n" for row in rows.tolist()]
+        end = f"{END}{case}{f' {json.dumps(dict(kept))}' if kept is not None else ''}\n"
+        self._write("".join([*lines, end]))
+        self.done.add(case)
+
+    def append_line(self, cells: Iterable[str]) -> None:
+        """Write a case that is a line, now."""
+        self._write(",".join(cells) + "\n")
+
+    def _continue(self) -> None:
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise UsageError(f"another run writes to {self.path}", "wait for it, or choose another --out") from error
+        data = self.path.read_bytes()
+        if self._head.text.encode().startswith(data):  # new, or we died within the head
+            self._truncate(0)
+            self._write(self._head.text)
+            return
+        self.table, whole = _parse(self.path, data, self._head.figure)
+        if self.table.columns != self._head.columns:
+            raise UsageError(f"{self.path} has other columns", ELSEWHERE)
+        for name, ours in self._head.origin.items():
+            theirs = self.table.origin.get(name)
+            if theirs != ours and name not in self._head.free:
+                shown = f" {theirs}, this run has {ours}" if len(f"{theirs}{ours}") < 80 else " of its own"
+                raise UsageError(f"{self.path} was measured with another {name}:{shown}", ELSEWHERE)
+        self._check(self.table)
+        self.done = set(self.table.cases)
+        self._truncate(whole)
+
+    def _truncate(self, size: int) -> None:
+        try:
+            os.ftruncate(self._fd, size)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _write(self, text: str) -> None:
+        """At once: whatever happens to us later, it is there."""
+        data = memoryview(text.encode())
+        try:
+            while data:
+                data = data[os.write(self._fd, data) :]
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> Unavailable:
+        return Unavailable(f"cannot write {self.path}: {error.strerror}", "choose another folder with --out")
+
+
+def measure(
+    folder: Path, figure: Figure, seeds: int, on_progress: Callable[[float, int], None] = lambda _done, _of: None
+) -> Path:
+    """The CSV in `folder` with all cases in it; goes on where an earlier measurement was stopped.
+
+    Args:
+        folder: made if it is not there.
+        figure: measured case by case.
+        seeds: so many runs of each case.
+        on_progress: called with how many cases are done, and of how many.
+    Raises: UsageError: a CSV of another measurement, or so many seeds. Unavailable: the disk is full.
+    """
+    figure.check({"seeds": seeds})
+    body, path = figure.body, figure.csv(folder)
+    todo = body.cases(seeds)
+    origin = body.origin() if hasattr(body, "origin") else {}
+    done = 0
+
+    def tell(share: float) -> None:
+        on_progress(done + share, len(todo))
+
+    head = Head(figure=figure.name, columns=body.COLUMNS, origin={**origin, "version": version()})
+    with TableFile(path, head, getattr(body, "check", lambda _table: None)) as file:
+        for case in todo:
+            if case not in file.done:
+                measured = body.measure_case(case, tell)
+                file.append(case, *(measured if isinstance(measured, tuple) else (measured,)))
+            done += 1
+            tell(0.0)
+    return path
+
+
+def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
+    """(table, length of the part that ends with a whole case).
+
+    Raises: UsageError: it is none of ours.
+    """
+    lines = data[: data.rfind(b"\n") + 1].split(b"\n")[:-1]
+    try:
+        table, by_line = _parse_head(lines, figure)
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise UsageError(f"{path} is not a CSV of {figure or 'ours'}", ELSEWHERE) from error
+    at = whole = len(lines[0]) + len(lines[1]) + 2
+    rows: list[list[str]] = []
+    for number, line in enumerate(lines[2:], start=3):
+        at += len(line) + 1
+        try:
+            text = line.decode()
+            if by_line or not text.startswith(END):
+                rows.append(text.split(","))
+                if len(rows[-1]) != len(table.columns) + (not by_line):
+                    raise ValueError(text)
+            else:
+                _end_case(table, text, rows)
+        except (ValueError, TypeError) as error:
+            raise UsageError(f"line {number} of {path} is not one of ours", ELSEWHERE) from error
+        if by_line:
+            table.lines.append((number, rows.pop()))
+        if not rows:
+            whole = at
+    return table, whole
+
+
+def _parse_head(lines: list[bytes], figure: str) -> tuple[Table, bool]:
+    mark, program, name, origin = lines[0].decode().split(" ", 3)
+    first, *others = lines[1].decode().split(",")
+    says = json.loads(origin)
+    if (mark, program) != ("#", "phalanx") or name != (figure or name) or not isinstance(says, dict):
+        raise ValueError(name)
+    by_line = first != "case"
+    return Table(name, says, (first, *others) if by_line else tuple(others)), by_line
+
+
+def _end_case(table: Table, text: str, rows: list[list[str]]) -> None:
+    case, brace, kept = text.removeprefix(END).partition(" {")
+    if {row[0] for row in rows} - {case}:
+        raise ValueError(case)
+    numbers = [[float(cell) for cell in row[1:]] for row in rows]
+    table.cases[case] = np.array(numbers, np.float64).reshape(len(rows), len(table.columns))
+    if brace:
+        table.kept[case] = json.loads(brace.strip() + kept)
+    rows.clear()
