@@ -37,7 +37,8 @@ def tell_of_compiling() -> None:
     """From now on to the end of the command, people are told of kernels that have to be compiled."""
     context = click.get_current_context()
     # `up` gets robots ready before it begins, and tells of that itself.
-    if "numba" in sys.modules and context.info_name != "up":
+    if "numba" in sys.modules and context.info_name != "up" and not context.meta.get(__name__):
+        context.meta[__name__] = True  # once is enough
         from phalanx.sim.compiling import telling_of_compiling  # noqa: PLC0415 - others need not wait for numba
 
         context.with_resource(telling_of_compiling(Progress(0.0, 15.0).tell))
