@@ -57,4 +57,4 @@ class Carts:
 
 if __name__ == "__main__":
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(up(UpOptions(port=0), lambda event: print(json.dumps(event), flush=True), swarm=Carts()))
+        asyncio.run(up(UpOptions(port=0), lambda event: print(json.dumps(event), flush=True), swarm=Carts))

@@ -8,8 +8,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from phalanx.gateway.rehearsal import rehearse
-from phalanx.gateway.simulated import mission_swarm
+from phalanx.demo.rehearsal import rehearse
+from phalanx.demo.simulated import mission_swarm
 from phalanx.sim.building.floorplan import load_floorplan
 
 

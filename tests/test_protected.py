@@ -9,16 +9,17 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from conftest import a_gateway, child, eventually
+from phalanx.demo.rehearsal import rehearse_elsewhere
+from phalanx.demo.simulated import choose_protection, simulated_swarm
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
-from phalanx.gateway.rehearsal import rehearse_elsewhere
-from phalanx.gateway.simulated import choose_protection
 from phalanx.io import Client
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks import IN_FLOCKS
@@ -369,11 +370,12 @@ class TestUp:
         async def elsewhere(_: str) -> None:
             await compiled.wait()
 
-        monkeypatch.setattr("phalanx.gateway.simulated.is_compiled", lambda _: False)
-        monkeypatch.setattr("phalanx.gateway.simulated.rehearse_elsewhere", elsewhere)
+        monkeypatch.setattr("phalanx.demo.simulated.is_compiled", lambda _: False)
+        monkeypatch.setattr("phalanx.demo.simulated.rehearse_elsewhere", elsewhere)
         events: asyncio.Queue[dict] = asyncio.Queue()
         lines: list[str] = []
-        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, talk=lines.append))
+        make = partial(simulated_swarm, 12, 0, None, None, lines.append)
+        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, swarm=make))
         try:
             ready = await asyncio.wait_for(events.get(), 10)
             assert ready["event"] == "ready"

@@ -6,16 +6,17 @@ import asyncio
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.config import LinkConfig
+from phalanx.demo.simulated import mission_swarm, simulated_swarm
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
-from phalanx.gateway.simulated import mission_swarm
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.mission import BuildOptions, build, check_signature
@@ -64,10 +65,6 @@ def up(
         raise UsageError("robots on a mission do not audit each other", "leave --defence and --f-max away")
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     options = UpOptions(
-        robots=count,
-        seed=seed,
-        defence=defence,
-        f_max=f_max,
         broker=broker,
         broker_ws=broker_ws,
         login=read_login(broker_login),
@@ -80,11 +77,12 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    with _robots(missions, furnish, world, start_key, trust, count, seed) as swarm:
+    with _robots(missions, furnish, world, start_key, trust, count, seed) as lived:
+        swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
         if events:
             lines = EventLines()
             try:
-                run(run_gateway(options, lines, swarm=swarm, talk=talk))
+                run(run_gateway(options, lines, swarm=swarm))
             finally:
                 lines.close()
         else:
@@ -136,7 +134,7 @@ def _orders(
     return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
 
 
-def _run_for_people(options: UpOptions, swarm: Swarm | None) -> None:
+def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
     watch: list[asyncio.Task[None]] = []
 
     def say(event: dict[str, Any]) -> None:
@@ -158,7 +156,7 @@ def _run_for_people(options: UpOptions, swarm: Swarm | None) -> None:
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
 
-    run(run_gateway(options, say, started, swarm, talk))
+    run(run_gateway(options, say, started, swarm=swarm))
     end_status_line()
 
 

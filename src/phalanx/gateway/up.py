@@ -28,15 +28,14 @@ from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.sim import Dotbots
-from phalanx.sim.swarms.protected import ProtectedSwarm
+from phalanx.robot.shield import SoonShielded
+from phalanx.robot.swarm import Stepped
 
 from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
 from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
-from .simulated import SoonProtected, simulated_swarm
 
 log = logging.getLogger(__name__)
 
@@ -54,10 +53,6 @@ class UpOptions:
     """What to run.
 
     Args:
-        robots: simulated robots.
-        seed: of their places.
-        defence: bound, paper or none; None for bound as far as so many robots can.
-        f_max: compromised robots that are tolerated; None for 3, or as many as so few robots allow.
         broker: auto, mosquitto, amqtt or a URL.
         broker_ws: websocket URL of a broker elsewhere, where it is not one port further.
         login: for a broker elsewhere.
@@ -70,10 +65,6 @@ class UpOptions:
     Raises: UsageError: a page is none.
     """
 
-    robots: int = 12
-    seed: int = 0
-    defence: str | None = None
-    f_max: int | None = None
     broker: str = "auto"
     broker_ws: str = ""
     login: Login | None = None
@@ -136,7 +127,7 @@ class Running:
             "rejected": sum(self._server.rejected.values()),
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
-            "compiling": isinstance(self.gateway.swarm, SoonProtected),
+            "compiling": isinstance(self.gateway.swarm, SoonShielded),
         }
 
     def state(self) -> dict[str, Any]:
@@ -210,7 +201,7 @@ class Running:
 
     async def _turn(self) -> None:
         before_s = time.monotonic()
-        while isinstance(swarm := self.gateway.swarm, Dotbots | ProtectedSwarm):  # real robots move by themselves
+        while isinstance(swarm := self.gateway.swarm, Stepped):  # real robots move by themselves
             await asyncio.sleep(1 / WORLD_HZ)
             now_s = time.monotonic()
             # A machine that slept does not hurl its robots through the wall.
@@ -218,7 +209,7 @@ class Running:
             before_s = now_s
 
     async def _shield(self) -> None:
-        if isinstance(swarm := self.gateway.swarm, SoonProtected):
+        if isinstance(swarm := self.gateway.swarm, SoonShielded):
             await self.gateway.adopt(await swarm.protected())
         if self.gateway.shields:
             self._say({"event": "shielded"})
@@ -264,8 +255,8 @@ async def up(
     options: UpOptions,
     say: Say,
     started: Callable[[Running], None] = lambda _: None,
-    swarm: Swarm | None = None,
-    talk: Callable[[str], None] = log.warning,
+    *,
+    swarm: Callable[[], Swarm],
 ) -> None:
     """Run a gateway until cancelled, or for as long as the options say.
 
@@ -273,8 +264,7 @@ async def up(
         options: what to run.
         say: called with every event; the first of a running gateway is "ready", before it perhaps "waiting".
         started: called with the running gateway, just after "ready".
-        swarm: your own robots; simulated ones as the options say unless given.
-        talk: told what people should know, in one line.
+        swarm: makes the robots; called after all that can be wrong.
     Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
     """
     loopback_only = options.host in (LOOPBACK, "localhost")
@@ -301,9 +291,9 @@ async def up(
             broker_for_visitors=on_host(broker.websocket, advertised),
             mqtt=broker.mqtt,
         )
-        swarm = swarm or simulated_swarm(options.robots, options.seed, options.defence, options.f_max, talk)
-        running = Running(options, broker, page_url, server, swarm, say)
-        desk = MissionDesk(swarm) if isinstance(swarm, OnMission) else None
+        robots = swarm()
+        running = Running(options, broker, page_url, server, robots, say)
+        desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
         if desk:
             stack.callback(desk.stop)
         operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise, desk))

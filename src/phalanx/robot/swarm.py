@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,3 +81,11 @@ class Swarm(Protocol):
 
     def clear_history(self, address: str) -> None:
         """Forget where the robot has been."""
+
+
+@runtime_checkable
+class Stepped(Swarm, Protocol):
+    """A swarm whose world stands still unless it is told that time passes."""
+
+    def step(self, dt_s: float) -> None:
+        """Let so many seconds pass."""

@@ -1,6 +1,6 @@
 """What robots that audit each other run is compiled before visitors wait for it, once on a machine.
 
-`python -m phalanx.gateway.rehearsal DEFENCE` does it at low priority, in a process of its own: a gateway goes on.
+`python -m phalanx.demo.rehearsal DEFENCE` does it at low priority, in a process of its own: a gateway goes on.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ async def rehearse_elsewhere(defence: str) -> None:
     child = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
-        "phalanx.gateway.rehearsal",
+        "phalanx.demo.rehearsal",
         defence,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
