@@ -80,7 +80,9 @@ def simulated_swarm(
     if protection.defence == "none":
         return Dotbots(robots, seed, time.time, unprotected=protection.note)
     if not is_compiled(protection.defence):
-        return SoonProtected(robots, seed, protection, talk)
+        # Before the code is shown: lines below would push it out of a small terminal.
+        talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
+        return SoonProtected(robots, seed, protection)
     # An event loop hears of Ctrl-C when it has its turn.
     with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
         rehearse(protection.defence)
@@ -94,26 +96,22 @@ class SoonProtected(Dotbots):
         robots: how many.
         seed: of their places.
         protection: what they will have.
-        talk: told when that begins, and when it is done.
     """
 
-    def __init__(self, robots: int, seed: int, protection: Protection, talk: Callable[[str], None]) -> None:
+    def __init__(self, robots: int, seed: int, protection: Protection) -> None:
         super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
-        self._count, self._seed, self._protection, self._talk = robots, seed, protection, talk
+        self._count, self._seed, self._protection = robots, seed, protection
 
     async def protected(self) -> ProtectedSwarm:
         """The same robots, where they are when all is compiled, auditing each other.
 
         Raises: Unavailable: it cannot be compiled.
         """
-        self._talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields yet")
         defence = self._protection.defence
         await rehearse_elsewhere(defence)
         await rehearse_here(defence)
         f_max, now = self._protection.f_max, self.robots()
-        swarm = ProtectedSwarm(self._count, self._seed, time.time, defence=defence, f_max=f_max, now=now)
-        self._talk("all is compiled: robots audit each other from now on")
-        return swarm
+        return ProtectedSwarm(self._count, self._seed, time.time, defence=defence, f_max=f_max, now=now)
 
 
 @contextlib.contextmanager
