@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 TOOLS = Path(sys.executable).parent
 PYTHONS = ("python3.11", "python3.12", "python3.13", "python3.14")
 CODE_WITHIN_S = 10.0
-TAG = re.compile(r"-cp311-abi3-manylinux_2_\d+_\w+(\.manylinux\w+)*\.whl$")
+TAG = re.compile(r"-cp311-abi3-manylinux[\w.]+\.whl$")
 
 
 def main() -> None:
