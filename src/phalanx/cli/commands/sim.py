@@ -52,3 +52,20 @@ def list_scenarios() -> None:
 @runs("lists", "print_schema")
 def schema() -> None:
     """The JSON schema of scenario files, for editors."""
+
+
+@sim.command(epilog="Example: phalanx sim check examples/own_controller.py:GoThere")
+@click.argument("controller", metavar="FILE.py:CLASS|flock|wheels")
+@click.option(
+    "--seed", type=click.IntRange(0, (1 << 32) - 1), default=0, show_default=True, help="Of the life it lives."
+)
+@json_option
+@runs("check", "check")
+def check() -> None:
+    """Whether a controller answers the same with the same bytes, and where it does not.
+
+    An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So it lives
+    through the same calls in four processes with other clocks, time zones and orders of sets; compiled and not; beside
+    another robot's controller; and from each of its checkpoints on; also with frames and readings that liars and broken
+    sensors make. Ends with 1 if any byte differs, or something is raised.
+    """

@@ -1,0 +1,198 @@
+"""What a controller is asked: a robot's life in the simulated world, and then what liars and broken sensors say."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from phalanx.config import BtiConfig
+from phalanx.config.flock import FlockConfig
+from phalanx.config.wheels import WheelsConfig
+from phalanx.robot.controllers.dispatch import Kind
+from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.robot.controllers.python_controller import Controller, Output, compiled
+from phalanx.robot.controllers.wheels import wheels_params
+from phalanx.sim.scenarios.own import find_class
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.table import (
+    KIND_AUDIT,
+    KIND_STATE,
+    ORDER,
+    ORDER_ROUTE,
+    ORDER_WHEELS,
+    SENSOR,
+    WAYPOINT,
+    WHEELS_SENSOR,
+    WHEELS_STATE,
+)
+
+Make = Callable[[int], Controller]
+BUNDLED: dict[str, Callable[[], Make]] = {
+    "flock": lambda: compiled(Kind.FLOCK, flock_params(FlockConfig())),
+    "wheels": lambda: compiled(Kind.WHEELS, wheels_params(WheelsConfig())),
+}
+ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
+CONTROL_MS = 250
+LATEST_MS = (1 << 32) - 1  # entries carry no later time
+LONGEST_BYTES = 400
+# Numbers as they lie in frames and readings: not a number of either sign, infinities, the largest, the least, -0.
+ODD = tuple(struct.pack("<I", bits) for bits in (0x7FC00000, 0xFFC00001, 0x7F800000, 0xFF800000)) + tuple(
+    struct.pack("<f", value) for value in (3.4e38, -3.4e38, 1e-45, -0.0)
+)
+FRAMES_A_READING = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A frame that was heard, or a reading.
+
+    Args:
+        step: of a reading, how many came before it; -1 of a frame.
+        t_ms: the node's time.
+        payload: the frame, or the reading.
+        odd: what is odd of it, or "".
+    """
+
+    step: int
+    t_ms: int
+    payload: bytes
+    odd: str = ""
+
+    def __str__(self) -> str:
+        what = f"reading {self.step}" if self.step >= 0 else "frame"
+        return f"{what}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
+
+
+def maker(words: str) -> Make:
+    """What makes the controller of that name, or of "FILE.py:CLASS".
+
+    Raises: as `find_class`.
+    """
+    return BUNDLED[words]() if words in BUNDLED else find_class(words, Controller)
+
+
+def calls_of(make: Make, words: str, seed: int) -> list[Call]:
+    """What robot 5 of nine lives through in 15 s, and then what is odd.
+
+    Args:
+        make: makes the controllers.
+        words: their name, or "FILE.py:CLASS".
+        seed: of the world, and of what is drawn for frames that nobody sends.
+    Raises: whatever the controller raises in a world without liars.
+    """
+    chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
+    life = list(_driven(chance)) if words == "wheels" else _lived(make, seed)
+    return [*life, *_odd(life, chance)]
+
+
+class _Listener(Controller):
+    """Does as the controller in it, and notes what that is asked."""
+
+    def __init__(self, rob_id: int, make: Make, calls: list[Call]) -> None:
+        super().__init__(rob_id)
+        self._inner, self._calls = make(rob_id), calls
+
+    def encode(self) -> bytes:
+        return self._inner.encode()
+
+    def decode(self, encoding: bytes) -> None:
+        self._inner.decode(encoding)
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        self._calls.append(Call(-1, t_ms, frame))
+        self._inner.on_recv(t_ms, frame)
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        self._calls.append(Call(step, t_ms, reading))
+        return self._inner.on_input(step, t_ms, reading)  # type: ignore[return-value]
+
+
+def _lived(make: Make, seed: int) -> list[Call]:
+    calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, ROBOTS + 1)}
+    # Room for whatever it remembers: how much it may be is not asked here.
+    bti = BtiConfig(f_max=2, state_bytes=4096)
+    scenario = Scenario(robots=ROBOTS, goal_m=GOAL_M, duration_s=LIFE_S, defence="none", seed=seed, bti=bti)
+    run = Run(scenario, lambda rob_id: _Listener(rob_id, make, calls[rob_id]))
+    run.advance(LIFE_S)
+    return calls[ROBOT]
+
+
+def _driven(chance: np.random.Generator) -> Iterator[Call]:
+    """A driven robot: readings of a pose that wanders, orders to it and to others, and what others broadcast."""
+    x_mm, y_mm, direction_deg = 500.0, 500.0, 0.0
+    for step in range(int(1000 * LIFE_S) // CONTROL_MS):
+        t_ms = 1000 + step * CONTROL_MS
+        if step % 7 == 3:
+            left, right = (int(pct) for pct in chance.integers(-100, 101, 2))
+            yield _order(t_ms - 20, step, 1, ORDER_WHEELS.encode(left=left, right=right))
+        if step % 20 == 11:
+            ways = (WAYPOINT.encode(x_mm=int(x), y_mm=int(y)) for x, y in chance.integers(0, 2000, (3, 2)))
+            yield _order(t_ms - 10, step, 3, ORDER_ROUTE.encode(threshold_mm=60, count=3, points=b"".join(ways)))
+        pose = {"t": t_ms, "x_mm": x_mm, "y_mm": y_mm, "direction_deg": direction_deg}
+        yield Call(-1, t_ms - 5, WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
+        yield Call(step, t_ms, WHEELS_SENSOR.encode(id=ROBOT, **pose))
+        x_mm += float(chance.normal(0, 20))
+        y_mm += float(chance.normal(0, 20))
+        direction_deg = (direction_deg + float(chance.normal(0, 10))) % 360
+
+
+def _order(t_ms: int, number: int, action: int, body: bytes) -> Call:
+    return Call(-1, t_ms, ORDER.encode(id=ROBOT, number=number, action=action, body=body))
+
+
+def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
+    readings = [call for call in life if call.step >= 0]
+    heard = [call.payload for call in life if call.step < 0]
+    last, step = life[-1], readings[-1].step
+    state = bytes([KIND_STATE]) + readings[-1].payload[1:]  # if nobody broadcasts, a liar may
+    usual = {(frame[0], len(frame)): frame for frame in (state, *heard)}  # one of each kind and length
+    frames = list(_odd_frames(list(usual.values()), chance))
+    for k, (t_offset_ms, frame, odd) in enumerate(frames):
+        t_ms = min(max(0, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING) + t_offset_ms), LATEST_MS)
+        yield Call(-1, t_ms, frame, odd)
+        if k % FRAMES_A_READING == 0:
+            step += 1
+            yield _at(readings[-1], step, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING))
+    now_ms = last.t_ms + CONTROL_MS * (1 + len(frames) // FRAMES_A_READING)
+    for k, (payload, odd) in enumerate(_odd_readings(readings)):
+        yield _at(Call(step, 0, payload, odd), step + 1 + k, now_ms + k * CONTROL_MS)
+
+
+def _at(call: Call, step: int, t_ms: int) -> Call:
+    t_at = SENSOR.at("t")  # and WHEELS_SENSOR's
+    dated = call.payload[:t_at] + t_ms.to_bytes(8, "little") + call.payload[t_at + 8 :]
+    return Call(step, t_ms, dated, call.odd)
+
+
+def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tuple[int, bytes, str]]:
+    """By how much its time is off, ms; the frame; what is odd of it."""
+    for frame in usual:
+        yield from ((0, frame, "again") for _ in range(3))
+        yield from ((off_ms, frame, f"{off_ms:+d} ms out of order") for off_ms in (-5000, 60_000, -(1 << 32), 1 << 32))
+        yield from ((0, frame[:n], f"cut to {n} bytes") for n in sorted({0, 1, 3, len(frame) // 2, len(frame) - 1}))
+        yield 0, frame + b"\0", "a byte too long"
+        yield 0, frame + bytes(max(0, LONGEST_BYTES - len(frame))), f"{LONGEST_BYTES} bytes"
+        yield 0, frame[:1] + bytes(len(frame) - 1), "zeros"
+        yield 0, frame[:1] + b"\xff" * (len(frame) - 1), "ones"
+        for rob_id in (0, ROBOT, *range(1000, 1040)):
+            yield 0, frame[:1] + rob_id.to_bytes(2, "little") + frame[3:], f"from robot {rob_id}"
+        for at in range(len(frame) - 4, 2, -4):
+            yield from ((0, frame[:at] + odd + frame[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
+    for _ in range(20):
+        noise = bytearray(chance.bytes(int(chance.integers(1, 64))))
+        noise[0] &= ~KIND_AUDIT & 0xFF
+        yield 0, bytes(noise), "noise"
+
+
+def _odd_readings(readings: list[Call]) -> Iterator[tuple[bytes, str]]:
+    """Of the usual length, which the body sees to; what is in it, nobody does."""
+    usual = readings[-1].payload
+    first = SENSOR.at("x_m")  # and WHEELS_SENSOR's x_mm
+    for at in range(first, len(usual) - 3, 4):
+        yield from ((usual[:at] + odd + usual[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
+    yield from ((call.payload, "an old one") for call in readings[:3])
+    yield from ((usual, "as usual") for _ in range(12))

@@ -1,0 +1,237 @@
+"""The checks: processes that must agree to the byte, and the first place where two of them do not."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from phalanx.errors import Unavailable
+from phalanx.sim.scenarios.own import mistakes_in
+from phalanx.wire.record import Record
+from phalanx.wire.table import (
+    ACCELERATION,
+    FLOCK_MEMORY,
+    NEIGHBOUR,
+    STATE,
+    WAYPOINT,
+    WHEELS_COMMAND,
+    WHEELS_MEMORY,
+    WHEELS_STATE,
+)
+
+from .calls import ROBOT, Call, calls_of, maker
+from .trace import LIVES, Step
+
+# Beside the first process. With four in all, two strings in a set come in the same order in every one in 1 of 8 cases.
+OTHERS = 3
+KNOWN = {(record.tag, record.size): record for record in (STATE, ACCELERATION, WHEELS_COMMAND, WHEELS_STATE)}
+# What the bundled ones remember: a record, and then one for each of what it has several of.
+MEMORY = {"flock": (FLOCK_MEMORY, NEIGHBOUR), "wheels": (WHEELS_MEMORY, WAYPOINT)}
+ZONES = ("UTC", "UTC-9", "UTC+7", "UTC-5")
+PLAIN = "process 1"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Where a check failed first.
+
+    Args:
+        call: number of the call in the sequence, from 0.
+        at: what was called, and when.
+        what: what differs: an output, the encoding, or what was raised.
+        byte: where in it, from 0; None if that is not the point.
+        field: of the byte table, "" where the layout is the controller's own.
+        one, other: what each of the two has there, and which it is.
+    """
+
+    call: int
+    at: str
+    what: str
+    byte: int | None
+    field: str
+    one: str
+    other: str
+
+    def __str__(self) -> str:
+        where = "" if self.byte is None else f" at byte {self.byte}" + (f" ({self.field})" if self.field else "")
+        beside = f"{self.one}; {self.other}" if self.other else self.one
+        return f"call {self.call} ({self.at}): {self.what}{where}: {beside}"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was tried, and where it failed first; None if it did not."""
+
+    name: str
+    finding: Finding | None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came of all checks of a controller."""
+
+    controller: str
+    seed: int
+    calls: int
+    checks: tuple[Check, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing was found."""
+        return all(check.finding is None for check in self.checks)
+
+    def as_json(self) -> dict[str, Any]:
+        """As `phalanx sim check --json` prints it."""
+        return asdict(self) | {"agrees": self.agrees}
+
+
+def check_controller(words: str, seed: int = 0) -> Report:
+    """Runs a controller in several ways in which auditors may run it, on the same calls, and compares every byte.
+
+    What it finds convicts honest robots. What it does not find may still be there: it tries one machine, one life.
+
+    Args:
+        words: "FILE.py:CLASS", or the name of a bundled controller (flock, wheels).
+        seed: of the life that the controller is led through.
+    Raises: UsageError: no such controller, or it fails in a world without liars. Unavailable: a process ended early.
+    """
+    with mistakes_in(words):
+        calls = calls_of(maker(words), words, seed)
+    with tempfile.TemporaryDirectory() as folder:
+        started = [
+            _Process(Path(folder), k, words, calls, ("live",) if k else tuple(LIVES), compiled=k <= OTHERS)
+            for k in range(OTHERS + 2)
+        ]
+        with contextlib.ExitStack() as stack:
+            for process in started:
+                stack.callback(process.end)
+            first, *others, plain = [process.lives() for process in started]
+    straight = first["live"]
+
+    def compare(name: str, lives: Iterator[tuple[str, list[Step]]]) -> Check:
+        found = ((who, _first_difference(words, calls, straight, steps, who)) for who, steps in lives)
+        return Check(name, next((finding for _, finding in found if finding), None))
+
+    return Report(
+        words,
+        seed,
+        len(calls),
+        (
+            compare("same in all processes", ((_named(k), lives["live"]) for k, lives in enumerate(others, 1))),
+            compare("same when not compiled", iter([("not compiled", plain["live"])])),
+            compare("same beside another", iter([("beside another robot's", first["live_beside"])])),
+            compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
+            compare("same over checkpoints", iter([("gone on from it", first["live_over"])])),
+            Check("raises nothing", _first_raised(calls, straight)),
+        ),
+    )
+
+
+class _Process:
+    def __init__(
+        self, folder: Path, turn: int, words: str, calls: list[Call], lives: tuple[str, ...], *, compiled: bool
+    ) -> None:
+        job, self._out, self._said = (folder / f"{turn}.{what}" for what in ("job", "out", "said"))
+        asked = {"controller": words, "robot": ROBOT, "turn": turn if compiled else 0, "lives": lives}
+        asked["calls"] = [(call.step, call.t_ms, call.payload.hex()) for call in calls]
+        job.write_text(json.dumps(asked))
+        apart = {"PYTHONHASHSEED": str(turn if compiled else 0), "TZ": ZONES[turn if compiled else 0]}
+        with self._said.open("wb") as said:
+            self._child = subprocess.Popen(
+                [sys.executable, "-m", "phalanx.sim.determinism.trace", str(job), str(self._out)],
+                env=os.environ | apart | ({} if compiled else {"NUMBA_DISABLE_JIT": "1"}),
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=said,
+            )
+
+    def lives(self) -> dict[str, list[Step]]:
+        """What it lived through, at its end."""
+        if self._child.wait() != 0:
+            said = self._said.read_text(errors="replace").splitlines() or ["it said nothing"]
+            raise Unavailable(f"a process of the check ended early: {said[-1]}")
+        lived: dict[str, list[Step]] = json.loads(self._out.read_text())
+        return lived
+
+    def end(self) -> None:
+        """It runs no more."""
+        self._child.kill()
+        self._child.wait()
+
+
+def _named(turn: int) -> str:
+    return f"process {turn + 1} (hash seed {turn}, {ZONES[turn]}, {turn} days later)"
+
+
+def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
+    for k, (call, (_, _, raised)) in enumerate(zip(calls, steps, strict=True)):
+        if raised:
+            method = "on_recv" if call.step < 0 else "on_input"
+            return Finding(k, str(call), f"{method} raises", None, "", raised, "")
+    return None
+
+
+def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], who: str) -> Finding | None:
+    for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
+        outputs, state, raised = mine
+        outputs_2, state_2, raised_2 = theirs
+        if raised != raised_2:
+            said, said_2 = raised or "nothing", raised_2 or "nothing"
+            return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{who}: {said_2}")
+        if len(outputs) != len(outputs_2):
+            counts = f"{PLAIN}: {len(outputs)}", f"{who}: {len(outputs_2)}"
+            return Finding(k, str(call), "number of outputs", None, "", *counts)
+        for nth, ((kind, payload), (kind_2, payload_2)) in enumerate(zip(outputs, outputs_2, strict=True), 1):
+            if (kind, payload) != (kind_2, payload_2):
+                what = f"output {nth}, {kind}" + ("" if kind == kind_2 else f" or {kind_2}")
+                raw, raw_2 = bytes.fromhex(payload), bytes.fromhex(payload_2)
+                return _located(k, call, what, raw, raw_2, _output_fields(raw), who)
+        if state != state_2:
+            raw, raw_2 = bytes.fromhex(state), bytes.fromhex(state_2)
+            return _located(k, call, "encode", raw, raw_2, _memory_fields(words, len(raw)), who)
+    return None
+
+
+def _located(
+    k: int, call: Call, what: str, raw: bytes, raw_2: bytes, fields: list[tuple[int, int, str]], who: str
+) -> Finding:
+    """The first byte that differs, and the field that it is in with all its bytes."""
+    shared = min(len(raw), len(raw_2))
+    byte = next((at for at in range(shared) if raw[at] != raw_2[at]), shared)
+    begin, end, name = next((each for each in fields if each[0] <= byte < each[1]), (byte, byte + 4, ""))
+    shown, shown_2 = (each[begin:end].hex() or "nothing" for each in (raw, raw_2))
+    lengths = "" if len(raw) == len(raw_2) else f" of {len(raw)}", "" if len(raw) == len(raw_2) else f" of {len(raw_2)}"
+    told = f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {who}"
+    return Finding(k, str(call), what, byte, name, *told)
+
+
+def _output_fields(payload: bytes) -> list[tuple[int, int, str]]:
+    record = KNOWN.get((payload[0], len(payload))) if payload else None
+    return _fields(record, 0) if record else []
+
+
+def _memory_fields(words: str, length: int) -> list[tuple[int, int, str]]:
+    if words not in MEMORY:
+        return []
+    head, each = MEMORY[words]
+    fields = _fields(head, 0)
+    for nth, at in enumerate(range(head.size, length, each.size), 1):
+        fields += [(begin, end, f"{name} {nth}") for begin, end, name in _fields(each, at)]
+    return fields
+
+
+def _fields(record: Record, at: int) -> list[tuple[int, int, str]]:
+    """Begin, end and name of each field, of a record that begins at `at`."""
+    places = []
+    for field in record.all_fields:
+        places.append((at, at + field.size, f"{record.name}.{field.name}"))
+        at += field.size
+    return places

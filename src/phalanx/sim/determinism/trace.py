@@ -1,0 +1,133 @@
+"""A controller lives through its calls, in a process made for it: python -m phalanx.sim.determinism.trace JOB OUT.
+
+It lives several times, each another way in which an auditor may come to run it. What must not matter is made to differ
+from process to process: clocks, the time zone, where objects lie in memory; and the order of sets, by the hash seed
+that the process is started with.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from phalanx.robot.controllers.python_controller import Controller, Send
+
+from .calls import Call, Make, maker
+
+# What a controller did at one call: type and bytes of each output, what it remembers then, and what it raised.
+Step = tuple[list[tuple[str, str]], str, str]
+DAY_S = 86_400.0
+
+
+def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """From boot to the end."""
+    controller = make(rob_id)
+    return [_step(controller, call) for call in calls]
+
+
+def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, while another robot's controller in the same process is asked the same just before."""
+    controller, other = make(rob_id), make(rob_id + 1)
+    steps = []
+    for call in calls:
+        _step(other, call)
+        steps.append(_step(controller, call))
+    return steps
+
+
+def live_on(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, each call in a new controller that goes on from the last one's encoding, as an auditor's does."""
+    return _relayed(calls, make(rob_id), lambda: make(rob_id))
+
+
+def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
+    """The same, in two controllers by turns: each decodes the other's encoding over what it remembers itself."""
+    first, second = make(rob_id), make(rob_id)
+    turns = [second, first]
+
+    def other() -> Controller:
+        turns.append(turns.pop(0))
+        return turns[-1]
+
+    return _relayed(calls, first, other)
+
+
+LIVES: dict[str, Callable[[Make, int, list[Call]], list[Step]]] = {
+    "live": live,
+    "live_beside": live_beside,
+    "live_on": live_on,
+    "live_over": live_over,
+}
+
+
+def _relayed(calls: list[Call], controller: Controller, following: Callable[[], Controller]) -> list[Step]:
+    steps: list[Step] = []
+    for call in calls:
+        try:
+            encoding = controller.encode()
+            controller = following()
+            controller.decode(encoding)
+            decoded = controller.encode()
+        except Exception as error:  # noqa: BLE001 - it is told
+            steps.append(([], "", f"decode: {_told(error)}"))
+            continue
+        step = _step(controller, call)
+        steps.append(step if decoded == encoding else ([], decoded.hex(), "decode, then encode: other bytes"))
+    return steps
+
+
+def _step(controller: Controller, call: Call) -> Step:
+    outputs: list[tuple[str, str]] = []
+    raised = ""
+    try:
+        if call.step < 0:
+            controller.on_recv(call.t_ms, call.payload)
+        else:
+            told = controller.on_input(call.step, call.t_ms, call.payload)
+            outputs = [("Send" if isinstance(output, Send) else "Act", output.payload.hex()) for output in told]
+    except Exception as error:  # noqa: BLE001 - it is told
+        raised = _told(error)
+    try:
+        return outputs, controller.encode().hex(), raised
+    except Exception as error:  # noqa: BLE001 - as above
+        return outputs, "", raised or f"encode: {_told(error)}"
+
+
+def _told(error: Exception) -> str:
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}: {error}".splitlines()[0]
+
+
+def _shake(turn: int) -> list[bytearray]:
+    """Clocks are days ahead; memory has holes elsewhere, as long as what is returned is kept."""
+    for name in ("time", "monotonic", "perf_counter", "process_time"):
+        at: Callable[[], float] = getattr(time, name)
+        setattr(time, name, lambda at=at: at() + turn * DAY_S)
+        at_ns: Callable[[], int] = getattr(time, f"{name}_ns")
+        setattr(time, f"{name}_ns", lambda at_ns=at_ns: at_ns() + turn * int(DAY_S) * 1_000_000_000)
+    chance = random.Random(turn)  # noqa: S311 - no secret, and not the one that the controller may use
+    kept = [bytearray(chance.randrange(16, 2048)) for _ in range(20_000)]
+    chance.shuffle(kept)
+    del kept[::2]
+    return kept
+
+
+def main(job: Path, out: Path) -> None:
+    """All lives that the job asks for are in `out`."""
+    asked: dict[str, Any] = json.loads(job.read_text())
+    kept = _shake(asked["turn"]) if asked["turn"] else []
+    make = maker(asked["controller"])
+    calls = [Call(step, t_ms, bytes.fromhex(payload)) for step, t_ms, payload in asked["calls"]]
+    lived = {name: LIVES[name](make, asked["robot"], calls) for name in asked["lives"]}
+    del kept
+    out.write_text(json.dumps(lived))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,226 @@
+"""`phalanx sim check`: controllers that no audit could trust are found, each by what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+
+import pytest
+
+from conftest import PHALANX, ROOT
+from phalanx.errors import UsageError
+from phalanx.sim.determinism.check import Report, check_controller
+
+pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
+
+OWN = f"{ROOT / 'examples' / 'own_controller.py'}:GoThere"
+# It remembers a number, and where it is not told otherwise adds one to it and commands it.
+WHOLE = """
+import random, struct, time
+from phalanx.robot.controllers.python_controller import Act, Controller, Send
+
+EVERYBODY = []
+
+class Mine(Controller):
+    heard = 0
+    hidden = 0
+
+    def encode(self):
+        return struct.pack("<d", self.heard)
+
+    def decode(self, encoding):
+        (self.heard,) = struct.unpack("<d", encoding)
+
+    def on_recv(self, t_ms, frame):
+        self.heard = self.heard + 1
+
+    def on_input(self, step, t_ms, reading):
+        return self.act(t_ms, self.heard, 0.0)
+
+    def act(self, t_ms, ax_mps2, ay_mps2):
+        motion = struct.pack("<ff", ax_mps2, ay_mps2)
+        say = struct.pack("<BHQffff", 0x01, self.rob_id, t_ms, 0.0, 0.0, 0.0, 0.0)
+        act = Act(struct.pack("<BHQ", 0x03, self.rob_id, t_ms) + motion)
+        return [act, Send(say)] if t_ms % 6 == 0 else [act]
+"""
+COUNTED = "self.heard = self.heard + 1"
+ACTED = "return self.act(t_ms, self.heard, 0.0)"
+PROCESSES, COMPILED, BESIDE, FROM, OVER, RAISES = (
+    "same in all processes", "same when not compiled", "same beside another", "same from checkpoints",
+    "same over checkpoints", "raises nothing",
+)  # fmt: skip
+
+
+@pytest.fixture
+def checked(tmp_path):
+    def check(change: dict[str, str]) -> Report:
+        text = WHOLE
+        for was, becomes in change.items():
+            assert was in text
+            text = text.replace(was, becomes)
+        path = tmp_path / "mine.py"
+        path.write_text(text)
+        return check_controller(f"{path}:Mine")
+
+    return check
+
+
+def failed(report: Report) -> dict[str, str]:
+    return {check.name: str(check.finding) for check in report.checks if check.finding}
+
+
+@pytest.mark.parametrize("words", ["flock", "wheels", OWN])
+def test_ours_are_the_same_everywhere(words):
+    report = check_controller(words, seed=3)
+    assert failed(report) == {}
+    assert report.agrees
+    assert report.calls > 300
+
+
+def test_so_is_the_one_that_the_others_are_made_from(checked):
+    assert failed(checked({})) == {}
+
+
+@pytest.mark.parametrize(
+    "change, where, place",
+    [
+        pytest.param(
+            {ACTED: "return self.act(t_ms, 0.0, time.time() % 1)"},
+            {PROCESSES, COMPILED, BESIDE, FROM, OVER},
+            r"output 1, Act at byte 1[5-8] \(acceleration.ay_mps2\): ",
+            id="a clock",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += random.random()"},
+            {PROCESSES, COMPILED, BESIDE, FROM, OVER},
+            r"encode at byte [0-7]: ",
+            id="chance",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, list({'north', 'south', 'east', 'west'}).index('west'), 0.0)"},
+            {PROCESSES},
+            r"output 1, Act at byte 1[1-4] \(acceleration.ax_mps2\): ",
+            id="the order of a set of strings",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, id(self) >> 4 & 0xFFFF, 0.0)"},
+            {PROCESSES, FROM},
+            r"call \d+ \(reading \d+, \d+ ms\): output 1, Act at byte 1[1-4]",
+            id="where an object lies in memory",
+        ),
+        pytest.param(
+            {COUNTED: "self.hidden += 1", "self.heard, 0.0": "self.hidden, 0.0"},
+            {FROM, OVER},
+            r"output 1, Act at byte 1[1-4] \(acceleration.ax_mps2\): ",
+            id="something that is remembered and not encoded",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += 1 / 3", '"<d", self.heard': '"<d", float(f"{self.heard:.3f}")'},
+            {FROM, OVER},
+            r"output 1, Act at byte 1[1-4] \(acceleration.ax_mps2\): [0-9a-f]{8} in process 1; [0-9a-f]{8} in gone on",
+            id="a float that is rounded as text",
+        ),
+        pytest.param(
+            {COUNTED: "EVERYBODY.append(frame); self.heard = len(EVERYBODY)"},
+            {BESIDE, FROM, OVER},
+            r"encode at byte [0-7]: ",
+            id="something that all controllers of a process share",
+        ),
+        pytest.param(
+            {COUNTED: "self.hidden += 1", "(self.heard,) =": "self.heard = max(self.heard, self.hidden);_ ="},
+            {OVER},
+            r"decode, then encode: other bytes",
+            id="a checkpoint that is put on top of what was there",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += int(__import__('numba').config.DISABLE_JIT) + 1"},
+            {COMPILED},
+            r"encode at byte [0-7]: .* in not compiled",
+            id="compiled code that rounds otherwise",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += frame[20]"},
+            {RAISES},
+            r"on_recv raises: IndexError in mine.py:\d+: index out of range",
+            id="a frame that was cut short",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += int(struct.unpack_from('<f', frame.ljust(27, b'.'), 11)[0])"},
+            {RAISES},
+            r"frame, \d+ ms, .*\): on_recv raises: ValueError in mine.py:\d+: cannot convert float NaN to integer",
+            id="NaN in a frame",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, 2.0 * struct.unpack_from('<f', reading, 15)[0], 0.0)"},
+            {RAISES},
+            r"reading \d+, \d+ ms, .* at byte 15\): on_input raises: OverflowError",
+            id="a reading that is huge",
+        ),
+    ],
+)  # fmt: skip
+def test_it_is_found_where_it_differs(checked, change, where, place):
+    report = checked(change)
+    found = failed(report)
+    assert where <= set(found)
+    if where in ({PROCESSES}, {COMPILED}, {OVER}, {RAISES}):
+        assert set(found) == where, "and nothing else is said of it"
+    for name in where:
+        assert re.search(place, found[name]), found[name]
+    assert not report.agrees
+
+
+def test_it_says_in_which_of_the_two_what_is(checked):
+    found = failed(checked({COUNTED: "self.heard += time.monotonic() // 86400 + 1"}))
+    assert re.search(r"in process 1; [0-9a-f]+ in process 2 \(hash seed 1, UTC-9, 1 days later\)$", found[PROCESSES])
+    assert set(found) == {PROCESSES}
+
+
+def test_what_fails_without_liars_is_told_with_its_line(checked):
+    with pytest.raises(UsageError, match=r"mine.py:\d+: KeyError: 3"):
+        checked({ACTED: "return {}[3]"})
+    with pytest.raises(UsageError, match="on_input returned None"):
+        checked({ACTED: "return None"})
+
+
+class TestCommand:
+    def call(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*PHALANX, "sim", "check", *words], capture_output=True, text=True)
+
+    def test_0_is_the_same_everywhere(self):
+        done = self.call(OWN)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert [line.split()[-1] for line in done.stdout.splitlines()[1:]] == ["yes"] * 6
+
+    def test_1_is_a_difference_and_json_has_its_place(self, tmp_path):
+        path = tmp_path / "mine.py"
+        path.write_text(WHOLE.replace(COUNTED, "self.heard += frame[20]"))
+        done = self.call(f"{path}:Mine", "--json", "--seed", "4")
+        assert done.returncode == 1, done.stderr
+        told = json.loads(done.stdout)
+        assert (told["agrees"], told["seed"]) == (False, 4)
+        (finding,) = [check["finding"] for check in told["checks"] if check["finding"]]
+        assert finding["what"] == "on_recv raises"
+
+    @pytest.mark.parametrize("words", ["flok", "nowhere.py:Mine", f"{ROOT / 'setup.py'}:Mine"])
+    def test_2_is_no_controller(self, words):
+        done = self.call(words)
+        assert done.returncode == 2
+        assert "Traceback" not in done.stderr
+        assert len(done.stderr.splitlines()) == 2
+
+
+def test_what_ends_a_process_is_told(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(WHOLE + "\nimport os\nif os.environ['PYTHONHASHSEED'] == '2': 1 / 0\n")
+    done = subprocess.run(
+        [*PHALANX, "sim", "check", f"{path}:Mine"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONHASHSEED": "7"},
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("phalanx: error: a process of the check ended early: ")
+    assert "ZeroDivisionError" in done.stderr
+    assert "Traceback" not in done.stderr
