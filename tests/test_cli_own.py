@@ -11,6 +11,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.sim import Scenario, simulate
 from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.own import find_attacks
 from phalanx.sim.scenarios.scenario import parse_attack
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
@@ -145,6 +146,96 @@ class TestController:
 
 
 SEND = 'return [__import__("phalanx.robot.controllers.python_controller", fromlist="Send").Send(b"hello")]'
+
+
+LIES = """
+from phalanx.robot.attacks import Attack
+from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.controllers.python_controller import Act
+
+class Brake(Liar):
+    'Throws its commands away.'
+    def put_out(self, now_ms, output):
+        if self.lies(now_ms) and isinstance(output, Act):
+            return []
+        return super().put_out(now_ms, output)
+
+STOP = Attack("stop", Brake, bites_from=2.0, does="stops", stopped_by="replay")
+"""
+
+
+class TestAttack:
+    def test_both_commands_run_it(self, phalanx, mine):
+        mine(LIES, "lies.py")
+        code, out, err = phalanx("sim", "run", "flock-12", *QUICK, "--attack", "lies.py:Brake:robot=2,at=1", "--json")
+        assert code == 0, err
+        (liar,) = json.loads(out)["compromised"]
+        assert (liar["robot"], liar["attack"]) == (2, "brake")
+        assert 1.0 <= liar["first_deviation_s"] <= 1.25
+        words = ("--robots", "6", "--duration", "14", "--json")
+        code, out, err = phalanx("attack", "run", "lies.py:Brake:robot=2,at=1", *words)
+        assert code == 0, err
+        told = json.loads(out)
+        assert (told["attack"], told["stopped_in_time"]) == ("brake", True)
+
+    @pytest.mark.parametrize(
+        "words, robot, name",
+        [
+            ("lies.py:robot=3,at=0", 3, "brake"),
+            ("lies.py:STOP:robot=4", 4, "stop"),
+            ("lies.py:Brake", None, "brake"),
+            ("lies.py", None, "brake"),
+        ],
+    )
+    def test_it_may_be_a_record_or_the_only_class(self, mine, words, robot, name):
+        mine(LIES, "lies.py")
+        (spec,) = find_attacks([words])
+        assert (spec.name, spec.robot, spec.attack.name) == (name, robot, name)
+
+    def test_simulate_takes_the_class_as_well(self, mine, monkeypatch, tmp_path):
+        mine(LIES, "lies.py")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        from lies import STOP, Brake
+
+        scenario = Scenario(robots=6, duration_s=16.0, defence="none")
+        by_class, by_record, by_file = (
+            simulate(scenario, attacks=attack).summaries[0] for attack in (Brake, [STOP], "lies.py:Brake")
+        )
+        assert by_class["digest"] == by_record["digest"] == by_file["digest"]
+        assert by_class["digest"] != simulate(scenario).summaries[0]["digest"]
+
+    def test_it_lies_to_robots_with_a_controller_from_a_file(self, phalanx, mine):
+        mine(LIES, "lies.py")
+        words = ("--attack", "lies.py:Brake:robot=2,at=1", "--controller", mine(WHOLE), "--json")
+        code, out, err = phalanx("sim", "run", "flock-12", *QUICK, *words)
+        assert code == 0, err
+        assert json.loads(out)["compromised"][0]["attack"] == "brake"
+
+    @pytest.mark.parametrize(
+        "change, words, complaint",
+        [
+            ({"return []": "return {}[7]"}, "lies.py:Brake:robot=2,at=1", "lies.py:10: KeyError: 7"),
+            ({"import Act": "import Acts"}, "lies.py:Brake", "lies.py:4: ImportError: cannot import name 'Acts'"),
+            ({}, "lies.py:Brakes", "lies.py has no Brakes"),
+            ({"(Liar)": ""}, "lies.py:Brake", "Brake in lies.py is no Liar"),
+            ({}, "lies.py:Brake:robot=x", "'brake:robot=x': robot of brake is 'x'"),
+            ({}, "lies.py:Brake:far=3", "'brake:far=3': options of brake have no 'far'"),
+            ({}, "lies.py:Brake:", "'brake:' is not an attack"),
+        ],
+    )
+    @pytest.mark.parametrize("command", [("sim", "run", "flock-12", "--attack"), ("attack", "run")])
+    def test_a_mistake_is_one_line(self, phalanx, mine, change, words, complaint, command):
+        text = LIES
+        for was, becomes in change.items():
+            assert was in text
+            text = text.replace(was, becomes)
+        mine(text, "lies.py")
+        code, out, err = phalanx(*command, words, *QUICK)
+        assert (code, out) == (2, "")
+        error, hint = err.splitlines()[-2:]
+        assert error.startswith(f"phalanx: error: {complaint}")
+        assert hint.startswith("phalanx: hint: ")
+        assert "Traceback" not in err
 
 
 class TestNobodyLies:

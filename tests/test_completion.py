@@ -25,7 +25,7 @@ def shell(tmp_path):
     command.chmod(0o755)
     here = tmp_path / "here"
     (here / "more").mkdir(parents=True)
-    for name in ("mine.yaml", "more/other.yaml", "made.phxm", "notes.txt"):
+    for name in ("mine.py", "mine.yaml", "more/other.yaml", "made.phxm", "notes.txt"):
         (here / name).touch()
     return here, {**os.environ, "PATH": f"{command.parent}:{os.environ['PATH']}"}
 
@@ -50,8 +50,9 @@ def offered(shell, line: str) -> list[str]:
     "line, names, files",
     [
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
-        ("phalanx sim run flock-12 --attack ", ["none", *IN_FLOCKS], []),
-        ("phalanx attack run ", ATTACKS, []),
+        ("phalanx sim run flock-12 --attack ", ["none", *IN_FLOCKS], ["mine.py"]),
+        ("phalanx attack run ", ATTACKS, ["mine.py"]),
+        ("phalanx sim run flock-12 --controller ", ["flock"], ["mine.py"]),
         ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
         ("phalanx mission build --map ", MAPS, ["mine.yaml"]),
         ("phalanx mission run ", MISSIONS, ["made.phxm", "mine.yaml"]),
@@ -75,7 +76,7 @@ def test_what_is_begun_is_ended(shell):
 
 def test_commands_are_offered_and_the_shell_offers_other_files(shell):
     assert offered(shell, "phalanx si") == ["sim"]
-    assert offered(shell, "phalanx sim ") == ["list", "run", "schema"]
+    assert offered(shell, "phalanx sim ") == ["check", "list", "run", "schema"]
     assert {"bti-fig8", "link-fig4", "mission-fig10"} <= set(offered(shell, "phalanx reproduce "))
     said = {"COMP_WORDS": "phalanx sim run no", "COMP_CWORD": "3", "_PHALANX_COMPLETE": "bash_complete"}
     assert told(shell, "phalanx", **said) == ["file,no"]

@@ -13,9 +13,9 @@ from phalanx.experiments.trial import Trial
 from phalanx.robot.attacks.attack import Attack, meant
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
-from phalanx.sim.scenarios.own import find_controller, mistakes_in
+from phalanx.sim.scenarios.own import find_attack, find_controller, mistakes_in
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario, parse_attack
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .mission.crack import span
 from .sim import changed, progress, told, warn
@@ -26,12 +26,13 @@ DURATION_S = 60.0
 
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
-    first = parse_attack(name)
+    first = find_attack(name)
     if not (first.own or first.name in ATTACKS):
         raise UsageError(f"no attack {first.name!r}", f"{meant(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial
     if first.attack.scene == "flock":
-        trial = _try_in_flock(first, said, defence, controller)
+        with mistakes_in(controller, name):
+            trial = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":
         raise UsageError(f"{first.name} needs robots on missions that audit each other", "tests/mission has them")
     else:
@@ -57,8 +58,7 @@ def _try_in_flock(first: AttackSpec, said: dict[str, Any], defence: Any, control
         tell[which](run)
 
     try:
-        with mistakes_in(controller):
-            return try_attack(scenario, on_step, own)
+        return try_attack(scenario, on_step, own)
     finally:
         end_status_line()
 

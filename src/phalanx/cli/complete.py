@@ -10,6 +10,7 @@ from click.shell_completion import CompletionItem
 
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.scenario import CONTROLLERS
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -38,5 +39,6 @@ a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
 an_encoded_mission = offer(tuple, ".phxm")
-an_attack_by_robots = offer(lambda: ("none", *IN_FLOCKS))
-an_attack = offer(lambda: ATTACKS)
+an_attack_by_robots = offer(lambda: ("none", *IN_FLOCKS), ".py")
+an_attack = offer(lambda: ATTACKS, ".py")
+a_controller = offer(lambda: CONTROLLERS, ".py")

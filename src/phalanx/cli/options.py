@@ -11,7 +11,7 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.config.defence import DEFENCES
 
-from .complete import a_mission
+from .complete import a_controller, a_mission
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
@@ -94,7 +94,10 @@ def defence_option(**more: Any) -> Callable[[Command], Command]:
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 controller_option = click.option(
-    "--controller", metavar="FILE.py:CLASS", help="What honest robots run: a controller of your own, or flock."
+    "--controller",
+    shell_complete=a_controller,
+    metavar="FILE.py:CLASS",
+    help="What honest robots run: a controller of your own, or flock.",
 )
 record_option = click.option(
     "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."

@@ -12,10 +12,10 @@ import click
 from phalanx.errors import UsageError
 from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_controller, mistakes_in
+from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario, parse_attacks
+from phalanx.sim.scenarios.scenario import Scenario
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
@@ -64,14 +64,12 @@ def run(
     **said: Any,
 ) -> int:
     """Runs a scenario and sums it up on stdout."""
-    chosen = changed(
-        find_scenario(scenario), said, defence=defence, attacks=parse_attacks(attacks) if attacks else None
-    )
+    chosen = changed(find_scenario(scenario), said, defence=defence, attacks=find_attacks(attacks) if attacks else None)
     chosen, own = find_controller(controller, chosen)
     warn(chosen)
     before = _written(record)
     try:
-        with mistakes_in(controller):
+        with mistakes_in(controller, *attacks):
             ended = play(chosen, record, progress(chosen.duration_s), own)
     except KeyboardInterrupt:
         end_status_line()

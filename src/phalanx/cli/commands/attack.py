@@ -23,7 +23,7 @@ def list_attacks() -> None:
 
 
 @attack.command(epilog="Example: phalanx attack run spoof:robot=7,at=10 --defence none --duration 120")
-@click.argument("name", shell_complete=an_attack, metavar="NAME[:robot=I,at=T,…]")
+@click.argument("name", shell_complete=an_attack, metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]")
 @defence_option(
     default="bound",
     show_default=True,

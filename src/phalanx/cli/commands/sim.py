@@ -27,7 +27,7 @@ def sim() -> None:
     "attacks",
     multiple=True,
     shell_complete=an_attack_by_robots,
-    metavar="NAME[:robot=I,at=T,…]",
+    metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
     help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
 )
 @controller_option

@@ -11,16 +11,18 @@ import importlib.util
 import logging
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.robot.attacks.attack import Attack, own_attack
+from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 
-from .scenario import CONTROLLERS, Scenario
+from .scenario import CONTROLLERS, AttackSpec, Scenario, parse_attack
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
 logger = logging.getLogger(__name__)
@@ -43,10 +45,44 @@ def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Ca
     return replace(scenario, controller=words), None
 
 
+def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple[AttackSpec, ...]:
+    """The attacks of each of these; "none" alone is none.
+
+    Args:
+        said: words as for `find_attack`; or who lies how, a record, or a class that derives from `Liar`.
+    Raises: as `find_attack`. UsageError: "none" beside an attack.
+    """
+    if list(said) == ["none"]:
+        return ()
+    if "none" in said:
+        raise UsageError("an attack and none", "one or the other")
+    return tuple(find_attack(each) if isinstance(each, str) else _spec(each) for each in said)
+
+
+def find_attack(words: str) -> AttackSpec:
+    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds; NAME may be FILE.py:CLASS.
+
+    Raises: as `find_class`. UsageError: it is not of that form.
+    """
+    if not _is_file(words):
+        return parse_attack(words)
+    path, _, rest = words.partition(":")
+    name, colon, options = ("", "", rest) if "=" in rest.partition(":")[0] else rest.partition(":")
+    own = own_attack(find_class(f"{path}:{name}", Liar))
+    return parse_attack(own.name + (f":{options}" if colon or options else ""), own)
+
+
+def _spec(said: AttackSpec | Attack | type[Any]) -> AttackSpec:
+    if isinstance(said, AttackSpec):
+        return said
+    own = own_attack(said)
+    return AttackSpec(name=own.name, own=own)
+
+
 def find_class(words: str, kind: type[Any]) -> Any:
     """The class of "FILE.py:CLASS"; of "FILE.py" the only one that is derived from `kind`.
 
-    For a controller, CLASS may also be a function that makes one for a robot's id.
+    For a controller, CLASS may also be a function that makes one for a robot's id; for an attack, its record.
 
     Raises: UsageError: no such file or class, or the file raises. Unavailable: it cannot be read.
     """
@@ -66,9 +102,9 @@ def find_class(words: str, kind: type[Any]) -> Any:
         near = difflib.get_close_matches(name, own, 1, 0.3) or list(own)
         guess = f"did you mean {near[0]}?" if near else f"derive one from {kind.__module__}.{kind.__name__}"
         raise UsageError(f"{path} has no {name}", guess)
-    if isinstance(found, type) and not issubclass(found, kind):
+    if not issubclass(found if isinstance(found, type) else kind, kind):
         raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from {kind.__module__}.{kind.__name__}")
-    if not callable(found):
+    if not callable(found) and not (kind is Liar and isinstance(found, Attack)):
         raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
     if left := sorted(getattr(found, "__abstractmethods__", ())):
         raise UsageError(f"{name} in {path} has no {', '.join(left)}", f"{kind.__name__} says what they do")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from phalanx.config import BtiConfig
@@ -227,21 +227,12 @@ class Scenario:
         )
 
 
-def parse_attacks(said: Sequence[str | AttackSpec]) -> tuple[AttackSpec, ...]:
-    """The attacks of each of these words (`parse_attack`); "none" alone is none.
-
-    Raises: UsageError: words of another form, or "none" beside an attack.
-    """
-    if list(said) == ["none"]:
-        return ()
-    if "none" in said:
-        raise UsageError("an attack and none", "one or the other")
-    return tuple(parse_attack(each) if isinstance(each, str) else each for each in said)
-
-
-def parse_attack(words: str) -> AttackSpec:
+def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
     """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
 
+    Args:
+        words: these.
+        own: what it is, if it is not in the library.
     Raises: UsageError: it is not of that form.
     """
     name, colon, rest = words.partition(":")
@@ -257,12 +248,12 @@ def parse_attack(words: str) -> AttackSpec:
             raise UsageError(f"{key} twice in {words!r}", hint)
         said[key] = _number(value)
     try:
-        return make_attack(name, said)
+        return make_attack(name, said, own)
     except UsageError as error:
         raise UsageError(f"{words!r}: {error}", error.hint) from error
 
 
-def make_attack(name: str, said: Mapping[str, float | str]) -> AttackSpec:
+def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None = None) -> AttackSpec:
     """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
 
     Raises: UsageError: robot, at or until is not a number.
@@ -281,6 +272,7 @@ def make_attack(name: str, said: Mapping[str, float | str]) -> AttackSpec:
         at_s=float(times.get("at", 15.0)),
         until_s=float(times["until"]) if "until" in times else None,
         options=options,
+        own=own,
     )
 
 

@@ -15,20 +15,22 @@ from typing import Any
 import numpy as np
 
 from phalanx.errors import UsageError
+from phalanx.robot.attacks.attack import Attack
+from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.watch import VerdictReader
 
 from .cautions import cautions
 from .file import find_scenario
-from .own import find_controller
+from .own import find_attacks, find_controller
 from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
-from .scenario import AttackSpec, Scenario, parse_attacks
+from .scenario import AttackSpec, Scenario
 
 # Between two looks at what other processes have done, seconds.
 LOOK_S = 0.1
-Attacks = str | AttackSpec | Sequence[str | AttackSpec]
+OneAttack = str | AttackSpec | Attack | type[Liar]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ def simulate(
     scenario: Scenario | str | Path,
     *,
     controller: Callable[[int], Controller] | str | None = None,
-    attacks: Attacks | None = None,
+    attacks: OneAttack | Sequence[OneAttack] | None = None,
     seeds: Iterable[int] | int | None = None,
     every_s: float = 1.0,
     workers: int = 1,
@@ -69,8 +71,8 @@ def simulate(
         scenario: itself, the name of a built-in one, or a YAML file.
         controller: a class derived from `Controller`, or whatever makes one for a robot's id; "file.py:Class"; or the
             name of a bundled one. None for the scenario's.
-        attacks: instead of the scenario's own: `AttackSpec`s, or what `phalanx sim run --attack` takes; () or "none"
-            for nobody who lies.
+        attacks: one or several, instead of the scenario's own: `AttackSpec`s; what `phalanx sim run --attack` takes; or
+            classes that derive from `Liar`, or their records. () or "none" for nobody who lies.
         seeds: one run each; None for the scenario's own.
         every_s: simulated seconds between two looks; the first is at 0, the last not after the scenario's end.
         workers: processes at a time. With more than one they are forked: what the controller reads besides its inputs
@@ -82,8 +84,10 @@ def simulate(
     Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel.
     """
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
+    if isinstance(attacks, str):
+        attacks = (attacks,)
     if attacks is not None:
-        chosen = replace(chosen, attacks=parse_attacks([attacks] if isinstance(attacks, str | AttackSpec) else attacks))
+        chosen = replace(chosen, attacks=find_attacks(attacks if isinstance(attacks, Sequence) else (attacks,)))
     numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(int, seeds))
     if not numbers:
         raise UsageError("no seeds", "at least one, for example range(20)")
