@@ -52,7 +52,7 @@ def offered(shell, line: str) -> list[str]:
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
         ("phalanx sim run flock-12 --attack ", ["none", *IN_FLOCKS], ["mine.py"]),
         ("phalanx attack run ", ATTACKS, ["mine.py"]),
-        ("phalanx sim run flock-12 --controller ", ["flock"], ["mine.py"]),
+        ("phalanx sim run flock-12 --controller ", ["flock", "wheels"], ["mine.py"]),
         ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
         ("phalanx mission build --map ", MAPS, ["mine.yaml"]),
         ("phalanx mission run ", MISSIONS, ["made.phxm", "mine.yaml"]),

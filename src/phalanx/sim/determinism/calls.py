@@ -11,10 +11,9 @@ import numpy as np
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.config.wheels import WheelsConfig
-from phalanx.robot.controllers.dispatch import Kind
-from phalanx.robot.controllers.flock_law import flock_params
+from phalanx.robot.controllers.bundled.wheels import wheels_params
+from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.python_controller import Controller, Output, compiled
-from phalanx.robot.controllers.wheels import wheels_params
 from phalanx.sim.scenarios.own import find_class
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
@@ -31,10 +30,6 @@ from phalanx.wire.table import (
 )
 
 Make = Callable[[int], Controller]
-BUNDLED: dict[str, Callable[[], Make]] = {
-    "flock": lambda: compiled(Kind.FLOCK, flock_params(FlockConfig())),
-    "wheels": lambda: compiled(Kind.WHEELS, wheels_params(WheelsConfig())),
-}
 ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
 CONTROL_MS = 250
 LATEST_MS = (1 << 32) - 1  # entries carry no later time
@@ -68,11 +63,15 @@ class Call:
 
 
 def maker(words: str) -> Make:
-    """What makes the controller of that name, or of "FILE.py:CLASS".
+    """What makes the bundled controller of that name, or that of "FILE.py:CLASS".
 
     Raises: as `find_class`.
     """
-    return BUNDLED[words]() if words in BUNDLED else find_class(words, Controller)
+    if words not in BUNDLED:
+        own: Make = find_class(words, Controller)
+        return own
+    params = BUNDLED[words].params
+    return compiled(NUMBERS[words], params(FlockConfig()) if params else wheels_params(WheelsConfig()))
 
 
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
@@ -85,7 +84,8 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    life = list(_driven(chance)) if words == "wheels" else _lived(make, seed)
+    driven = words in BUNDLED and BUNDLED[words].reads is WHEELS_SENSOR
+    life = list(_driven(chance)) if driven else _lived(make, seed)
     return [*life, *_odd(life, chance)]
 
 

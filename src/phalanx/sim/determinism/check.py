@@ -14,25 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from phalanx.errors import Unavailable
+from phalanx.robot.controllers.dispatch import BUNDLED
 from phalanx.sim.scenarios.own import mistakes_in
 from phalanx.wire.record import Record
-from phalanx.wire.table import (
-    ACCELERATION,
-    FLOCK_MEMORY,
-    NEIGHBOUR,
-    STATE,
-    WAYPOINT,
-    WHEELS_COMMAND,
-    WHEELS_MEMORY,
-    WHEELS_STATE,
-)
+from phalanx.wire.table import FLOCK_MEMORY, NEIGHBOUR, WAYPOINT, WHEELS_MEMORY
 
 from .calls import ROBOT, Call, calls_of, maker
 from .trace import LIVES, Step
 
 # Beside the first process. With four in all, two strings in a set come in the same order in every one in 1 of 8 cases.
 OTHERS = 3
-KNOWN = {(record.tag, record.size): record for record in (STATE, ACCELERATION, WHEELS_COMMAND, WHEELS_STATE)}
+KNOWN = {(record.tag, record.size): record for each in BUNDLED.values() for record in (each.commands, each.says)}
 # What the bundled ones remember: a record, and then one for each of what it has several of.
 MEMORY = {"flock": (FLOCK_MEMORY, NEIGHBOUR), "wheels": (WHEELS_MEMORY, WAYPOINT)}
 ZONES = ("UTC", "UTC-9", "UTC+7", "UTC-5")
