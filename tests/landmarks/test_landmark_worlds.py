@@ -21,6 +21,7 @@ from phalanx.sim.building.diffdrive import DiffDrive, DiffDriveConfig
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
+from phalanx.sim.building.raycast import Beams
 from phalanx.sim.building.walkers import ROOM_M, Walkers, free_place
 
 COORDINATE = st.floats(-20, 20).map(lambda x: round(x, 3))
@@ -60,7 +61,7 @@ class TestRays:
         step = fov / beams
         ranges = np.empty(beams)
         walls, discs = np.array(walls, float).reshape(-1, 4), np.array(discs, float).reshape(-1, 3)
-        raycast.cast(pose, walls, discs, first, step, *beam_table(first, step, beams), 15.0, ranges)
+        raycast.cast(pose, walls, discs, Beams(first, step, *beam_table(first, step, beams), 15.0), ranges)
         expected = all_pairs(pose, walls, discs, beams, first, step, 15.0)
         # A ray through exactly the end of a wall or along it, or at exactly the range, may go either way.
         with np.errstate(invalid="ignore"):
@@ -84,17 +85,9 @@ class TestRays:
             monkeypatch.setattr(raycast, name, getattr(raycast, name).py_func)
         plain = np.empty(180)
         config = lidar.config
-        beams = beam_table(config.angle_min_rad, config.angle_increment_rad, 180)
-        raycast.cast.py_func(
-            (2.5, 1.9, 0.4),
-            np.array(ROOM, float),
-            discs,
-            config.angle_min_rad,
-            config.angle_increment_rad,
-            *beams,
-            30.0,
-            plain,
-        )
+        first, step = config.angle_min_rad, config.angle_increment_rad
+        beams = Beams(first, step, *beam_table(first, step, 180), 30.0)
+        raycast.cast.py_func((2.5, 1.9, 0.4), np.array(ROOM, float), discs, beams, plain)
         assert compiled.tobytes() == plain.tobytes()
 
 

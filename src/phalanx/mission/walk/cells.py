@@ -8,6 +8,7 @@ counts.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,22 @@ Floats = NDArray[np.float64]
 Table = NDArray[np.int64]
 Numbers = tuple[int, int, int, int]
 Steps = tuple[float, float, float, float]
+
+
+class Groups(NamedTuple):
+    """What is searched for together, as kernels take it.
+
+    Args:
+        rows: (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0.
+        steps: of the cells.
+        bins: in a turn.
+        rings: of cells around each.
+    """
+
+    rows: Floats
+    steps: Steps
+    bins: int
+    rings: int
 
 
 @kernel
@@ -91,17 +108,14 @@ def _next_unsearched(
     things: Floats,
     eye: tuple[float, float],
     turn_rad: float,
-    groups: Floats,
-    steps: Steps,
-    bins: int,
-    rings: int,
+    groups: Groups,
     table: Table,
     lane: int,
     left: int,
 ) -> tuple[int, int, Numbers]:
-    nobody = (0, 0, 0, 0)
-    for pair in range(first, len(things) * len(groups)):
-        thing, group = things[pair // len(groups)], groups[pair % len(groups)]
+    nobody, rows, rings = (0, 0, 0, 0), groups.rows, groups.rings
+    for pair in range(first, len(things) * len(rows)):
+        thing, group = things[pair // len(rows)], rows[pair % len(rows)]
         x, y, turn = thing[0], thing[1], thing[2]
         if turn_rad != 0.0:
             x, y = turn_about(x, y, eye[0], eye[1], turn_rad)
@@ -112,23 +126,23 @@ def _next_unsearched(
                 continue
         if left <= 0:
             return -1, left, nobody
-        numbers = numbers_of(x, y, turn, thing[3], (group[0], group[1], group[2], group[3]), steps, bins)
+        offset = (group[0], group[1], group[2], group[3])
+        numbers = numbers_of(x, y, turn, thing[3], offset, groups.steps, groups.bins)
         # With fewer tries left a search has fewer rings, and is another one.
         whole = left >= (2 * rings - 1) * (2 * rings - 1)
-        if not whole or table[_row(table, lane + pair % len(groups), numbers), 0] == 0:
+        if not whole or table[_row(table, lane + pair % len(rows), numbers), 0] == 0:
             return pair, left, numbers
         left -= (2 * rings + 1) * (2 * rings + 1)
-    return len(things) * len(groups), left, nobody
+    return len(things) * len(rows), left, nobody
 
 
 class Searched:
-    """Cells that nothing was found around, in all of `rings` rings.
+    """Cells that nothing was found around, in all their rings; who asks has always as many.
 
     A lane stands for all that goes into a hash beside the cell, and for the digests that are looked for.
     """
 
-    def __init__(self, rings: int) -> None:
-        self._rings = rings
+    def __init__(self) -> None:
         self._table = np.zeros((TABLE_ROWS, 5), np.int64)
         self._used = 0
         self._lanes: dict[object, int] = {}
@@ -156,9 +170,7 @@ class Searched:
         things: Floats,
         eye: tuple[float, float],
         turn_rad: float,
-        groups: Floats,
-        steps: Steps,
-        bins: int,
+        groups: Groups,
         lane: int,
         left: int,
     ) -> tuple[int, int, Numbers]:
@@ -169,11 +181,9 @@ class Searched:
             things: (n, 4) x, y, orientation and area, NaN where there is none.
             eye: where the robot is.
             turn_rad: by which all things are turned about it.
-            groups: (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0.
-            steps: of the cells.
-            bins: in a turn.
+            groups: m of them.
             lane: of the first group; the others' follow.
             left: tries.
         Returns: pair -1 where no tries are left, n * m where no pair is.
         """
-        return _next_unsearched(first, things, eye, turn_rad, groups, steps, bins, self._rings, self._table, lane, left)
+        return _next_unsearched(first, things, eye, turn_rad, groups, self._table, lane, left)

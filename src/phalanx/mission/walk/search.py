@@ -37,7 +37,7 @@ from phalanx.mission.observable import (
     window_of,
 )
 
-from .cells import Searched
+from .cells import Groups, Searched
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
@@ -228,7 +228,7 @@ class PaperSearch:
         self._rings = rings_of(config, mission.header.coding, 1 << 40)
         self._steps = steps_of(mission.header.coding)
         self._candidates: dict[tuple[int, ...], _Candidates] = {}
-        self._searched = Searched(self._rings)
+        self._searched = Searched()
 
     def _among(self, nodes: tuple[int, ...]) -> _Candidates:
         if nodes not in self._candidates:
@@ -323,9 +323,10 @@ class PaperSearch:
         coding, shape = self._mission.header.coding, batch.shape
         bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if shape.place in LANDMARK_PLACES else 1
         eye, pair, pairs = (float(seen.x_m), float(seen.y_m)), 0, len(batch.variants) * len(among.groups)
+        groups = Groups(among.rows, self._steps, bins, self._rings)
         while True:
             pair, left, numbers = self._searched.next_unsearched(
-                pair, batch.things, eye, turn, among.rows, self._steps, bins, batch.lane, budget.left
+                pair, batch.things, eye, turn, groups, batch.lane, budget.left
             )
             budget.spend(budget.left - left)
             if not 0 <= pair < pairs:

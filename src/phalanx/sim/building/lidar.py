@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks.scan import LaserScan, beam_table
 
-from .raycast import cast
+from .raycast import Beams, cast
 
 _NOBODY = np.zeros((0, 3))
 
@@ -20,27 +20,14 @@ class Lidar:
         self.config = config or LidarConfig()
         self._walls = np.ascontiguousarray(walls, np.float64).reshape(-1, 4)
         first, step = self.config.angle_min_rad, self.config.angle_increment_rad
-        self._beams = beam_table(first, step, self.config.beams)
+        self._beams = Beams(first, step, *beam_table(first, step, self.config.beams), self.config.range_max_m)
 
     def true_ranges(
         self, pose: tuple[float, float, float], people: NDArray[np.float64] = _NOBODY
     ) -> NDArray[np.float64]:
         """(beams,) distances without noise; +inf is a miss."""
         ranges = np.empty(self.config.beams)
-        config = self.config
-        cosines, sines = self._beams
-        first, step = config.angle_min_rad, config.angle_increment_rad
-        cast(
-            (float(pose[0]), float(pose[1]), float(pose[2])),
-            self._walls,
-            people,
-            first,
-            step,
-            cosines,
-            sines,
-            config.range_max_m,
-            ranges,
-        )
+        cast((float(pose[0]), float(pose[1]), float(pose[2])), self._walls, people, self._beams, ranges)
         return ranges
 
     def sweep(
