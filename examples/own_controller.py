@@ -4,13 +4,10 @@ What it may do: phalanx/robot/controllers/python_controller.py. python examples/
 """
 
 import struct
-import sys
 
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Act, Controller, Send
-from phalanx.sim.compiling import telling_of_compiling
-from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim import Scenario, simulate
 
 STATE = struct.Struct("<BHQffff")  # kind, id, time ms, place m, velocity m/s: what robots read, and what they broadcast
 COMMAND = struct.Struct("<BHQff")  # kind, id, time ms, acceleration m/s²
@@ -50,10 +47,7 @@ class GoThere(Controller):
 
 
 if __name__ == "__main__":
-    liar = AttackSpec(name="hijack", robot=5, at_s=10.0)
-    with telling_of_compiling(lambda words: print(words, file=sys.stderr)):
-        run = Run(Scenario(robots=9, goal_m=GOAL_M, bti=BtiConfig(f_max=2), attacks=(liar,)), GoThere)
-        run.advance(30.0)
-    told = run.summary()
+    scenario = Scenario(robots=9, goal_m=GOAL_M, duration_s=30.0, bti=BtiConfig(f_max=2))
+    (told,) = simulate(scenario, controller=GoThere, attacks="hijack:robot=5,at=10").summaries
     print("robot 5 lied from {first_deviation_s} s on, Safe Mode at {safe_mode_s} s".format(**told["compromised"][0]))
     print(f"honest robots stopped: {told['correct_in_safe_mode']}, for want of a quorum: {told['without_quorum']}")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import multiprocessing
 import signal
+import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
@@ -19,6 +21,7 @@ from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.compiling import telling_of_compiling
 
 from .cautions import cautions
 from .file import find_scenario
@@ -28,8 +31,9 @@ from .result import VERDICT, Result
 from .run import Run
 from .scenario import AttackSpec, Scenario
 
-# Between two looks at what other processes have done, seconds.
-LOOK_S = 0.1
+# Between two looks at what other processes have done, and two lines on how far compiling is, seconds.
+LOOK_S, TELL_S = 0.1, 15.0
+logger = logging.getLogger(__name__)
 OneAttack = str | AttackSpec | Attack | type[Liar]
 
 
@@ -81,7 +85,8 @@ def simulate(
         on_progress: called now and then with the share of the work that is done, 0 to 1.
     Raises: UsageError: something of it is not as said. Unavailable: memory or disk are full, a file cannot be read.
         What the controller raises ends it too.
-    Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel.
+    Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel; in the log,
+        while what robots run is compiled, which the first time takes minutes.
     """
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
     if isinstance(attacks, str):
@@ -104,7 +109,21 @@ def simulate(
         warnings.warn(words, stacklevel=2)
     job = _Job(chosen, controller, numbers, float(every_s), None if record is None else str(record))
     workers = min(workers, len(numbers))
-    return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
+    with telling_of_compiling(_now_and_then()):
+        return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
+
+
+def _now_and_then() -> Callable[[str, float], None]:
+    """Warns in the log of what takes minutes in which nothing else is seen; not of each step of it."""
+    due_s = 0.0
+
+    def tell(words: str, _share: float) -> None:
+        nonlocal due_s
+        if time.monotonic() >= due_s:
+            due_s = time.monotonic() + TELL_S
+            logger.warning("%s", words)
+
+    return tell
 
 
 def _here(job: _Job, on_progress: Callable[[float], None]) -> list[dict[str, Any]]:
