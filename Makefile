@@ -10,7 +10,7 @@ FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 # Tests that compute leave the processor to those that wait for somebody, and have limits for it.
-COMPUTES := -m "not waits and not alone and not long" --numprocesses 2 --dist worksteal
+COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
 WAITS := -m "waits and not alone and not long" --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long"
 DEMO ?=
@@ -25,7 +25,7 @@ NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
-.PHONY: help setup setup-dev ready ready-dev demo test lint test-firmware test-web test-python test-computes test-waits \
+.PHONY: help setup setup-dev tools-dev ready ready-dev ready-tools-dev demo test lint test-firmware test-web test-python test-computes test-waits \
 	test-alone check-long coverage bench docs release clean
 
 help:
@@ -41,9 +41,14 @@ setup:
 setup-dev:
 	@$(MAKE) --no-print-directory --jobs=8 ready-dev
 
+# All that lint needs, and the tests of TypeScript and C: these can go on while robots' code is compiled.
+tools-dev:
+	@$(MAKE) --no-print-directory --jobs=8 ready-tools-dev
+
 FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
 ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
-ready-dev: ready .venv/dev $(PEER)/dist/peer.cjs
+ready-tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
+ready-dev: ready ready-tools-dev
 
 $(NEEDED):
 	@scripts/need.sh $(NEEDS)
@@ -91,21 +96,22 @@ $(PEER)/dist/peer.cjs: $(PEER)/package-lock.json $(wildcard $(PEER)/*.js $(PEER)
 demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
-test: setup-dev
-	@$(BIN)/python scripts/side_by_side.py lint docs test-firmware test-web test-computes test-waits
+test: tools-dev
+	@$(BIN)/python scripts/side_by_side.py setup-dev lint docs test-firmware test-web
+	@$(BIN)/python scripts/side_by_side.py test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
-lint: setup-dev
+lint: tools-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	nice $(BIN)/mypy
 	cd web && npm run --silent lint
 	cd web && npm run --silent types
 
-test-web: setup-dev
+test-web: tools-dev
 	cd web && npm run --silent test
 
-test-firmware: setup-dev
+test-firmware: tools-dev
 	nice $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
@@ -141,7 +147,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_scan.py
 	$(BIN)/python benchmarks/bench_mission_run.py
 
-docs: setup-dev
+docs: tools-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 # All but the upload, of what is committed: CONTRIBUTING.md says what it looks at.
