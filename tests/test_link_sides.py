@@ -13,7 +13,7 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import Stale, UsageError
 from phalanx.link import ClientSide, Command, Pin, Request, ServerSide, new_pin
-from phalanx.link.envelope import encode_pin_message, seal
+from phalanx.link.envelope import encode_envelope, encode_pin_message, seal
 from phalanx.link.messages import Knock, Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
 from phalanx.link.rotation import TABLE, Act, Event, State, step
 from phalanx.link.topics import CommandTopic, full_topic
@@ -67,13 +67,33 @@ class TestMessages:
             assert deliver(server, publish, 0.0).reason == "replayed"
         assert server.rejected == {"replayed": 3}
 
-    def test_a_withheld_command_can_be_delivered_to_another_robot_in_this_mode(self):
-        # Documented in docs/threat-model.md: the topic is not bound into the envelope.
+    def test_a_withheld_command_is_no_other_robots_command(self):
         server, client = pair()
         publish = client.command(MOVE, 1, NOW)
-        spliced = Publish(publish.topic.replace("00000001", "00000002"), publish.payload)
+        for topic in (publish.topic.replace("00000001", "00000002"), publish.topic.replace("move_raw", "waypoints")):
+            assert deliver(server, Publish(topic, client.command(MOVE, 1, NOW).payload), 0.0).reason == "wrong_topic"
+        request = client.request(0, NOW)
+        assert deliver(server, Publish(publish.topic, request.payload), 0.0).reason == "wrong_topic"
+        assert isinstance(deliver(server, publish, 0.0), Command)
+
+    def test_a_withheld_command_of_a_published_client_can_be_delivered_to_another_robot(self):
+        # Documented in docs/threat-model.md: published clients do not bind the topic into the envelope.
+        server, client = pair()
+        publish = client.command(MOVE, 1, NOW)
+        payload = seal(encode_envelope(1, NOW), server.epoch, os.urandom(12))
+        spliced = Publish(publish.topic.replace("00000001", "00000002"), payload)
         assert deliver(server, spliced, 0.0).address == "DECAFBAD00000002"
-        assert deliver(server, publish, 0.0).reason == "replayed"
+
+    def test_a_command_says_which_frame_its_sender_read_last(self):
+        server, client = pair()
+        assert deliver(server, client.command(MOVE, 1, NOW), 0.0).seen is None
+        for payload in (
+            {"cmd": 16, "data": {"seq": 7}},
+            {"cmd": 16, "data": {"seq": "8"}},
+            {"cmd": 2, "data": {"seq": 9}},
+        ):
+            deliver(client, server.notify(payload, NOW)[0])
+        assert deliver(server, client.command(MOVE, 1, NOW), 0.0).seen == 7
 
     @pytest.mark.parametrize("skew, well", [(29.0, True), (-29.0, True), (31.0, False), (-31.0, False)])
     def test_clocks_may_differ_by_thirty_seconds(self, skew, well):

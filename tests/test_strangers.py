@@ -15,9 +15,14 @@ from typing import Self
 import pytest
 
 from conftest import a_broker, a_gateway, a_server, bare_mosquitto, eventually
+from phalanx.gateway.gateway import Gateway
+from phalanx.gateway.joystick import Told
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
+from phalanx.link.messages import Publish
+from phalanx.link.topics import CommandTopic, full_topic
+from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits
 
@@ -241,6 +246,51 @@ class TestOurBroker:
 
 
 class TestLateness:
+    async def test_what_a_paused_broker_hands_out_late_moves_nothing(self, tmp_path):
+        tcp = free_port()
+        swarm, driven = Dotbots(1, 1, time.time), []
+        swarm.drive = lambda _, left_pct, right_pct: driven.append(left_pct)
+        address = swarm.robots()[0].address
+        with bare_mosquitto(tcp, free_port(), tmp_path) as (start, _):
+            start()
+            async with Server(f"mqtt://127.0.0.1:{tcp}") as server:
+                gateway = asyncio.create_task(Gateway(swarm, server).run())
+                await server.wait_connected(10)
+                async with Client(server.qr(), broker=server.broker) as visitor:
+                    news = visitor.notifications()
+                    await anext(news)
+                    pid = the_process(tcp)
+                    os.kill(pid, signal.SIGSTOP)
+                    try:
+                        for speed in range(10, 20):
+                            await visitor.command(address, "move_raw", {"left_y": speed, "right_y": speed})
+                            await asyncio.sleep(0.05)
+                        # One that a published client sent, which says nothing of when.
+                        words = {"left_y": 33, "right_y": 33}
+                        plain = seal(encode_envelope(words, time.time()), server.epoch, os.urandom(12))
+                        topic = full_topic("/qrkey", server.epoch.topic, CommandTopic(address, "0", "move_raw"))
+                        await visitor._link.send([Publish(topic, plain)])
+                        await asyncio.sleep(4)
+                    finally:
+                        os.kill(pid, signal.SIGCONT)
+                    await eventually(lambda: server.rejected["late"] == 10)
+                    assert not [speed for speed in driven if 10 <= speed < 20]
+                    await eventually(lambda: 33 in driven)
+                    await asyncio.sleep(1.5)
+                    await visitor.command(address, "move_raw", {"left_y": 50, "right_y": 50})
+                    await eventually(lambda: 50 in driven)
+                gateway.cancel()
+
+    def test_by_the_frames_that_were_sent_it_is_known_how_old_a_word_must_be(self):
+        told = Told()
+        assert told.age_s(3, 100.0) == 0.0
+        for number in range(600):
+            told.sent(number, number * 0.1)
+        assert told.age_s(599, 70.0) == 0.0
+        assert told.age_s(10**9, 70.0) == 0.0
+        assert told.age_s(590, 60.0) == pytest.approx(60.0 - 59.1)
+        assert told.age_s(-1, 60.0) > 20, "before all that it remembers"
+
     async def test_the_time_for_which_the_gateway_itself_is_held_up_counts_as_waiting(self, broker):
         async with a_server(broker) as server:
             waited = []

@@ -13,7 +13,7 @@ from joserfc.jwk import OctKey
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import OpenError, PeerError, PhalanxError
-from phalanx.link.envelope import Envelope, open_envelope, seal
+from phalanx.link.envelope import Bound, Envelope, encode_envelope, open_envelope, seal
 from phalanx.link.keys import Epoch, derive_epoch
 from phalanx.link.parts import PartsInbox
 from phalanx.link.pin import Pin
@@ -80,6 +80,21 @@ def test_envelopes_open_or_are_refused_for_the_right_reason(case):
         assert seal(case["plaintext"].encode(), epoch, bytes.fromhex(case["iv_hex"])) == token
         assert oracle.decrypt_compact(token, OctKey.import_key(epoch.key.raw)).plaintext == case["plaintext"].encode()
         assert outcome(open_it) == "Replayed"
+
+
+@cases("bound")
+def test_what_clients_bind_into_an_envelope_is_read_again(case):
+    epoch, token = epoch_with(Key(bytes.fromhex(case["key_hex"]))), case["jwe"].encode()
+
+    def open_it() -> Envelope:
+        return open_envelope(token, epoch, case["now"], ReplayCache(9, 30), 4096)
+
+    assert outcome(open_it) == case["expect"]
+    if case["expect"] == "ok":
+        bound = Bound(case["sub"], case["seen"])
+        assert open_it().bound == bound
+        plaintext = encode_envelope(case["payload"], case["now"], bound)
+        assert seal(plaintext, epoch, bytes.fromhex(case["iv_hex"])) == token
 
 
 @cases("topics")

@@ -95,6 +95,10 @@ def envelopes() -> list[dict[str, Any]]:
         text = body(payload)
         plain(f"payload {json.dumps(payload)[:24]}", "ok", text, timestamp=NOW, payload=payload)
     plain("other keys are ignored", "ok", '{"a":1,"timestamp":1700000000,"payload":2,"b":[]}', timestamp=NOW, payload=2)
+    for rest in ('1,"payload":1', '{"a":1,"\\u0061":2}', '[{"a":{"b":1,"b":1}}]'):
+        plain(f"a key twice: {rest}", "MalformedEnvelope", f'{{"timestamp":1700000000,"payload":{rest}}}')
+    again = [{"a": 1}, {"a": {"a": ":"}}]
+    plain("one key in several objects", "ok", body(again), timestamp=NOW, payload=again)
     for name, skew in (("29.9 s old", -29.9), ("30 s old", -30.0), ("30 s ahead", 30.0)):
         plain(name, "ok", body(1, NOW + skew), timestamp=NOW + skew, payload=1)
     for name, skew in (("30.1 s old", -30.1), ("30.1 s ahead", 30.1), ("1970", -NOW), ("the year 5138", 1e11)):
@@ -286,6 +290,34 @@ def pin_messages() -> list[dict[str, Any]]:
     ]
 
 
+def bound() -> list[dict[str, Any]]:
+    """What clients of ours seal: bound to the topic, and to the last frame they read."""
+    cases = []
+    for name, sub, seen in (
+        ("a command before the first frame", "command/0000/DECAFBAD00000001/0/move_raw", None),
+        ("a command after frame 0", "command/0000/DECAFBAD00000001/0/move_raw", 0),
+        ("a request after many frames", "request", 2**53 - 1),
+    ):
+        words: dict[str, Any] = {"timestamp": NOW + 0.5, "payload": {"left_y": 60}, "sub": sub}
+        if seen is not None:
+            words["seen"] = seen
+        plaintext = json.dumps(words, separators=(",", ":")).encode()
+        case = {"name": name, "expect": "ok", "key_hex": KEY.hex(), "iv_hex": IV.hex(), "now": NOW + 0.5}
+        cases.append(case | {"payload": {"left_y": 60}, "sub": sub, "seen": seen, "jwe": sealed(plaintext)})
+    for key, value in (
+        ("sub", "1"),
+        ("seen", '"1"'),
+        ("seen", "-1"),
+        ("seen", "0.5"),
+        ("seen", "true"),
+        ("seen", "1e300"),
+    ):
+        text = f'{{"timestamp":1700000000,"payload":1,"{key}":{value}}}'
+        case = {"name": f"{key} {value}", "expect": "MalformedEnvelope", "key_hex": KEY.hex(), "now": NOW}
+        cases.append(case | {"jwe": sealed(text.encode())})
+    return cases
+
+
 def qrurls() -> list[dict[str, Any]]:
     pin = "0" * 38 + "7"
     ours = f"http://192.168.1.7:8080/#v=1&pin={pin}&broker=ws%3A%2F%2F192.168.1.7%3A9001%2Fmqtt&root=%2Fqrkey&mqtt=5"
@@ -401,6 +433,7 @@ VECTORS = {
     "parts": parts,
     "keys": keys,
     "envelope": envelopes,
+    "bound": bound,
     "topics": topics,
     "replay": replays,
     "pin_message": pin_messages,

@@ -313,7 +313,7 @@ describe("link", () => {
   });
 
   test("nothing is sent that a server would refuse for its size", () => {
-    const frame = JSON.stringify({ timestamp: NOW, payload: "" }).length;
+    const frame = JSON.stringify({ timestamp: NOW, payload: "", sub: "command/0000/A/0/x" }).length;
     const largest = "y".repeat(SERVER_MAX_BYTES - frame);
     expect(() => make().command("A", "0", "x", largest, NOW, iv())).not.toThrow();
     expect(() => make().command("A", "0", "x", `${largest}y`, NOW, iv())).toThrow(UsageError);

@@ -19,6 +19,7 @@ import {
   qrFragment,
   ReplayCache,
   type SubTopic,
+  seal,
   sealJwe,
   splitTopic,
 } from "../client/core";
@@ -95,6 +96,17 @@ describe("envelope", () => {
         "NotAuthentic",
       );
     }
+  });
+});
+
+describe("bound", () => {
+  type C = Case & { key_hex: string; iv_hex: string; now: number; jwe: string; payload: Json; sub: string; seen: number | null };
+  // Clients write it; only servers read it.
+  const ours = load<C>("bound").filter((c) => c.expect === "ok");
+  test.each(ours)("$name", ({ payload, now, key_hex, iv_hex, jwe, sub, seen }) => {
+    const bound = { sub, seen: seen ?? undefined };
+    const sealed = seal(payload, now, epochOf(key_hex), hexToBytes(iv_hex), 4096, bound);
+    expect(new TextDecoder().decode(sealed)).toBe(jwe);
   });
 });
 

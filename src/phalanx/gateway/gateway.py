@@ -17,7 +17,7 @@ from phalanx.robot.shield import Shielded, Unprotected
 
 from . import vocabulary
 from .frames import Frames, Tick
-from .joystick import EXPIRES_S, Joysticks
+from .joystick import EXPIRES_S, LATE_S, Joysticks, Told
 from .missions.watch import MissionWatch
 from .shields import ShieldWatch
 from .visitors import Visitors
@@ -58,6 +58,7 @@ class Gateway:
         self.visitors = Visitors()
         self._clock = clock
         self._joysticks = Joysticks()
+        self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
         self._say = say
         self._serve(swarm)
@@ -106,21 +107,36 @@ class Gateway:
         moving = bool(move.left_pct or move.right_pct)
         # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
         # waited here while its visitor let go. That a visitor let go is never too late to be heard.
-        if moving and command.waited_s > EXPIRES_S:
-            raise Late(f"waited {command.waited_s:.1f} s")
+        if moving:
+            self._refuse_late(command)
+            if command.waited_s > EXPIRES_S:
+                raise Late(f"waited {command.waited_s:.1f} s")
         # Armed first: a driver that fails half-way may have set the wheels turning.
         self._joysticks.drive(address, moving, time.monotonic())
         self.swarm.drive(address, move.left_pct, move.right_pct)
 
+    def _refuse_late(self, command: Command) -> None:
+        """Whatever held it back: a broker that was paused obeys nobody's old words.
+
+        Raises: Late.
+        """
+        age_s = self._told.age_s(command.seen, time.monotonic()) if command.seen is not None else 0.0
+        if age_s > LATE_S:
+            raise Late(f"{age_s:.1f} s under way")
+
     def _rgb_led(self, address: str, command: Command) -> None:
+        self._refuse_late(command)
         self.swarm.set_led(address, vocabulary.parse_rgb_led(command.payload))
 
     def _waypoints(self, address: str, command: Command) -> None:
         route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm, self._longest_route)
+        if route.points:
+            self._refuse_late(command)
         self.swarm.follow(address, route.points, route.threshold_mm)
         self._joysticks.drive(address, False, time.monotonic())
 
-    def _clear_history(self, address: str, _: Command) -> None:
+    def _clear_history(self, address: str, command: Command) -> None:
+        self._refuse_late(command)
         self.swarm.clear_history(address)
 
     def _tell_robots(self, request: Request) -> list[dict[str, Any]]:
@@ -186,7 +202,8 @@ class Gateway:
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
         for frame in tick.frames if tick else ():
-            await self._notify(frame)
+            if await self._notify(frame):
+                self._told.sent(frame["data"]["seq"], time.monotonic())
         if self.visitors.older_pages(time.monotonic()):
             await self._tell_older_pages(robots, tick)
 
@@ -207,12 +224,13 @@ class Gateway:
         await asyncio.sleep(APART_S)
         await self._notify({"cmd": int(notice)} | ({"data": data} if data is not None else {}))
 
-    async def _notify(self, payload: dict[str, Any]) -> None:
+    async def _notify(self, payload: dict[str, Any]) -> bool:
         try:
-            await self.server.notify(payload)
+            return await self.server.notify(payload)
         except UsageError as error:
             # A swarm that tells something unspeakable must not silence all the others.
             log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more
+            return False
 
     async def _stop_abandoned(self) -> None:
         while True:

@@ -1,10 +1,36 @@
-"""Joysticks: a robot drives only as long as somebody keeps saying so."""
+"""Joysticks: a robot drives only as long as somebody keeps saying so, and not by words that were held back."""
 
 from __future__ import annotations
 
 import heapq
+from collections import deque
 
 EXPIRES_S = 0.3
+LATE_S = 1.0
+REMEMBERED = 256  # frames: more than are sent in that second
+
+
+class Told:
+    """When frames were sent, and so how long ago somebody spoke who had read up to one of them.
+
+    By the gateway's own clock: whoever speaks has not yet read the next frame.
+    """
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
+
+    def sent(self, number: int, uptime_s: float) -> None:
+        """Frame `number` was sent."""
+        self._sent.append((number, uptime_s))
+
+    def age_s(self, seen: int, uptime_s: float) -> float:
+        """Seconds for which a word has been under way at least, if its speaker had read frame `seen` last."""
+        age_s = 0.0
+        for number, sent_at_s in reversed(self._sent):
+            if number <= seen:
+                break
+            age_s = uptime_s - sent_at_s
+        return age_s
 
 
 class Joysticks:

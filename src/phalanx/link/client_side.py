@@ -10,13 +10,15 @@ from phalanx.config import LinkConfig
 from phalanx.crypto import IV_BYTES
 from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
-from .envelope import encode_to_send, open_envelope, seal
+from .envelope import Bound, encode_to_send, open_envelope, seal
 from .keys import Epoch, derive_epoch
 from .messages import Moved, Notification, Publish, Rejected, Reply, ReplyPart, Subscribe, Unsubscribe
 from .parts import MAX_PART_BYTES, PartsInbox
 from .pin import Pin
 from .replay import ReplayCache
-from .topics import CommandTopic, ReplyTopic, SubTopic, full_topic, split_topic
+from .topics import CommandTopic, ReplyTopic, SubTopic, below_epoch, full_topic, split_topic
+
+FRAME = 16  # the notification of a gateway that is numbered
 
 
 class ClientSide:
@@ -42,6 +44,7 @@ class ClientSide:
         self._cache = ReplayCache(config.replay_capacity, config.tolerance_s)
         self._inbox = PartsInbox()
         self._epoch = derive_epoch(pin)
+        self._seen: int | None = None
         self._left: Epoch | None = None  # the last epoch in which something was heard, if nothing was in this one
 
     @property
@@ -115,6 +118,7 @@ class ClientSide:
         if isinstance(opened, Pin):
             return self._move(opened)
         if sub == "notify":
+            self._seen = _frame_number(opened.payload, self._seen)
             return Notification(opened.payload, opened.timestamp_s)
         return self._parse_reply(opened.payload, len(token))
 
@@ -132,7 +136,8 @@ class ClientSide:
         return Moved(self._epoch, (*map(Subscribe, joined), *(Unsubscribe(t) for t in left if t not in joined)))
 
     def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> Publish:
-        plaintext = encode_to_send(payload, now_s, self.config.max_to_server_bytes, "servers")
+        bound = Bound(below_epoch(sub), self._seen)
+        plaintext = encode_to_send(payload, now_s, self.config.max_to_server_bytes, "servers", bound)
         token = seal(plaintext, self._epoch, self._random_bytes(IV_BYTES))
         return Publish(full_topic(self.config.root, self._epoch.topic, sub), token)
 
@@ -148,3 +153,10 @@ class ClientSide:
             raise BadPayload("a part that should have been split")
         whole = self._inbox.take(number, payload)
         return ReplyPart(number) if whole is None else Reply(number, whole)
+
+
+def _frame_number(payload: Any, before: int | None) -> int | None:
+    """The number of this frame; `before` if it is none. Source: docs/spec/vocabulary.md."""
+    data = payload.get("data") if isinstance(payload, dict) and payload.get("cmd") == FRAME else None
+    number = data.get("seq") if isinstance(data, dict) else None
+    return number if type(number) is int and 0 <= number < 1 << 53 else before

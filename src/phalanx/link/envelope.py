@@ -18,11 +18,26 @@ PIN_MESSAGE_CMD = 255
 
 
 @dataclass(frozen=True, slots=True)
+class Bound:
+    """What a client of ours seals beside its payload. Published peers neither say nor read it.
+
+    Args:
+        sub: topic below the epoch that it was sealed for, or None.
+        seen: number of the last frame that its sender had read, or None.
+    Source: docs/spec/link.md.
+    """
+
+    sub: str | None = None
+    seen: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Envelope:
     """An authentic, fresh message that was not seen before. Source: docs/spec/link.md."""
 
     timestamp_s: float
     payload: Any
+    bound: Bound
 
 
 def encode_json(value: Any) -> bytes:
@@ -33,23 +48,24 @@ def encode_json(value: Any) -> bytes:
     return _ENCODER.encode(value).encode()
 
 
-def encode_envelope(payload: Any, now_s: float) -> bytes:
+def encode_envelope(payload: Any, now_s: float, bound: Bound = Bound()) -> bytes:
     """The plaintext of an envelope.
 
     Raises: ValueError, TypeError: the payload is not JSON (NaN included).
     Source: docs/spec/link.md.
     """
-    return encode_json({"timestamp": now_s, "payload": payload})
+    words = {"sub": bound.sub, "seen": bound.seen}
+    return encode_json({"timestamp": now_s, "payload": payload, **{k: v for k, v in words.items() if v is not None}})
 
 
-def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str) -> bytes:
+def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str, bound: Bound = Bound()) -> bytes:
     """The plaintext of an envelope that `readers` will not refuse for its size.
 
     Raises: UsageError: the payload is not JSON, or longer than `max_bytes`.
     Source: docs/spec/link.md.
     """
     try:
-        plaintext = encode_envelope(payload, now_s)
+        plaintext = encode_envelope(payload, now_s, bound)
     except (TypeError, ValueError, RecursionError) as error:
         raise UsageError(f"payload is not JSON: {error}") from error
     if len(plaintext) > max_bytes:
@@ -93,10 +109,19 @@ def open_envelope(
         timestamp_s = _timestamp(words)
         if "payload" not in words:
             raise MalformedEnvelope("no payload")
+        bound = _bound(words)
         cache.enter(epoch.topic, iv, timestamp_s, now_s)
-        return Envelope(timestamp_s, words["payload"])
+        return Envelope(timestamp_s, words["payload"], bound)
     except PeerError as error:
         raise OpenError(error) from error
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    words = dict(pairs)
+    # Of two values of one key readers take now the first, now the last: what one checks is not what another does.
+    if len(words) != len(pairs):
+        raise MalformedEnvelope("a key twice")
+    return words
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -113,7 +138,7 @@ def _finite(text: str) -> float:
 
 # json.dumps and json.loads with options make a new coder at every call, which cost more than the cipher.
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
-_DECODER = json.JSONDecoder(parse_constant=_refuse_constant, parse_float=_finite)
+_DECODER = json.JSONDecoder(parse_constant=_refuse_constant, parse_float=_finite, object_pairs_hook=_once)
 
 
 def _parse_object(plaintext: bytes) -> dict[str, Any]:
@@ -137,6 +162,15 @@ def _timestamp(words: dict[str, Any]) -> float:
     if not math.isfinite(timestamp_s):
         raise MalformedEnvelope("timestamp is not finite")
     return timestamp_s
+
+
+def _bound(words: dict[str, Any]) -> Bound:
+    sub, seen = words.get("sub"), words.get("seen")
+    if not (sub is None or isinstance(sub, str)):
+        raise MalformedEnvelope("sealed for a topic that is none")
+    if seen is not None and (isinstance(seen, bool) or not isinstance(seen, int) or not 0 <= seen < 1 << 53):
+        raise MalformedEnvelope("the number of a frame is a whole number")
+    return Bound(sub, seen)
 
 
 def _announced_pin(words: dict[str, Any]) -> Pin:

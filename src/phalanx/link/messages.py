@@ -45,6 +45,7 @@ class Command:
 
     topic: CommandTopic
     payload: Any = field(repr=False)
+    seen: int | None = field(default=None, compare=False)  # last frame that its sender had read, if it says so
     waited_s: float = field(default=0.0, compare=False)  # unread, on this side
 
     @property

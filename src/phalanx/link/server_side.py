@@ -21,7 +21,7 @@ from .parts import split_list
 from .pin import Pin, new_pin
 from .replay import ReplayCache
 from .rotation import Act, Event, State, step
-from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, command_filter, full_topic, split_topic
+from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, below_epoch, command_filter, full_topic, split_topic
 
 
 class ServerSide:
@@ -149,10 +149,12 @@ class ServerSide:
         epoch, sub = self._locate(topic)
         opened = open_envelope(token, epoch, now_s, self._cache, self.config.max_to_server_bytes)
         assert isinstance(opened, Envelope)
+        if opened.bound.sub not in (None, below_epoch(sub)):
+            raise WrongTopic("sealed for another topic")
         if epoch not in self.live_epochs():
             return self._knock(uptime_s)
         if isinstance(sub, CommandTopic):
-            return Command(sub, opened.payload)
+            return Command(sub, opened.payload, opened.bound.seen)
         return _parse_request(opened.payload)
 
     def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:

@@ -48,12 +48,16 @@ SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
 
 def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
     """The topic on the broker: root, the epoch's topic, and what it is about. Source: Qrkey Table I."""
-    base = f"{root}/{epoch_topic}"
+    return f"{root}/{epoch_topic}/{below_epoch(sub)}"
+
+
+def below_epoch(sub: SubTopic) -> str:
+    """The part of a topic that says what it is about. Source: Qrkey Table I."""
     if isinstance(sub, CommandTopic):
-        return f"{base}/command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
+        return f"command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
     if isinstance(sub, ReplyTopic):
-        return f"{base}/reply/{sub.client_id}"
-    return f"{base}/{sub}"
+        return f"reply/{sub.client_id}"
+    return sub
 
 
 def command_filter(root: str, epoch_topic: str) -> str:

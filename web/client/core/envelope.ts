@@ -22,6 +22,14 @@ export type Opened =
   | { readonly kind: "envelope"; readonly timestamp_s: number; readonly payload: Json }
   | { readonly kind: "pin"; readonly pin: Pin };
 
+/** What a client of ours seals beside its payload; published peers neither say nor read it. */
+export interface Bound {
+  /** Topic below the epoch that it is sealed for. */
+  readonly sub: string;
+  /** Number of the last frame that was read, if one was. */
+  readonly seen: number | undefined;
+}
+
 /**
  * `payload` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes.
  *
@@ -33,8 +41,9 @@ export function seal(
   epoch: Epoch,
   iv: Uint8Array,
   max_bytes: number = CLIENT_MAX_BYTES,
+  bound?: Bound,
 ): Uint8Array {
-  const plaintext = encoder.encode(JSON.stringify({ timestamp: now_s, payload }));
+  const plaintext = encoder.encode(JSON.stringify({ timestamp: now_s, payload, ...bound }));
   if (plaintext.length > max_bytes) throw new UsageError(`${plaintext.length} bytes to send, limit ${max_bytes}`);
   return sealJwe(plaintext, epoch.key, iv);
 }

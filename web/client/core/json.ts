@@ -18,7 +18,7 @@ export function parseObject(plaintext: Uint8Array): JsonObject {
   let value: Json;
   try {
     const text = utf8.decode(plaintext);
-    refuseDepth(text);
+    refuseDepthAndTwins(text);
     value = JSON.parse(text) as Json;
   } catch {
     // JSON.parse quotes what it read: that message must not travel on.
@@ -37,18 +37,32 @@ export function has(object: JsonObject, key: string): boolean {
   return Object.hasOwn(object, key);
 }
 
-function refuseDepth(text: string): void {
-  let depth = 0;
+/** Whatever else is wrong JSON.parse finds; but it would go too deep, and of two values of one key take the last. */
+function refuseDepthAndTwins(text: string): void {
+  const open: Set<string>[] = [];
+  let from = 0;
+  let word = "";
   let inString = false;
   for (let i = 0; i < text.length; i += 1) {
     const code = text.charCodeAt(i);
     if (inString) {
       if (code === 0x5c) i += 1;
-      else if (code === 0x22) inString = false;
-    } else if (code === 0x22) inString = true;
-    else if (code === 0x5b || code === 0x7b) {
-      depth += 1;
-      if (depth > DEEPEST) throw new MalformedEnvelope("nested too deep");
-    } else if (code === 0x5d || code === 0x7d) depth -= 1;
+      else if (code === 0x22) {
+        inString = false;
+        word = text.slice(from, i + 1);
+      }
+    } else if (code === 0x22) {
+      inString = true;
+      from = i;
+    } else if (code === 0x5b || code === 0x7b) {
+      open.push(new Set());
+      if (open.length > DEEPEST) throw new MalformedEnvelope("nested too deep");
+    } else if (code === 0x5d || code === 0x7d) open.pop();
+    else if (code === 0x3a) {
+      const key = word.includes("\\") ? String(JSON.parse(word)) : word.slice(1, -1);
+      const keys = open.at(-1);
+      if (keys?.has(key)) throw new MalformedEnvelope("a key twice");
+      keys?.add(key);
+    }
   }
 }

@@ -10,7 +10,7 @@ import { deriveEpoch, type Epoch } from "./keys";
 import { PART_MAX_BYTES, PartsInbox } from "./parts";
 import type { Pin } from "./pin";
 import { ReplayCache } from "./replay";
-import { fullTopic, isClientId, type SubTopic, splitTopic } from "./topics";
+import { belowEpoch, fullTopic, isClientId, type SubTopic, splitTopic } from "./topics";
 
 // 30 messages a second, twice over what a gateway sends, for the 60 s that an entry may live.
 const REPLAY_CAPACITY = 4096;
@@ -59,6 +59,15 @@ export interface Outgoing {
   readonly bytes: Uint8Array;
 }
 
+/** The notification of a gateway that is numbered. */
+const FRAME = 16;
+
+function frameNumber(payload: Json): number | undefined {
+  if (!isObject(payload) || payload["cmd"] !== FRAME || !isObject(payload["data"])) return undefined;
+  const number = payload["data"]["seq"];
+  return Number.isSafeInteger(number) && (number as number) >= 0 ? (number as number) : undefined;
+}
+
 export class Link {
   readonly root: string;
   readonly clientId: string;
@@ -67,6 +76,7 @@ export class Link {
   readonly #cache = new ReplayCache(REPLAY_CAPACITY, TOLERANCE_S);
   readonly #inbox = new PartsInbox();
   #epoch: Epoch;
+  #seen: number | undefined;
   /** The last epoch in which something was heard, if nothing was in this one. */
   #left: Epoch | undefined;
 
@@ -140,7 +150,10 @@ export class Link {
     this.#left = undefined;
     if (opened.kind === "pin") return this.#move(opened.pin);
     const { payload, timestamp_s } = opened;
-    if (isNotify) return { kind: "notified", timestamp_s, payload };
+    if (isNotify) {
+      this.#seen = frameNumber(payload) ?? this.#seen;
+      return { kind: "notified", timestamp_s, payload };
+    }
     if (!isObject(payload)) throw new BadPayload("an answer that is not an object");
     const { request, data } = payload;
     if (!Number.isSafeInteger(request) || data === undefined) throw new BadPayload("an answer without request or data");
@@ -172,6 +185,7 @@ export class Link {
 
   #seal(sub: SubTopic, payload: unknown, now_s: number, iv: Uint8Array): Outgoing {
     const topic = this.#topic(sub);
-    return { topic, bytes: seal(payload, now_s, this.#epoch, iv, SERVER_MAX_BYTES) };
+    const bound = { sub: belowEpoch(sub), seen: this.#seen };
+    return { topic, bytes: seal(payload, now_s, this.#epoch, iv, SERVER_MAX_BYTES, bound) };
   }
 }

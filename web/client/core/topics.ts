@@ -28,16 +28,20 @@ export function isClientId(word: unknown): word is string {
 
 /** The topic on the broker. @throws WrongTopic: a word outside its grammar. */
 export function fullTopic(root: string, epochTopic: string, sub: SubTopic): string {
-  const base = `${root}/${epochTopic}`;
+  return `${root}/${epochTopic}/${belowEpoch(sub)}`;
+}
+
+/** The part of a topic that says what it is about. @throws WrongTopic: a word outside its grammar. */
+export function belowEpoch(sub: SubTopic): string {
   switch (sub.kind) {
     case "command":
       checkCommand(sub.address, sub.application, sub.name);
-      return `${base}/command/${SWARM}/${sub.address}/${sub.application}/${sub.name}`;
+      return `command/${SWARM}/${sub.address}/${sub.application}/${sub.name}`;
     case "reply":
       if (!isClientId(sub.client_id)) throw new WrongTopic("not a client id");
-      return `${base}/reply/${sub.client_id}`;
+      return `reply/${sub.client_id}`;
     default:
-      return `${base}/${sub.kind}`;
+      return sub.kind;
   }
 }
 
