@@ -146,3 +146,14 @@ def test_what_only_shows_under_audit_has_its_reason(made, reason):
     ended.advance(20.0)
     assert {why for *_, why in ended.new_verdicts()} - {Refusal.NONE} == {reason}
     assert ended.in_safe_mode.all()
+
+
+def test_a_long_memory_says_how_long_and_is_audited():
+    long = controller([], bytes(1500))
+    with pytest.raises(UsageError, match="encode returned 1500 bytes") as caught:
+        advanced(long)
+    assert caught.value.hint.endswith("or state_bytes = 1500 in its class")
+    long.state_bytes = 1500
+    ended = advanced(long)
+    assert {why for *_, why in ended.new_verdicts()} == {Refusal.NONE}
+    assert not ended.in_safe_mode.any()

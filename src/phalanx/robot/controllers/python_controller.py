@@ -23,6 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -57,7 +58,12 @@ class Controller(ABC):
 
     Args:
         rob_id: 1..65535.
+
+    Class attributes:
+        state_bytes: longest encoding; 0 for as much as the scenario has room for.
     """
+
+    state_bytes: ClassVar[int] = 0
 
     def __init__(self, rob_id: int) -> None:
         self.rob_id = rob_id
@@ -166,7 +172,9 @@ def checked_state(told: object, room: int) -> bytes:
     if not isinstance(told, bytes):
         raise UsageError(f"encode returned {_kind(told)}", "bytes, as struct packs them; b'' for nothing")
     if len(told) > room:
-        raise UsageError(f"encode returned {len(told)} bytes", f"at most {room}, or BtiConfig(state_bytes={len(told)})")
+        raise UsageError(
+            f"encode returned {len(told)} bytes", f"at most {room}, or state_bytes = {len(told)} in its class"
+        )
     return told
 
 

@@ -6,6 +6,7 @@ import hashlib
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,9 @@ class Run:
     """
 
     def __init__(self, scenario: Scenario, controller: Callable[[int], Controller] | None = None) -> None:
+        if longest := getattr(controller, "state_bytes", 0):
+            bti = replace(scenario.bti, state_bytes=max(scenario.bti.state_bytes, longest))
+            scenario = replace(scenario, bti=bti)
         self.scenario = scenario
         n = scenario.robots
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
