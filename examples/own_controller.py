@@ -48,6 +48,6 @@ class GoThere(Controller):
 
 if __name__ == "__main__":
     scenario = Scenario(robots=9, goal_m=GOAL_M, duration_s=30.0, bti=BtiConfig(f_max=2))
-    (told,) = simulate(scenario, controller=GoThere, attacks="hijack:robot=5,at=10").summaries
+    (told,) = simulate(scenario, controller=GoThere, attacks="equivocate:robot=5,at=10").summaries
     print("robot 5 lied from {first_deviation_s} s on, Safe Mode at {safe_mode_s} s".format(**told["compromised"][0]))
     print(f"honest robots stopped: {told['correct_in_safe_mode']}, for want of a quorum: {told['without_quorum']}")

@@ -45,9 +45,13 @@ def test_the_experiment_records_and_draws(tmp_path):
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    honest, audited, bare = done.stdout.splitlines()
-    assert honest == "nobody lies: [], stopped: [] []"
+    honest, audited, bare = done.stdout.splitlines()[::2]
+    assert done.stdout.splitlines()[1::2] == ["    stopped by mistake: [], for want of a quorum: []"] * 3
+    assert honest.endswith("from the goal, []")
     assert re.search(r"'safe_mode_s': \d+", audited)
     assert "'safe_mode_s': None" in bare
+    honest_m, audited_m, bare_m = (int(re.search(r": (\d+) m from", line)[1]) for line in (honest, audited, bare))
+    assert abs(audited_m - honest_m) <= 3
+    assert bare_m > 1.8 * honest_m, "one sees the point"
     assert (tmp_path / "own.mcap").read_bytes().startswith(b"\x89MCAP0")
     assert (tmp_path / "own.png").read_bytes().startswith(b"\x89PNG")

@@ -14,7 +14,7 @@ import numpy as np
 from trials import run, scenario
 
 from phalanx.bti.refusal import Refusal
-from phalanx.robot.attacks.harm import STRAYED
+from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
@@ -72,7 +72,7 @@ def test_nan_leads_astray_whoever_computes_with_it():
     liar = AttackSpec(name="nan", at_s=5.0, robot=1)
     for controller, least_m, most_m in zip(credulous(), (0.0, 1.0), (1e-9, 1e9)):
         beside, attacked = (advanced(scenario("none", *liars, end_s=20), controller) for liars in ((), (liar,)))
-        harm_m = STRAYED.of(attacked.robots[0], attacked, beside)
+        harm_m = ASTRAY.of(attacked.robots[0], attacked, beside)
         assert least_m <= harm_m <= most_m
 
 

@@ -35,5 +35,5 @@ def test_the_harm_of_coming_late_is_that_of_the_delay_and_adds_up(monkeypatch):
     monkeypatch.setattr(Dawdle, "DELAY_MS", 0)
     on_time = [tried("in-protocol", end_s).harm for end_s in (36.0, LONG_S, 150.0)]
     assert late[0] < late[1] / 2 < late[2] / 2
-    assert late[2] > 0.5
+    assert late[2] > 0.3
     assert all(harm > 20 * placebo for harm, placebo in zip(late, on_time, strict=True))

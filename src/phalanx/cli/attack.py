@@ -21,7 +21,7 @@ from .mission.crack import span
 from .sim import changed, progress, told, warn
 from .terminal import end_status_line, print_json, print_rows
 
-DURATION_S = 60.0
+DURATION_S = 150.0  # the paper's
 
 
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError
 
-from .harm import STRAYED, Harm
+from .harm import ASTRAY, Harm
 
 # What a defence does to an attack: it stops the robot within P1's bound; it limits the harm to its buckets; the attack
 # does nothing that matters under it; it is out of any defence's reach; or it goes on for ever, or does its harm first.
@@ -77,7 +77,7 @@ class Attack:
     name: str
     made_of: str | type[Any]
     verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)
-    harm: Harm = STRAYED
+    harm: Harm = ASTRAY
     bites_from: float = 1.0
     does: str = ""
     stopped_by: str = ""

@@ -39,7 +39,6 @@ class Lied(Protocol):
     """A robot that lied, as far as harm is read from it (a Liar is one)."""
 
     i: int
-    worst_claim_m: float
 
     @property
     def alive_s(self) -> float:
@@ -74,12 +73,11 @@ def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
     return apart
 
 
-def _strayed(_liar: Lied, attacked: Watched, honest: Watched) -> float:
-    return float(_apart_m(attacked, honest)[_correct(attacked)].mean())
-
-
-def _unearned(liar: Lied, attacked: Watched, honest: Watched) -> float:
-    return float(_apart_m(attacked, honest)[liar.i])
+def _astray(_liar: Lied, attacked: Watched, honest: Watched) -> float:
+    # A liar that was stopped harms nobody any more but by standing in the way, and that is in where the others are.
+    stopped = attacked.in_safe_mode
+    counted = [i for i in range(len(stopped)) if not stopped[i] or i + 1 not in attacked.compromised]
+    return float(_apart_m(attacked, honest)[counted].mean()) if counted else 0.0
 
 
 def _starved(_liar: Lied, attacked: Watched, _honest: Watched) -> float:
@@ -92,14 +90,10 @@ def _airtime(liar: Lied, attacked: Watched, honest: Watched) -> float:
     return 100 * (float(attacked.airtime_s[liar.i]) - needed_s) / liar.lied_s if liar.lied_s else 0.0
 
 
-def _claim(liar: Lied, _attacked: Watched, _honest: Watched) -> float:
-    return liar.worst_claim_m
-
-
-STRAYED = Harm("how far correct robots are, on the mean, from where they would be", "m", _strayed)
-UNEARNED = Harm("how far the robot is from where an honest one would be", "m", _unearned)
+ASTRAY = Harm(
+    "how far correct robots, and liars that nobody has stopped, are on the mean from where they would be", "m", _astray
+)
 STARVED = Harm("correct robots in Safe Mode", "robots", _starved)
 AIRTIME = Harm(
     "share of the time it lies, until Safe Mode, that it is on the air beyond an honest robot's", "%", _airtime
 )
-CLAIM = Harm("how far the robot was, at most, from where it said that it was", "m", _claim)

@@ -95,7 +95,6 @@ class Liar(CNode):
         self.gained = 0  # what an attack on the audits got out of them, beyond what is due to an honest robot
         self.seen: dict[int, Motion] = {}
         self.me = Motion(0.0, 0.0, 0.0, 0.0)
-        self.worst_claim_m = 0.0
         self.sensed_ms = 0  # its last reading: in Safe Mode there are none
         bundled = compiled(fleet.settings[0].controller, fleet.params)
         self._honest = (make_controller or bundled)(self.id)
@@ -197,11 +196,6 @@ class Liar(CNode):
             self.deviates(now_ms)
         else:
             self._put_out.append(output)
-        if isinstance(output, Send) and len(output.payload) == STATE.size:
-            _, rob_id, _, x_m, y_m, _, _ = MOTION.unpack(output.payload)
-            if rob_id == self.id:
-                off_m = float(np.hypot(x_m - self.me.x_m, y_m - self.me.y_m))
-                self.worst_claim_m = max(self.worst_claim_m, off_m)
         return actions
 
     def lies(self, now_ms: int) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from .attack import HOLE_OF_THE_PAPER, STOPPED, Attack, Option, by_defence
-from .harm import AIRTIME, CLAIM, STARVED, STRAYED, UNEARNED
+from .harm import AIRTIME, ASTRAY, STARVED
 from .missions.harm import FALSE, FIX, READ, WRONG
 
 HARMLESS = by_defence("harmless", "harmless", "harmless")
@@ -20,74 +20,75 @@ team = partial(Attack, scene="team", against="peers")
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What it says and does": (
-        Attack("spoof", "spoof.Spoof", STOPPED, STRAYED, 1, options={"strong": Option((0, 1), ("none",))},
+        Attack("spoof", "spoof.Spoof", STOPPED, ASTRAY, 5, options={"strong": Option((0, 1), ("none",))},
                does="claims on behalf of other robots that they stand between a victim and the goal",
                stopped_by="replay never sends such a state: no auditor issues a token, and the tokens it has run out"),
-        Attack("masquerade", "claims.Masquerade", STOPPED, STRAYED, 0.2,
+        Attack("masquerade", "claims.Masquerade", STOPPED, ASTRAY, 1,
                does="speaks in one other robot's name only, which it has stand in the nearest robot's way",
                stopped_by="replay sends its own state under its own id"),
-        Attack("false-state", "claims.FalseState", STOPPED, CLAIM, 5,
+        Attack("false-state", "claims.FalseState", STOPPED, ASTRAY, 1,
                does="broadcasts in its own name a place before the nearest robot, where it is not",
                stopped_by="replay broadcasts what the s-node chained"),
-        Attack("equivocate", "claims.Equivocate", STOPPED, CLAIM, 20,
+        Attack("equivocate", "claims.Equivocate", STOPPED, ASTRAY, 4,
                does="tells each robot another place where it is, always in that robot's way",
                stopped_by="replay sends one state; and with an a-node each frame is a broadcast, which all hear "
                           "and log"),
-        Attack("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), STRAYED, 0.5,
+        Attack("nan", "claims.NotANumber", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
                does="broadcasts NaN, infinity and 10^30 as everybody's place",
                stopped_by="controllers drop such numbers before they compute; and replay sends none"),
-        Attack("omit-sends", "silence.OmitSends", STOPPED, STRAYED, 0.5, on_wheels=True,
+        # The same flock with other dice: 0.2 to 0.3 m.
+        Attack("omit-sends", "silence.OmitSends", STOPPED, ASTRAY, 0.4, on_wheels=True,
                does="stops broadcasting where it is: others forget it, and do not keep clear",
                stopped_by="replay sends states that the log lacks"),
-        Attack("hijack", "hijack.Hijack", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("hijack", "hijack.Hijack", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives into the way of others, whatever its controller says",
                stopped_by="the a-node has chained the commands, and replay gives others"),
-        Attack("flee", "hijack.Flee", STOPPED, UNEARNED, 100,
+        Attack("flee", "hijack.Flee", STOPPED, ASTRAY, 20,
                does="drives away from the goal as fast as it can, out of everybody's range",
                stopped_by="its commands differ from replay; and out of range it gets no tokens at all"),
     ),
     "What it shows to auditors": (
-        Attack("drop-entries", "forged_logs.DropEntries", STOPPED, UNEARNED, 1, on_wheels=True,
+        Attack("drop-entries", "forged_logs.DropEntries", STOPPED, ASTRAY, 0.2, on_wheels=True,
                does="leaves out of its log what its neighbours say, and drives as if it were alone",
                stopped_by="the a-node has chained each message: without them its chain does not re-hash to the top"),
-        Attack("alter-entries", "forged_logs.AlterEntries", STOPPED, UNEARNED, 3,
+        Attack("alter-entries", "forged_logs.AlterEntries", STOPPED, ASTRAY, 1,
                does="writes into its log that it is 30 m from where it is, and drives and speaks accordingly",
                stopped_by="the s-node has chained the true reading"),
-        Attack("reorder-entries", "forged_logs.ReorderEntries", STOPPED, UNEARNED, 0.2,
+        Attack("reorder-entries", "forged_logs.ReorderEntries", STOPPED, ASTRAY, 0.4,
                does="moves what it hears 3 s down in its log, behind what it should have told it",
                stopped_by="the order in the a-node's chain is another one"),
-        Attack("insert-entries", "forged_logs.InsertEntries", STOPPED, UNEARNED, 3,
+        Attack("insert-entries", "forged_logs.InsertEntries", STOPPED, ASTRAY, 2,
                does="writes into its log that an invented robot crowds it, and makes way for that",
                stopped_by="the a-node has chained no such message"),
-        Attack("truncate-log", "forged_logs.TruncateLog", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("truncate-log", "forged_logs.TruncateLog", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and cuts its log off behind it: each log begins at a boot that never was",
                stopped_by="a log that begins at boot begins with empty chains, and these are long"),
-        Attack("forge-checkpoint", "forged_logs.ForgeCheckpoint", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("forge-checkpoint", "forged_logs.ForgeCheckpoint", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and begins its log at a checkpoint taken after that, with the tokens of "
                     "an older one",
                stopped_by="tokens cover the hash of the checkpoint that was audited"),
-        Attack("swap-nodes", "forged_logs.SwapNodes", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("swap-nodes", "forged_logs.SwapNodes", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and shows the a-node's chain and authenticator as the s-node's",
                stopped_by="authenticators are made over the kind of their chain (`paper`) or not made by a-nodes "
                           "at all (`bound`)"),
-        Attack("stale-log", "forged_logs.StaleLog", HOLE_OF_THE_PAPER, UNEARNED, 5, on_wheels=True,
+        Attack("stale-log", "forged_logs.StaleLog", HOLE_OF_THE_PAPER, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and shows its last honest log, authenticators and all, with each new "
                     "token request",
                stopped_by="in `bound` the token request is made over the chain's top, and the authenticators over "
                           "the request"),
-        Attack("interleave", "senses.Interleave", HOLE_OF_THE_PAPER, CLAIM, 5,
+        Attack("interleave", "senses.Interleave", HOLE_OF_THE_PAPER, ASTRAY, 0.4,
                does="polls its sensors twelve times at once, and for 3 s acts on and broadcasts where it was then",
                stopped_by="in `bound`, entries carry the trusted nodes' time: readings lie on a grid, outputs "
                           "follow within δ"),
-        Attack("starve-sensors", "senses.StarveSensors", HOLE_OF_THE_PAPER, UNEARNED, 5,
+        Attack("starve-sensors", "senses.StarveSensors", HOLE_OF_THE_PAPER, ASTRAY, 1,
                does="does not poll its sensors, so that nothing is due, and goes on as last commanded; is audited "
                     "as ever",
                stopped_by="in `bound`, readings lie on a grid and none may be missing up to the token request"),
-        Attack("t-key", "senses.KeyOfTomorrow", STOPPED, UNEARNED, 5,
+        Attack("t-key", "senses.KeyOfTomorrow", STOPPED, ASTRAY, 1,
                does="polls no sensors, and says that the mission key comes in 49 days, so that no reading is due "
                     "until then",
                stopped_by="a log that begins at boot begins before its own token request"),
-        Attack("refuse-audit", "silence.RefuseAudit", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("refuse-audit", "silence.RefuseAudit", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and shows its log to nobody",
                stopped_by="tokens run out by themselves: not to be audited is to be stopped"),
         Attack("refuse-to-audit", "silence.RefuseToAudit", HARMLESS, STARVED, 1, crowd=True,
@@ -96,22 +97,22 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                           "range"),
     ),
     "How it comes by tokens": (
-        Attack("forge-tokens", "forged_tokens.ForgeTokens", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("forge-tokens", "forged_tokens.ForgeTokens", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and offers its a-node a hundred tokens with guessed MACs each second",
                stopped_by="a MAC of 64 bits under a key that no c-node knows"),
-        Attack("share-tokens", "forged_tokens.ShareTokens", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("share-tokens", "forged_tokens.ShareTokens", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and installs the tokens that it made for others as its own",
                stopped_by="the MAC is over the auditee's id"),
-        Attack("replay-tokens", "forged_tokens.ReplayTokens", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("replay-tokens", "forged_tokens.ReplayTokens", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and installs the tokens of its honest days again and again",
                stopped_by="a token counts from the moment of its request, however late it is installed"),
-        Attack("self-issue", "forged_tokens.SelfIssue", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("self-issue", "forged_tokens.SelfIssue", STOPPED, ASTRAY, 2, on_wheels=True,
                does="drives as it likes, and has its own a-node issue it tokens",
                stopped_by="IssueToken never issues to itself; and one auditor counts once"),
-        Attack("collude", "forged_tokens.Collude", STOPPED, UNEARNED, 5, crowd=True,
+        Attack("collude", "forged_tokens.Collude", STOPPED, ASTRAY, 5, crowd=True,
                does="drives as it likes; accomplices issue tokens to each other without a look at the log",
                stopped_by="f_max accomplices give f_max tokens at most, and f_max + 1 are needed"),
-        Attack("zero-key", "forged_tokens.ZeroKey", HOLE_OF_THE_PAPER, UNEARNED, 5,
+        Attack("zero-key", "forged_tokens.ZeroKey", HOLE_OF_THE_PAPER, ASTRAY, 2,
                does="makes itself tokens before the mission key comes, under the key zero and dated 49 days "
                     "ahead; then drives",
                stopped_by="in `bound` a node without a key computes no MAC, and loading one clears the tokens"),
@@ -158,21 +159,23 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="nothing has to: a token request counts once, and a-nodes make few"),
     ),
     "Faults, and what no audit can see": (
-        Attack("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), UNEARNED, 1,
+        Attack("nondeterministic", "hijack.Nondeterministic", by_defence("harmless", "stopped", "stopped"), ASTRAY, 1,
                does="a fault, no attack: the last bit of each command is a matter of chance",
                stopped_by="replay gives other bytes: audits cannot tell such a robot from a liar (docs/adr/0012)"),
-        Attack("crash", "silence.Crash", STOPPED, UNEARNED, 5, on_wheels=True,
+        Attack("crash", "silence.Crash", STOPPED, ASTRAY, 1, on_wheels=True,
                does="does nothing any more; its actuators keep doing the last thing they were told",
                stopped_by="replay commands and sends what the log lacks; and nobody asks for its audits"),
-        Attack("stuck-sensor", "senses.StuckSensor", NOT_COVERED, UNEARNED, 5,
+        Attack("stuck-sensor", "senses.StuckSensor", NOT_COVERED, ASTRAY, 1,
                does="a fault, no attack: its position sensor repeats its last reading",
                stopped_by="nothing: the log shows a robot that stands still, and that is what an honest one would "
                           "do there"),
-        Attack("gps-spoof", "senses.SpoofGps", NOT_COVERED, UNEARNED, 5,
+        Attack("gps-spoof", "senses.SpoofGps", NOT_COVERED, ASTRAY, 1,
                does="somebody outside has its position sensor drift aside",
                stopped_by="nothing: the s-node chains what the sensor says, and a robot that believes it behaves "
                           "correctly (§2.2)"),
-        Attack("in-protocol", "hijack.Dawdle", NOT_COVERED, UNEARNED, 0.05,
+        # Little, and no noise: the run beside it is the same to the bit until the first delay, and one that delays by
+        # the period alone stays within a millimetre of it (tests/attacks/test_small_harm.py).
+        Attack("in-protocol", "hijack.Dawdle", NOT_COVERED, ASTRAY, 0.02,
                does="does what it must, as late as is not late: each output almost δ after its cause",
                stopped_by="nothing: a robot that keeps to the protocol is a correct one, whatever its owner wants "
                           "(§3.9)"),
@@ -222,6 +225,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                stopped_by="nothing: who can show a robot's lidar a whole building is believed; all fixes from one "
                           "node to the next may move it by no more than it can have drifted there, but from that "
                           "one on they may again"),
+        # Its limit is what can have drifted: 0.25 m, and a tenth of the 7 m that it can drive until the time-out.
         errand("freeze-scan", "missions.senses.FreezeScan", by_defence("harmless", "limited", "limited"), FIX, 0.3,
                against="sensors", limit=1.0,
                does="a fault, no attack: the lidar repeats its last scan",
@@ -235,6 +239,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                against="walls",
                does="hangs a copy of the code of the shelf 5 m before it",
                stopped_by="the copy does not decode where it hangs; the robot goes on to the code itself"),
+        # Half a metre on each axis, and a cell's corner.
         errand("nudge-code", "missions.walls.NudgeCode", by_defence("harmless", "limited", "limited"), FIX, 0.3,
                against="walls", limit=0.75,
                does="hangs the code of the shelf 0.4 m aside",
