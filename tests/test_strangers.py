@@ -8,17 +8,21 @@ import os
 import signal
 import socket
 import stat
+import threading
 import time
 from pathlib import Path
 from typing import Self
+from urllib.parse import urlsplit
 
 import pytest
 
 from conftest import a_broker, a_gateway, a_server, bare_mosquitto, eventually
+from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway
 from phalanx.gateway.joystick import Told
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
+from phalanx.io.private_folder import private_folder
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
@@ -309,3 +313,55 @@ class TestLateness:
                         assert min(waited) > 0.9
                     else:
                         assert waited.pop() < 0.3
+
+
+class TestTheRest:
+    def test_an_absurd_header_is_refused_and_nothing_of_it_told(self):
+        with a_gateway("--robots", "2") as (gateway, ready):
+            where = urlsplit(ready["page_url"])
+            for words in (b"X-Long: " + b"marker" * 5000, b"marker\xff\x00", b"Content-Length: -5marker"):
+                with socket.create_connection((where.hostname, where.port), 5) as stranger:
+                    stranger.settimeout(5)
+                    stranger.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n" + words + b"\r\n\r\n")
+                    assert b" 400 " in stranger.recv(300)
+            assert gateway.stop() == 0
+        assert not [line for line in gateway.err if "marker" in line or "Traceback" in line]
+
+    @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+    def test_a_terminal_that_closes_leaves_nothing_behind(self, number):
+        with a_gateway("--robots", "2") as (gateway, ready):
+            pid = the_process(ready["broker_port"])
+            folder = Path(Path(f"/proc/{pid}/cmdline").read_text().split("\0")[2]).parent
+            assert folder.exists()
+            assert gateway.stop(number) == 0
+            assert not folder.exists()
+            assert not Path(f"/proc/{pid}").exists()
+
+    def test_what_a_killed_gateway_left_is_swept_and_nothing_else(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+        left, young, elsewhere = (tmp_path / f"phalanx-broker-{name}" for name in ("left", "young", "elsewhere"))
+        for folder in (left, young):
+            folder.mkdir()
+            (folder / ".lock").touch()
+        (tmp_path / "precious").mkdir()
+        (tmp_path / "precious" / ".lock").touch()
+        elsewhere.symlink_to(tmp_path / "precious")
+        with private_folder() as alive:
+            for folder in (left, alive, tmp_path / "precious"):
+                os.utime(folder, (1, 1))
+            with private_folder():
+                assert not left.exists()
+                assert young.exists()
+                assert alive.exists()
+                assert (tmp_path / "precious" / ".lock").exists()
+
+    def test_a_reader_of_events_that_stalls_costs_a_bounded_number_of_bytes(self, monkeypatch):
+        reading = threading.Event()
+        monkeypatch.setattr("phalanx.cli.terminal.write_line", lambda line: reading.wait(30))
+        lines = EventLines(limit_bytes=1_000_000)
+        for n in range(1000):
+            lines({"event": "command", "n": n, "payload": "x" * 40_000})
+        assert lines._waiting.qsize() <= 25, "40 MB otherwise"
+        assert lines.lost
+        reading.set()
+        lines.close(10)

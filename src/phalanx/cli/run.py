@@ -1,4 +1,4 @@
-"""Running a coroutine from the command line: Ctrl-C and `kill` end it in order."""
+"""Running a coroutine from the command line: Ctrl-C, `kill` and a terminal that closes end it in order."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def run(job: Coroutine[Any, Any, None]) -> bool:
-    """Run `job`; true if it came to its end, false if it was stopped by Ctrl-C or SIGTERM, after cleaning up."""
+    """Run `job`; true if it came to its end, false if Ctrl-C, SIGTERM or SIGHUP stopped it, after cleaning up."""
 
     async def watched() -> bool:
         task = asyncio.ensure_future(job)
@@ -22,7 +22,10 @@ def run(job: Coroutine[Any, Any, None]) -> bool:
             task.cancel()
 
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        ends = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup has it
+            ends.append(signal.SIGHUP)
+        for number in ends:
             loop.add_signal_handler(number, stop)
         with contextlib.suppress(asyncio.CancelledError):
             await task

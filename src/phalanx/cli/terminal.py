@@ -104,18 +104,26 @@ class EventLines:
 
     Args:
         limit: lines that may wait.
+        limit_bytes: of all of them.
     """
 
-    def __init__(self, limit: int = 10_000) -> None:
+    def __init__(self, limit: int = 10_000, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
-        self._waiting: queue.Queue[dict[str, Any] | None] = queue.Queue(limit)
+        self._waiting: queue.Queue[str | None] = queue.Queue(limit)
+        self._limit_bytes = limit_bytes
+        self._put_bytes = self._got_bytes = 0  # each changed by one thread only
         self._thread = threading.Thread(target=self._print, daemon=True)
         self._thread.start()
 
     def __call__(self, event: dict[str, Any]) -> None:
         """Print `event` soon."""
+        line = json_line(event)
+        if self._put_bytes - self._got_bytes + len(line) > self._limit_bytes:
+            self.lost += 1
+            return
         try:
-            self._waiting.put_nowait(event)
+            self._waiting.put_nowait(line)
+            self._put_bytes += len(line)
         except queue.Full:
             self.lost += 1
 
@@ -126,17 +134,28 @@ class EventLines:
         self._thread.join(timeout_s)
 
     def _print(self) -> None:
-        while (event := self._waiting.get()) is not None:
+        while (line := self._waiting.get()) is not None:
             if self.lost:
                 lost, self.lost = self.lost, 0
                 print_json({"event": "lost", "count": lost})
-            print_json(event)
+            write_line(line)
+            self._got_bytes += len(line)
+
+
+def json_line(value: Any) -> str:
+    """`value` as one line of JSON: ASCII, so that a character is a byte."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def print_json(value: Any) -> None:
     """One line of JSON on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
+    write_line(json_line(value))
+
+
+def write_line(line: str) -> None:
+    """`line` on stdout, at once. If whoever read it has gone, a running gateway is asked to end."""
     try:
-        click.echo(json.dumps(value, separators=(",", ":"), allow_nan=False))
+        click.echo(line)
     except BrokenPipeError:
         if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             raise

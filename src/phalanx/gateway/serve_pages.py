@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import logging
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
 from phalanx.io.ports import LOOPBACK
@@ -25,6 +27,10 @@ PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
+# aiohttp logs a trace for every request that is no HTTP, and quotes it.
+_FAULTS = logging.getLogger(f"{__name__}.aiohttp")
+_FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 COMMON_HEADERS = {
@@ -76,7 +82,7 @@ class _Site:
         self._add_routes()
         if self._folder.is_dir():
             self.app.router.add_static("/", self._folder)
-        self._runner = web.AppRunner(self.app, access_log=None, shutdown_timeout=0.5)
+        self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5)
 
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
