@@ -88,7 +88,7 @@ def test_a_figure_goes_on_where_it_was_stopped_and_is_drawn_from_its_table_alone
             return ROWS
 
         def compare(self, table: Table) -> list[Statement]:
-            return [Statement("rows", "", "", str(len(table.cases)), agrees=True, why="")]
+            return [Statement(what="rows", paper="", ours=str(len(table.cases)), agrees=True, why="")]
 
         def draw(self, table: Table, picture) -> None:
             picture.subplots().plot(table.column("seed 0", "b"))

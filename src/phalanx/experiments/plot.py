@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from phalanx.errors import Unavailable
 
@@ -43,6 +43,11 @@ def draw(csv: Path, figure: Figure) -> tuple[Path, Path]:
 def legend_above(axes: Axes, columns: int = 1) -> None:
     """A legend above the axes, where it covers nothing that was measured."""
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, frameon=False, borderaxespad=0.2)
+
+
+def lines_in(colour: str) -> dict[str, Any]:
+    """All lines of a box plot in one colour."""
+    return {part: {"color": colour} for part in ("boxprops", "medianprops", "whiskerprops", "capprops")}
 
 
 def _empty(width_in: float, height_in: float) -> Picture:

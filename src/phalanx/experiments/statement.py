@@ -14,7 +14,7 @@ from .table import Table
 LOW, HIGH = 0.05, 0.95
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
     """One thing that the paper or the reference says, and what we found.
 
@@ -29,7 +29,7 @@ class Statement:
 
     what: str
     paper: str
-    reference: str
+    reference: str = ""
     ours: str
     agrees: bool
     why: str

@@ -74,7 +74,6 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
         Statement(
             what="seeds in which the liar was stopped",
             paper="none: nobody stops it",
-            reference="",
             ours=f"{len(stopped)} of {len(table.seeds())}",
             agrees=not stopped,
             why="there is no defence",
@@ -88,7 +87,6 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
         Statement(
             what="times that two robots touched: all honest; one liar",
             paper="flocking avoids crashes",
-            reference="",
             ours=f"{touched['honest'].sum():.0f}; {quantiles(touched['attacked'], '.0f')}",
             agrees=not touched["honest"].any(),
             why="none while all are honest; the law knows no collisions, so that a liar can press robots together",

@@ -47,7 +47,6 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
         Statement(
             what="from its first lie to Safe Mode, s",
             paper="disabled quickly: within T_val, 10 s",
-            reference="",
             ours=quantiles(lived_s, ".2f"),
             agrees=bool(lived_s.max() <= bound_s),
             why=f"every seed within T_val + P_check + 1 ms = {bound_s:.3f} s",
@@ -55,7 +54,6 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
         Statement(
             what="correct robots put in Safe Mode, all runs",
             paper="none",
-            reference="",
             ours=f"{wronged}, and {alone} for want of a quorum",
             agrees=wronged == alone == 0,
             why=f"of {len(both)} runs of {scenario.robots} robots, half of them without a liar",

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.plot import BLUE, ORANGE
+from phalanx.experiments.plot import BLUE, ORANGE, lines_in
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
@@ -161,7 +161,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="codes on the walls; used on the way",
             paper=f"{PAPER_CODES}; {PAPER_USED}",
-            reference="",
             ours=f"{len(_place()[0].codes)}; {quantiles(used, '.0f')}",
             agrees=bool(np.all(np.abs(used - PAPER_USED) <= 2)),
             why="within 2 of the paper's",
@@ -169,7 +168,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="largest error with codes, between sightings too, m",
             paper=f"{PAPER_MAX_M}",
-            reference="",
             ours=quantiles(largest, ".3f"),
             agrees=bool(np.all(largest <= PAPER_MAX_M)),
             why="no more than the paper's, in every seed",
@@ -177,7 +175,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="error with a code in sight, m, median",
             paper="0 to 0.3 (axis)",
-            reference="",
             ours=f"{np.median(sight):.3f}",
             agrees=bool(np.quantile(sight, 0.95) <= 0.3),
             why="95 % within 0.3 m",
@@ -185,7 +182,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="largest error of odometry alone, m",
             paper="drifts with the heading",
-            reference="",
             ours=quantiles(last, ".2f"),
             agrees=bool(np.all(last > 1.5 * largest)),
             why="more than 1.5 times that with codes, in every seed; factors of 1.01, the paper's are unknown",
@@ -193,7 +189,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="reading a picture / finding its hashes, median times",
             paper="more than 10 on average",
-            reference="",
             ours=f"{read_s / hash_s:.2g} ({1e3 * read_s:.3g} ms / {1e3 * hash_s:.3g} ms)",
             agrees=read_s / hash_s >= 10,
             why="10 or more; our decoder is C++ and takes milliseconds, the search is Python around a kernel",
@@ -227,10 +222,7 @@ def draw(table: Table, picture: Picture) -> None:
         [_times_s(table, stage) for stage in STAGES],
         whis=(5, 95),
         showfliers=False,
-        boxprops={"color": BLUE},
-        medianprops={"color": BLUE},
-        whiskerprops={"color": BLUE},
-        capprops={"color": BLUE},
+        **lines_in(BLUE),
     )
     labels = [f"{name.removesuffix('_s').upper()}\n{words.replace(', ', chr(10))}" for name, words in STAGES.items()]
     stages.set_xticks(range(1, 1 + len(STAGES)), labels, fontsize=7)

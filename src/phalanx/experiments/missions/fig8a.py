@@ -59,7 +59,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="odometry alone at 150 s, error, m",
             paper="accumulates drift; 0 to 3 (axis of Fig. 8b)",
-            reference="",
             ours=quantiles(last, ".2f"),
             agrees=bool(np.all(last > 1.0)),
             why="more than 1 m in every seed; factor 1 + sigma, always (docs/adr/0019: the paper does not say)",
@@ -67,7 +66,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="doorways only, median error, m",
             paper="follows the truth",
-            reference="",
             ours=quantiles(np.array([np.median(errors) for errors in doors]), ".3f"),
             agrees=all(np.median(errors) <= ZERO_M for errors in doors),
             why=f"at most {ZERO_M} m: the paper calls it virtually zero",
@@ -75,7 +73,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="all landmarks, median error, m",
             paper="follows the truth",
-            reference="",
             ours=quantiles(np.array([np.median(errors) for errors in everything]), ".3f"),
             agrees=all(np.median(errors) <= ZERO_M for errors in everything),
             why=f"at most {ZERO_M} m",
@@ -83,7 +80,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="all landmarks, share of time within 0.15 m, %",
             paper="",
-            reference="",
             ours=quantiles(100 * share, ".1f"),
             agrees=bool(np.all(share >= 0.95)),
             why="95 % in every seed",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, ORANGE
+from phalanx.experiments.plot import BLUE, ORANGE, lines_in
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
@@ -78,7 +78,6 @@ def compare(table: Table) -> list[Statement]:
                 Statement(
                     what=f"median error at {level}, {model.value}, features to {reach_m:g} m, m",
                     paper="robust up to sigma_t = 0.05",
-                    reference="",
                     ours=quantiles(ours, ".3f"),
                     agrees=bool(np.all(ours <= ZERO_M)),
                     why=f"at most {ZERO_M} m in every seed: the paper calls it virtually zero",
@@ -92,7 +91,6 @@ def compare(table: Table) -> list[Statement]:
                 Statement(
                     what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
                     paper="robust up to sigma_t = 0.05",
-                    reference="",
                     ours=quantiles(ours, ".2f"),
                     agrees=bool(np.all(ours <= LOST_M)),
                     why=f"found again in every seed: at most {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m"
@@ -108,7 +106,6 @@ def compare(table: Table) -> list[Statement]:
             Statement(
                 what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
                 paper="a limit around sigma_t = 0.06: landmarks are not matched any more",
-                reference="",
                 ours=quantiles(ours, ".2f"),
                 agrees=bool(np.all(ours > LOST_M)),
                 why=f"lost in every seed: more than {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m",
@@ -120,7 +117,6 @@ def compare(table: Table) -> list[Statement]:
             Statement(
                 what=f"median error at {LEVELS[4]}, {model.value}, features to {reach_m:g} m, m",
                 paper="",
-                reference="",
                 ours=quantiles(ours, ".3f"),
                 agrees=bool(np.all(ours <= ZERO_M)),
                 why="no limit found: landmarks that are seen from 10 m leave no way long enough to drift 0.5 m",
@@ -152,10 +148,7 @@ def _draw(axes: Axes, table: Table, model: NoiseModel, reach_m: float) -> None:
             positions=np.arange(len(LEVELS)) + offset,
             widths=0.34,
             showfliers=False,
-            boxprops={"color": colour},
-            medianprops={"color": colour},
-            whiskerprops={"color": colour},
-            capprops={"color": colour},
+            **lines_in(colour),
         )
         axes.plot([], [], color=colour, label={"odometry": "odometry alone", "hash": "encoded landmarks"}[way])
     axes.axvspan(2.5, 4.5, color="0.93", zorder=0)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import Targets
 from phalanx.errors import Unavailable
-from phalanx.experiments.plot import BLUE, VERMILION
+from phalanx.experiments.plot import BLUE, VERMILION, lines_in
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
 from phalanx.mission import Experience
@@ -153,7 +153,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="cells of a whole search, by grid",
             paper=" ".join(map(str, PAPER_CELLS)),
-            reference="",
             ours=" ".join(map(str, cells)),
             agrees=cells == PAPER_CELLS,
             why="the same",
@@ -176,7 +175,6 @@ def compare(table: Table) -> list[Statement]:
                 Statement(
                     what=f"landmarks / hashes, median times, {words}, {grid_mm / 1000:g} m",
                     paper="about 100 on average, 1 at worst",
-                    reference="",
                     ours=f"{ratio:.2g} ({1e3 * np.median(extraction_s):.3g} ms / {1e3 * np.median(search_s):.3g} ms)",
                     agrees=ratio >= 10,
                     why=why,
@@ -202,10 +200,7 @@ def draw(table: Table, picture: Picture) -> None:
                 whis=(5, 95),
                 showfliers=False,
                 manage_ticks=False,
-                boxprops={"color": colour},
-                medianprops={"color": colour},
-                whiskerprops={"color": colour},
-                capprops={"color": colour},
+                **lines_in(colour),
             )
         panel.set_xticks(range(len(GRIDS_MM)), [f"{grid_mm / 1000:g}" for grid_mm in GRIDS_MM])
         panel.set(xlabel=f"grid (m); {words}", yscale="log")

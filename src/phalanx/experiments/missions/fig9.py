@@ -33,7 +33,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what=f"landmarks of {LANDMARKS} that the team found",
             paper="the environment is explored",
-            reference="",
             ours=quantiles(team, ".0f"),
             agrees=bool(np.all(team == LANDMARKS)),
             why="all, in every seed",
@@ -41,7 +40,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what=f"robots of {ROBOTS} that were told of hashes by another",
             paper="share their progress upon meeting",
-            reference="",
             ours=quantiles(met, ".0f"),
             agrees=bool(np.all(met >= 2)),
             why="at least one meeting in every seed",
@@ -49,7 +47,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="largest error of any robot's pose, m",
             paper="",
-            reference="",
             ours=quantiles(errors_m, ".2f"),
             agrees=bool(np.all(errors_m < 0.5)),
             why="within the search's ±0.5 m at all times; Stage-type noise (0.03, 0.05)",

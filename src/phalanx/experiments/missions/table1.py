@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE
+from phalanx.experiments.plot import BLUE, lines_in
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table
 
@@ -38,7 +38,6 @@ def compare(table: Table) -> list[Statement]:
             Statement(
                 what=f"hashes found of {LANDMARKS}, robot {rank + 1} by rank",
                 paper=str(paper),
-                reference="",
                 ours=quantiles(found[:, rank], ".0f"),
                 agrees=abs(float(np.median(found[:, rank])) - paper) <= 4,
                 why="median within 4: the paper's routes are not known",
@@ -50,7 +49,6 @@ def compare(table: Table) -> list[Statement]:
             Statement(
                 what=f"area known, %, robot {rank + 1} by rank",
                 paper=str(paper),
-                reference="",
                 ours=quantiles(area_pct[:, rank], ".0f"),
                 agrees=abs(float(np.median(area_pct[:, rank])) - paper) <= 10,
                 why=f"median within 10: floor swept within {KNOWS_M:g} m; the paper says not how it counts",
@@ -61,7 +59,6 @@ def compare(table: Table) -> list[Statement]:
         Statement(
             what="most raw knowledge of one robot, %",
             paper="41",
-            reference="",
             ours=quantiles(most, ".0f"),
             agrees=bool(np.all(most <= max(PAPER_AREA_PCT))),
             why="no more than the paper's, in every seed",
@@ -80,17 +77,13 @@ def draw(table: Table, picture: Picture) -> None:
         strict=True,
     ):
         ranks = np.arange(1, ROBOTS + 1)
-        blue = {"color": BLUE}
         axes.boxplot(
             list(values.T),
             positions=ranks,
             widths=0.4,
             whis=(5, 95),
             showfliers=False,
-            boxprops=blue,
-            medianprops=blue,
-            whiskerprops=blue,
-            capprops=blue,
+            **lines_in(BLUE),
         )
         axes.plot([], [], color=BLUE, label="phalanx, box and 5 to 95 % of seeds")
         axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")

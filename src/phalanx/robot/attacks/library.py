@@ -224,14 +224,15 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="shows the lidar the true building, which slides aside by 5 cm a second",
                stopped_by="nothing: who can show a robot's lidar a whole building is believed; all fixes from one "
                           "node to the next may move it by no more than it can have drifted there, but from that "
-                          "one on they may again"),
+                          "one on they may again; no landmark misleads a robot in `none`, nor corrects it"),
         # Its limit is what can have drifted: 0.25 m, and a tenth of the 7 m that it can drive until the time-out.
         errand("freeze-scan", "missions.senses.FreezeScan", by_defence("harmless", "limited", "limited"), FIX, 0.3,
                against="sensors", limit=1.0,
                does="a fault, no attack: the lidar repeats its last scan",
                stopped_by="a landmark that stays before the robot says at each step that it has not moved: "
                           "believed until all those fixes come to more than it can have drifted; nothing new "
-                          "decodes, and the time-out holds it"),
+                          "decodes, and the time-out holds it; no landmark misleads a robot in `none`, nor "
+                          "corrects it"),
         errand("move-code", "missions.walls.MoveCode", STOPPED, WRONG, 1, against="walls",
                does="hangs the code of the shelf 5 m before it",
                stopped_by="the text is public, but hashed together with where it hangs: elsewhere it does not decode"),
@@ -243,7 +244,8 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         errand("nudge-code", "missions.walls.NudgeCode", by_defence("harmless", "limited", "limited"), FIX, 0.3,
                against="walls", limit=0.75,
                does="hangs the code of the shelf 0.4 m aside",
-               stopped_by="nothing; the search limits it: what hangs farther off than it reaches does not decode"),
+               stopped_by="nothing; the search limits it: what hangs farther off than it reaches does not decode; "
+                          "no landmark misleads a robot in `none`, nor corrects it"),
         errand("stale-message", "missions.messages.StaleMessage", STOPPED, WRONG, 1, against="messages",
                does="sends the controller's release of yesterday, which the robot waits for and nobody gave today",
                stopped_by="a controller's message is random and made anew for each mission: yesterday's opens "

@@ -8,8 +8,6 @@ from phalanx.mission.landmarks import LaserScan
 
 from .between import Between, Look, Pose
 
-# Who drives by odometry alone is led astray by no landmark, and finds nothing out either.
-
 
 class SpoofScan(Between):
     """Scans recorded one room on: a door is in sight there too, but elsewhere than the one that is due."""
