@@ -9,11 +9,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from numba.core import types
 
 from phalanx import kernel as kernel_module
 from phalanx.bti.audit import make_work
 from phalanx.bundle import pack
 from phalanx.config import BtiConfig
+from phalanx.robot.controllers.fields import whole
 from phalanx.sim.audited.events import Queue, make_queue, pop, push
 
 SRC = Path(kernel_module.__file__).parent
@@ -45,6 +47,13 @@ def test_a_bundle_is_itself_where_nothing_is_compiled(monkeypatch):
 def test_scratch_memory_holds_the_longest_batch_of_entries():
     work = make_work(BtiConfig())
     assert len(work.batch_a) == 10 * (7 + 2048) == len(work.batch_s)
+
+
+def test_whoever_calls_with_a_constant_or_a_narrow_number_gets_the_kernel_of_every_number():
+    before = set(whole.signatures)
+    for kind in (types.literal(3), types.literal(4), types.int32, types.int64):
+        whole.get_call_template((kind,), {})
+    assert set(whole.signatures) - before <= {(types.int64,)}
 
 
 def stamp_of(root: Path, module: str) -> str:

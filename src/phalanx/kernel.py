@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core import types
 from numba.core.compiler_lock import global_compiler_lock
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -132,6 +133,24 @@ def _share(compiled: Any) -> None:
     compiled.compile, on_disk.save = compile_once, save_once
 
 
+def _wide(kind: Any) -> Any:
+    kind = types.unliteral(kind)  # type: ignore[no-untyped-call]
+    return types.int64 if kind in {types.int8, types.int16, types.int32} else kind
+
+
+def _take_whole_numbers_alike(compiled: Any) -> None:
+    """A kernel that others call with a constant, or a narrow number, is the one for every number.
+
+    numba would compile it, and all that it calls, again for each.
+    """
+    template = compiled.get_call_template
+
+    def of_wide(args: Any, words: Any) -> Any:
+        return template(tuple(map(_wide, args)), {name: _wide(kind) for name, kind in words.items()})
+
+    compiled.get_call_template = of_wide
+
+
 _cache_somewhere()
 
 
@@ -142,5 +161,6 @@ def kernel(function: _F) -> _F:
     if not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT):
         compiled._cache._cache_file._source_stamp = _stamp(file)  # noqa: SLF001
         _share(compiled)
+        _take_whole_numbers_alike(compiled)
     result: _F = compiled
     return result
