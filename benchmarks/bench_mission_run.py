@@ -26,8 +26,9 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.robot import FALSE_FIX_M, Report
-from phalanx.sim.missions.run import MissionRun, Part, run_mission
+from phalanx.sim.missions.report import FALSE_FIX_M, Report
+from phalanx.sim.missions.run import run_mission
+from phalanx.sim.missions.setup import MissionRun, Part
 
 ROBOTS, CORES = 100, 2
 LIMIT = 5.0

@@ -14,7 +14,8 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.run import MissionRun, Part, run_mission, summary
+from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.setup import MissionRun, Part
 
 
 def main() -> None:

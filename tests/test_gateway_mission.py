@@ -24,11 +24,12 @@ from phalanx.io import Client
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
-from phalanx.robot.on_mission import Completed, Decoded, NotValidated
+from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission
+from phalanx.robot.shield import Shielded
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.live import Moment, Standing
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm
+from phalanx.sim.swarms.mission import MOST_ROBOTS, MissionSwarm, ShieldedMissionSwarm
 
 # The first after a kernel has changed compiles what robots run.
 pytestmark = pytest.mark.timeout(600)
@@ -228,6 +229,35 @@ class TestSwarm:
         assert "not heard any more" in caplog.text
 
 
+class TestShields:
+    def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
+        with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "bound", 1) as swarm:
+            assert isinstance(swarm, Shielded)
+            assert isinstance(swarm, OnMission)
+            liar, *honest = addresses(swarm)
+            (attack,) = swarm.attacks()
+            with pytest.raises(Unknown, match="on no mission"):
+                swarm.compromise(liar, attack.name)
+            with pytest.raises(Unknown, match="no attack"):
+                swarm.compromise(liar, "smile")
+            swarm.begin(orders())
+            wait_until(lambda: all(len(shield.vouchers) >= shield.needed for shield in swarm.shields()), 60)
+            assert {audit.refusal for audit in swarm.new_audits()} == {""}
+            swarm.compromise(liar, attack.name)
+            wait_until(lambda: swarm.shields()[0].attack == attack.name, 10)
+            wait_until(lambda: swarm.shields()[0].safe_mode, 60)
+            assert swarm.shields()[0].vouchers == ()
+            assert (swarm.walks()[0].phase, swarm.walks()[0].why) == ("held", "Safe Mode")
+            refusals = {audit.refusal for audit in swarm.new_audits() if audit.auditee == liar}
+            assert {"output wrong"} <= refusals <= {"", "output wrong"}
+            wait_until(lambda: swarm.progress().completed == 3, 300)  # a slow machine slows their time
+            assert not any(shield.safe_mode for shield in swarm.shields()[1:])
+            assert [shield.address for shield in swarm.shields()] == [liar, *honest]
+
+    def test_without_audits_there_are_no_shields_to_show(self):
+        assert not isinstance(Silent(), Shielded)
+
+
 class TestWatch:
     def watched(self):
         swarm, said = Silent(), []
@@ -351,7 +381,8 @@ class TestUp:
         ("arguments", "code", "said"),
         [
             (["--mission", "nowhere.yaml"], 2, "cannot read nowhere.yaml"),
-            (["--mission", "office", "--defence", "bound"], 2, "do not audit each other"),
+            (["--mission", "delivery", "--defence", "bound"], 2, "what robots read from codes cannot be audited yet"),
+            (["--mission", "office", "--robots", "3", "--defence", "bound"], 2, "3 robots are too few"),
             (["--mission", "office", "--trust", "00" * 32], 2, "for encoded missions"),
             (["--start-key", "x"], 2, "for encoded missions"),
             (["--mission", "office", "--world", "nowhere"], 2, "there is no map 'nowhere'"),

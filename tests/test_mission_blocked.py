@@ -10,12 +10,14 @@ import numpy as np
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
-from phalanx.mission.landmarks import FloorPlan, LaserScan
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.robot.controllers.mission.pilot import TRAIL_MAX, Leg, Sectors, drive
+from phalanx.robot.controllers.mission.readings import CLEAR, CLEAR_STEP_M, Sensors
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.missions.pilot import Pilot
-from phalanx.sim.missions.robot import Report
-from phalanx.sim.missions.run import MissionRun, Part, run_mission
+from phalanx.sim.missions.report import Report
+from phalanx.sim.missions.run import run_mission
+from phalanx.sim.missions.setup import MissionRun, Part
 
 OFFICE = load_floorplan("office_40x40")
 # Ends of the two walls beside each door.
@@ -50,21 +52,37 @@ def test_between_two_places_that_are_known_it_does_not_try_the_same_blocked_ways
     assert report.false_fixes == 0
 
 
-def _scan(ranges: float) -> LaserScan:
-    return LaserScan(np.full(1080, ranges), -0.75 * math.pi, 1.5 * math.pi / 1080)
+SENSORS = Sensors()
+LIDAR = SENSORS.lidar
+SECTORS = Sectors(LIDAR.angle_min_rad, SENSORS.beams_per_sector * LIDAR.angle_increment_rad, SENSORS.sectors)
+
+
+def _room(range_m: float) -> np.ndarray:
+    return np.full(SENSORS.sectors, min(range_m / CLEAR_STEP_M, CLEAR), np.uint8)
 
 
 def test_back_it_goes_straight_to_a_place_in_sight_and_else_the_way_it_came() -> None:
     home = (0.0, 0.0)
-    there = (4.0, 4.0, -0.75 * math.pi)  # looking home, over a corner that it went round
+    there = (3.0, 3.0, -0.75 * math.pi)  # looking home, over a corner that it went round
 
-    def back_from_there(ranges: float) -> float:
-        pilot = Pilot()
-        way = [(0.5 * i, 0.0, 0.0) for i in range(8)] + [(4.0, 0.5 * i, math.pi / 2) for i in range(9)]
+    def back_from_there(room_m: float) -> float:
+        leg = Leg()
+        way = [(0.5 * i, 0.0, 0.0) for i in range(6)] + [(3.0, 0.5 * i, math.pi / 2) for i in range(7)]
         for i, pose in enumerate(way):
-            pilot.step(Order(Kind.GO, 1, home, 0.0), pose, _scan(ranges), 0.1 * i)
-        return pilot.step(Order(Kind.BACK, 0, home, toward_m=home), there, _scan(ranges), 2.0)[1]
+            leg, _ = drive(leg, Order(Kind.GO, 1, home, 0.0), 0, pose, _room(room_m), SECTORS, 0.1 * i)
+        order = Order(Kind.BACK, 0, home, toward_m=home)
+        return drive(leg, order, 0, there, _room(room_m), SECTORS, 2.0)[1].turn_radps
 
     assert abs(back_from_there(math.inf)) < 0.1
     # The way it came leads down, 45 degrees to the left of home.
-    assert back_from_there(1.0) > 0.7
+    assert back_from_there(1.5) > 0.5
+
+
+def test_a_way_is_remembered_in_few_places_however_long_it_is_and_anew_from_where_it_begins() -> None:
+    leg = Leg()
+    for i in range(500):
+        leg, _ = drive(leg, Order(Kind.GO, 1, (0.0, 0.0), 0.0), 0, (0.6 * i, 0.0, 0.0), _room(9.0), SECTORS, 0.1 * i)
+    assert TRAIL_MAX // 2 <= len(leg.trail) <= TRAIL_MAX
+    assert leg.trail[0] == (60, 0)
+    leg, _ = drive(leg, Order(Kind.GO, 2, (300.0, 0.0), 0.0), 1, (299.5, 0.0, 0.0), _room(9.0), SECTORS, 60.0)
+    assert leg.trail == ((29950, 0),)

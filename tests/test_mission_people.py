@@ -13,13 +13,15 @@ from click.testing import CliRunner
 from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
-from phalanx.mission import BuildOptions, Profile, Walker, build
+from phalanx.mission import BuildOptions, Profile, build
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.building.walkers import RADIUS_M
+from phalanx.sim.missions.body import Building
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.robot import MissionRobot, World
-from phalanx.sim.missions.run import MissionRun, run_mission, summary
+from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.setup import MissionRun
+from phalanx.sim.missions.world import MissionRobot, MissionWorld
 
 OFFICE = load_floorplan("office_40x40")
 TOUCH_M = RADIUS_M + 0.175
@@ -49,44 +51,44 @@ def test_all_processes_see_the_same_people_and_the_seed_decides_who_they_are() -
     assert summary(other, run_mission(other))["digest"] != alone
 
 
-def robot_in(world: World) -> MissionRobot:
-    part = run_of("office", 0).parts[0]
-    return MissionRobot(0, world, Walker(part.mission, part.key), part.start, OdometryNoise(0.0, 0.0), 0)
+def alone_in(building: Building) -> tuple[MissionWorld, MissionRobot]:
+    world = MissionWorld(run_of("office", 0, noise=OdometryNoise(0.0, 0.0)), (0,), building=building)
+    return world, world.robots[0]
 
 
 def test_a_robot_goes_around_who_stands_in_its_way_and_touches_nobody() -> None:
-    free = robot_in(World(OFFICE))
-    for _ in range(100):
-        free.step()
-    where = free.body.pose[:2]
-    world = World(OFFICE)
-    world.people = np.array([[*where, RADIUS_M]])
-    robot = robot_in(world)
+    world, free = alone_in(Building(OFFICE))
+    world.advance(10.0)
+    where = free.body.wheels.pose[:2]
+    building = Building(OFFICE)
+    building.people = np.array([[*where, RADIUS_M]])
+    world, robot = alone_in(building)
     nearest = math.inf
-    for _ in range(400):
-        robot.step()
-        nearest = min(nearest, math.dist(robot.body.pose[:2], where))
+    for tick in range(400):
+        world.advance(0.1 * (tick + 1))
+        nearest = min(nearest, math.dist(robot.body.wheels.pose[:2], where))
     assert nearest >= TOUCH_M
-    assert math.dist(robot.body.pose[:2], free.report.places[0]) > 3, "it got on"
+    assert math.dist(robot.body.wheels.pose[:2], free.report.places[0]) > 3, "it got on"
 
 
 def test_whom_a_robot_touches_stops_its_wheels_and_it_may_turn_and_go_back() -> None:
-    world = World(OFFICE)
-    robot = robot_in(world)
-    x, y, _ = robot.body.pose
-    robot.body.pose = (x, y, 0.0)
-    world.people = np.array([[x + TOUCH_M + 0.12, y, RADIUS_M]])
-    for _ in range(10):
-        robot._drive(0.5, 0.0)
-    assert robot.body.pose[0] - x == pytest.approx(0.1)
-    assert robot.odometry.travelled_m == pytest.approx(0.1), "wheels that turn on would lose it"
-    for _ in range(10):
-        robot._drive(-0.5, 0.0)
-    assert robot.body.pose[0] < x
+    building = Building(OFFICE)
+    _, robot = alone_in(building)
+    body = robot.body
+    x, y, _ = body.wheels.pose
+    body.wheels.pose = (x, y, 0.0)
+    building.people = np.array([[x + TOUCH_M + 0.12, y, RADIUS_M]])
+    for _ in range(20):
+        body.drive(0.5, 0.0, 0.05)
+    assert body.wheels.pose[0] - x == pytest.approx(0.1)
+    assert body.odometry.travelled_m == pytest.approx(0.1), "wheels that turn on would lose it"
+    for _ in range(20):
+        body.drive(-0.5, 0.0, 0.05)
+    assert body.wheels.pose[0] < x
 
 
 def test_a_lidar_and_a_camera_see_people() -> None:
-    world = World(run_of("delivery", 0).plan)
+    world = Building(run_of("delivery", 0).plan)
     pose = (17.5, 5.0, 0.0)
     assert world.camera is not None
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import random
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
@@ -17,15 +17,14 @@ from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, Walker, build
-from phalanx.mission.landmarks import LaserScan, floorplan_of_yaml
-from phalanx.mission.walk.outcome import Kind, Order
+from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
+from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 from phalanx.sim.missions.orders import furnished
-from phalanx.sim.missions.pilot import SPEED_MPS, STUCK_S, TRIES, Pilot
-from phalanx.sim.missions.robot import MissionRobot, World, meet
-from phalanx.sim.missions.run import MissionRun, Part, pool_of, run_mission, summary
+from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.setup import MissionRun, Part, pool_of
+from phalanx.sim.missions.world import MissionRobot, MissionWorld
 
 OFFICE = load_floorplan("office_40x40")
 START = (3.0, 1.5, math.pi / 2)
@@ -52,16 +51,15 @@ def run_of(mission: Mission, profile: Profile = Profile.PAPER, **more: object) -
     return MissionRun(plan=OFFICE, parts=parts, noise=NOISE, pool=pool_of(mission), **more)
 
 
-def robot_of(mission: Mission, world: World, number: int = 0) -> MissionRobot:
-    part = run_of(mission).parts[0]
-    return MissionRobot(number, world, Walker(part.mission, part.key), START, NOISE, 0)
+def world_of(mission: Mission, **more: object) -> tuple[MissionWorld, MissionRobot]:
+    world = MissionWorld(replace(run_of(mission), **more), (0,))
+    return world, world.robots[0]
 
 
-def live(robot: MissionRobot, seconds: float) -> None:
-    for _ in range(round(seconds / 0.1)):
-        if robot.over:
-            return
-        robot.step()
+def live(world: MissionWorld, seconds: float) -> None:
+    until_s = world.now_s + seconds
+    while world.now_s < until_s and not world.over:
+        world.advance(world.now_s + 1.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -94,16 +92,16 @@ def test_a_seed_gives_the_same_digest_however_many_processes_share_the_work() ->
 
 
 def test_a_robot_with_a_dead_wheel_validates_nothing_more_and_stops() -> None:
-    robot = robot_of(two_doors(), World(OFFICE))
-    robot.body.left = 0.0
-    live(robot, 300)
-    report = robot.finish()
-    assert robot.state.phase is Phase.HELD
+    world, robot = world_of(two_doors())
+    robot.body.wheels.left = 0.0
+    live(world, 300)
+    (report,) = world.finish()
+    assert robot.controller.memory.walk.phase is Phase.HELD
     assert [node for _, node in report.decoded] == [0]
     assert [reason for _, reason in report.not_validated if reason in ("timed out", "blocked")]
-    where = robot.body.pose
-    live(robot, 1)
-    assert robot.body.pose == where
+    where = robot.body.wheels.pose
+    world.advance(world.now_s + 2.0)
+    assert robot.body.wheels.pose == where
 
 
 def test_a_robot_that_has_no_way_to_the_end_stops_and_says_so() -> None:
@@ -119,16 +117,16 @@ def test_a_robot_that_has_no_way_to_the_end_stops_and_says_so() -> None:
 
 def test_in_a_world_without_walls_nothing_is_decoded_and_nothing_breaks() -> None:
     empty = floorplan_of_yaml(b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n")
-    robot = robot_of(two_doors(), World(empty))
-    live(robot, 200)
-    assert robot.state.phase is Phase.HELD
+    world, robot = world_of(two_doors(), plan=empty)
+    live(world, 200)
+    assert robot.controller.memory.walk.phase is Phase.HELD
     assert [node for _, node in robot.report.decoded] == [0]
 
 
 def test_a_robot_in_another_building_than_its_missions_validates_nothing_but_its_start() -> None:
-    robot = robot_of(two_doors(), World(load_floorplan("office_30x25")))
-    live(robot, 300)
-    assert robot.state.phase is Phase.HELD
+    world, robot = world_of(two_doors(), plan=load_floorplan("office_30x25"))
+    live(world, 300)
+    assert robot.controller.memory.walk.phase is Phase.HELD
     assert [node for _, node in robot.report.decoded] == [0]
 
 
@@ -158,41 +156,22 @@ def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_deliver
 
 
 def test_robots_that_meet_tell_each_other_what_they_decoded_and_nothing_else() -> None:
-    world = World(OFFICE)
-    one, other, far = (robot_of(two_doors(), world, number) for number in range(3))
-    one.step()
-    far.body.pose = (30.0, 30.0, 0.0)
-    meet([one, other, far], OFFICE, near_m=3.0)
-    assert other.state.others == {0}
-    assert not far.state.others
-    assert not other.state.known
+    world = MissionWorld(run_of(two_doors(), robots=3, meet_m=3.0, apart_s=100.0))
+    one, other, far = world.robots
+    far.body.wheels.pose = (30.0, 30.0, 0.0)
+    world.advance(1.0)
+    assert one.controller.memory.walk.opened
+    assert other.controller.memory.walk.others == {0}
+    assert not far.controller.memory.walk.others
+    assert not other.controller.memory.walk.known
 
 
-def _scan(ranges: float) -> LaserScan:
-    return LaserScan(np.full(1080, ranges), -0.75 * math.pi, 1.5 * math.pi / 1080)
-
-
-def test_a_pilot_with_walls_all_around_says_that_the_way_is_blocked() -> None:
-    pilot, order = Pilot(), Order(Kind.GO, 1, (0.0, 0.0), 0.0)
-    told = [pilot.step(order, (0.0, 0.0, 0.0), _scan(0.25), tick * 0.1)[2] for tick in range(600)]
-    assert any(told)
-    assert told.index(True) * 0.1 >= TRIES * STUCK_S
-
-
-def test_a_pilot_drives_along_a_free_direction_and_stands_still_when_told_to_hold() -> None:
-    pilot = Pilot()
-    speed, turn, blocked = pilot.step(Order(Kind.GO, 1, (0.0, 0.0), 0.0), (0.0, 0.0, 0.0), _scan(math.inf), 0.0)
-    assert speed == pytest.approx(SPEED_MPS, rel=0.05)
-    assert abs(turn) < 0.2
-    assert not blocked
-    assert pilot.step(Order(Kind.HOLD), (0.0, 0.0, 0.0), _scan(math.inf), 0.1) == (0.0, 0.0, False)
-
-
-def test_an_empty_scan_and_one_of_nans_move_nobody_into_a_wall_and_crash_nothing() -> None:
-    order = Order(Kind.GO, 1, (0.0, 0.0), 0.0)
-    for ranges in (math.nan, math.inf):
-        speed, _, _ = Pilot().step(order, (0.0, 0.0, 0.0), _scan(ranges), 0.0)
-        assert 0 <= speed <= SPEED_MPS
+def test_robots_that_cannot_audit_each_other_are_told_so() -> None:
+    for robots, wrong in ((1, "1 robots"), (2, "2 robots"), (33, "33 robots")):
+        with pytest.raises(UsageError, match=wrong):
+            run_of(two_doors(), robots=robots, defence="bound")
+    with pytest.raises(UsageError, match="no defence"):
+        run_of(two_doors(), defence="iron")
 
 
 @pytest.mark.parametrize("wrong", [{"robots": 0}, {"duration_s": math.nan}, {"seed": -1}, {"robots": 10_000}])
@@ -220,6 +199,17 @@ def test_the_command_prints_the_figures_that_were_asked_for() -> None:
     assert told.keys() >= ASKED
     assert (told["robots"], told["completed"]) == (2, 2)
     assert json.loads(_command(*words)[1])["digest"] == told["digest"]
+
+
+def test_the_command_has_robots_audit_each_other_and_says_who_cannot() -> None:
+    words = ("inspection", "--profile", "paper", "--robots", "4", "--defence", "bound", "--duration", "80", "--json")
+    code, out, _ = _command(*words)
+    told = json.loads(out)
+    assert (code, told["completed"], told["in_safe_mode"], told["false_fixes"]) == (0, 4, [], 0)
+    for alone in (("inspection", "--defence", "bound"), ("delivery", "--robots", "4", "--defence", "paper")):
+        _, _, error = _command(*alone)
+        assert isinstance(error, UsageError)
+        assert "--defence none" in error.hint
 
 
 def test_a_mission_that_is_not_completed_in_time_is_exit_1_and_says_so() -> None:

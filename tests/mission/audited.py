@@ -9,7 +9,7 @@ from functools import cache, partial
 import numpy as np
 from worlds import CHEAP, built, draws
 
-from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, build
+from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Walker, build
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
@@ -17,8 +17,10 @@ from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.protected import MissionSwarm, ProtectedMission
-from phalanx.sim.missions.protected_body import MissionBody
+from phalanx.sim.missions.body import Building, MissionBody
+from phalanx.sim.missions.report import figures
+from phalanx.sim.missions.setup import MissionRun, Part
+from phalanx.sim.missions.world import MissionWorld
 
 PLAN = load_floorplan("office_40x40")
 LOBBY = Landmark("doorway", 9.0, 12.0, math.pi / 2)
@@ -61,10 +63,15 @@ def everybody(one, robots: int = ROBOTS) -> Missions:
     return Missions(dict.fromkeys(range(1, robots + 1), Assignment(one.mission, PLAN.start, POOL)))
 
 
-def swarm(profile: Profile, defence: str = "bound", **more) -> ProtectedMission:
+def swarm(profile: Profile, defence: str = "bound", **more) -> MissionWorld:
     one = errand(profile)
-    keys = dict.fromkeys(range(1, ROBOTS + 1), one.key)
-    return ProtectedMission(MissionSwarm(plan=PLAN, missions=everybody(one), keys=keys, defence=defence, **more))
+    parts = (Part(one.mission, one.key, PLAN.start),)
+    return MissionWorld(MissionRun(plan=PLAN, parts=parts, robots=ROBOTS, pool=POOL, defence=defence, **more))
+
+
+def told(run: MissionWorld) -> dict:
+    """A run in figures so far."""
+    return figures(run.finish(), 3 * ROBOTS) | run.traffic()
 
 
 def imagined_store(pose) -> bytes:
@@ -77,7 +84,7 @@ def all_gates(profile: Profile) -> Keyring:
     return Recording.of(profile).controllers[-1].memory.walk.keys
 
 
-def cheating(kind: type[MissionCheat], profile: Profile, defence: str, after_s: float) -> ProtectedMission:
+def cheating(kind: type[MissionCheat], profile: Profile, defence: str, after_s: float) -> MissionWorld:
     """Robot 1 cheats."""
     plan = CheatPlan(
         after_ms=round(1000 * after_s),
@@ -87,7 +94,7 @@ def cheating(kind: type[MissionCheat], profile: Profile, defence: str, after_s: 
         node=1,
         onward=2,
     )
-    return swarm(profile, defence, liars={1: partial(kind, plan=plan)})
+    return swarm(profile, defence, liars={0: partial(kind, plan=plan)})
 
 
 @dataclass
@@ -107,9 +114,10 @@ class Recording:
     def __init__(self, profile: Profile, seconds: float = 60.0, seed: int = 0):
         self.one = errand(profile)
         self.missions = everybody(self.one, 2)
-        self.replays = self.missions.controllers_of(2, self.one.key)  # robot 2's: for robot 1 they hold no key
-        live = self.missions.controllers_of(1, self.one.key)(1)
-        body = MissionBody(1, PLAN, SENSORS, PLAN.start, OdometryNoise(), seed)
+        walker = Walker(self.one.mission, self.one.key)
+        self.replays = self.missions.controllers_of(2, walker)  # robot 2's: for robot 1 they hold no key
+        live = self.missions.controllers_of(1, walker)(1)
+        body = MissionBody(1, Building(PLAN, SENSORS.lidar), SENSORS, PLAN.start, OdometryNoise(), (seed, 1))
         self.steps: list[Step] = []
         self.boot = live.encode()
         for step in range(round(seconds * 4)):

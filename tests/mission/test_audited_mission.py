@@ -7,15 +7,17 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from audited import ELSEWHERE, PLAN, ROBOTS, STORE, cheating, errand, everybody, swarm, two_halves
-from worlds import BOTH
+from audited import ELSEWHERE, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
+from worlds import BOTH, built
 
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
-from phalanx.mission import Experience, Phase, Profile
+from phalanx.mission import Draft, Experience, Landmark, Phase, Position, Profile
 from phalanx.robot.attacks import ON_MISSIONS
-from phalanx.robot.controllers.mission.controller import Assignment, Missions
-from phalanx.sim.missions.protected import MissionSwarm, ProtectedMission
+from phalanx.robot.attacks.missions.cheat import CheatPlan
+from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.missions.setup import MissionRun, Part
+from phalanx.sim.missions.world import MissionWorld
 
 CHEATS = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
 both = pytest.mark.parametrize("profile", BOTH)
@@ -30,15 +32,19 @@ REFUSED = {
 }
 
 
+def run_of(parts: tuple[Part, ...], **more) -> MissionWorld:
+    return MissionWorld(MissionRun(**{"plan": PLAN, "parts": parts, "robots": ROBOTS, "defence": "bound", **more}))
+
+
 @cache
-def honest(profile: Profile, defence: str = "bound") -> ProtectedMission:
+def honest(profile: Profile, defence: str = "bound") -> MissionWorld:
     run = swarm(profile, defence)
     run.advance(END_S)
     return run
 
 
 @cache
-def cheated(name: str, profile: Profile, defence: str) -> ProtectedMission:
+def cheated(name: str, profile: Profile, defence: str) -> MissionWorld:
     run = cheating(ON_MISSIONS[name].kind, profile, defence, EARLY_S if name == "skip-node" else AFTER_S)
     run.advance(END_S)
     return run
@@ -47,12 +53,13 @@ def cheated(name: str, profile: Profile, defence: str) -> ProtectedMission:
 @both
 def test_honest_robots_complete_their_mission_and_none_is_stopped(profile):
     run = honest(profile)
-    summary = run.summary()
+    summary = told(run)
     assert summary["completed"] == ROBOTS
     assert summary["in_safe_mode"] == []
+    assert summary["false_fixes"] == 0
     assert Counter(why for *_, why in run.new_verdicts()).keys() == {Refusal.NONE}
     # Each has been in both doors, done both things there, and stands near the second.
-    for body in run.bodies:
+    for body in (robot.body for robot in run.robots):
         assert len(body.actions) == 2
         assert math.dist(body.wheels.pose[:2], (STORE.x_m, STORE.y_m)) < 4.0
 
@@ -61,28 +68,28 @@ def test_honest_robots_complete_their_mission_and_none_is_stopped(profile):
 def test_who_audits_holds_no_key(profile):
     run = honest(profile)
     for rob_id in range(1, ROBOTS + 1):
-        make = run.robots[rob_id - 1].make_controller
+        make = run.robots[rob_id - 1].cnode.make_controller
         other = make(rob_id % ROBOTS + 1)
-        _, claims = other.walker.look(other.memory.walk, Experience(1.0, *PLAN.start))
+        _, claims, _ = other.walker.look(other.memory.walk, Experience(1.0, *PLAN.start))
         assert (claims == ()) == (profile is Profile.SEALED), "in the paper profile there are no keys"
     if profile is Profile.SEALED:
         with pytest.raises(UsageError, match="without its start key"):
-            everybody(errand(profile)).controllers_of(1, None)
+            run_of((Part(errand(profile).mission, None, PLAN.start),))
 
 
 @pytest.mark.parametrize("profile", BOTH)
 @pytest.mark.parametrize("name", CHEATS)
 def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
     run = cheated(name, profile, "bound")
-    liar = run.robots[0]
+    liar = run.robots[0].cnode
     assert liar.first_deviation_ms is not None
     began_s = liar.first_deviation_ms / 1000 - int(run.world.boot_us[0]) / 1e6
     bti = run.bti
     bound_ms = bti.t_val_ms + bti.p_check_ms + 1 + (bti.delta_ms + bti.skew_ms) * liar.output_missing
     assert began_s >= EARLY_S
-    assert run.stopped_s(1) is not None
-    assert 0 <= run.stopped_s(1) - began_s <= bound_ms / 1000
-    assert run.summary()["in_safe_mode"] == [1]
+    assert run.stopped_s(0) is not None
+    assert 0 <= run.stopped_s(0) - began_s <= bound_ms / 1000
+    assert told(run)["in_safe_mode"] == [1]
     reasons = {why for _, _, tee, why in run.new_verdicts() if tee == 1}
     assert reasons - {Refusal.NONE} == REFUSED[name]
 
@@ -91,9 +98,9 @@ def test_a_cheat_is_stopped_within_the_bound_and_nobody_else_is(name, profile):
 @pytest.mark.parametrize("name", CHEATS)
 def test_without_audits_each_cheat_bites(name, profile):
     run, beside = cheated(name, profile, "none"), honest(profile, "none")
-    assert run.summary()["in_safe_mode"] == []
-    body, twin = run.bodies[0], beside.bodies[0]
-    walk = run.controller(1).memory.walk
+    assert told(run)["in_safe_mode"] == []
+    body, twin = run.robots[0].body, beside.robots[0].body
+    walk = run.robots[0].controller.memory.walk
     if name == "drive-dark":
         assert math.dist(body.wheels.pose[:2], ELSEWHERE) < 1.0
         assert math.dist(twin.wheels.pose[:2], ELSEWHERE) > 5.0
@@ -109,20 +116,18 @@ def test_without_audits_each_cheat_bites(name, profile):
 
 def test_the_protocol_as_printed_carries_missions_too():
     run = honest(Profile.PAPER, "paper")
-    assert run.summary()["completed"] == ROBOTS
-    assert run.summary()["in_safe_mode"] == []
+    assert told(run)["completed"] == ROBOTS
+    assert told(run)["in_safe_mode"] == []
     lied = cheated("forge-claim", Profile.PAPER, "paper")
-    assert lied.summary()["in_safe_mode"] == [1]
+    assert told(lied)["in_safe_mode"] == [1]
 
 
 @both
 def test_two_robots_whose_halves_only_a_message_joins_complete_them_and_are_audited_by_all(profile):
     halves = two_halves(profile)
-    assigned = {i: Assignment(halves[i % 2].mission, PLAN.start) for i in range(1, ROBOTS + 1)}
-    keys = {i: halves[i % 2].key for i in assigned}
-    run = ProtectedMission(MissionSwarm(plan=PLAN, missions=Missions(assigned), keys=keys))
+    run = run_of(tuple(Part(half.mission, half.key, PLAN.start) for half in halves))
     run.advance(END_S)
-    summary = run.summary()
+    summary = told(run)
     assert summary["completed"] == ROBOTS
     assert summary["in_safe_mode"] == []
     assert summary["bytes_per_s_per_robot"]["app"] > 0
@@ -132,9 +137,9 @@ def test_two_robots_whose_halves_only_a_message_joins_complete_them_and_are_audi
 def test_storage_does_not_grow_once_a_mission_is_done():
     run = swarm(Profile.PAPER)
     run.advance(40.0)
-    early = run.summary()
+    early = told(run)
     run.advance(90.0)
-    late = run.summary()
+    late = told(run)
     assert late["log_bytes_max"] == early["log_bytes_max"]
     assert late["checkpoint_bytes_max"] <= run.bti.checkpoint_capacity_bytes
     assert late["in_safe_mode"] == []
@@ -149,10 +154,54 @@ def test_the_same_seed_gives_the_same_logs_to_the_byte_and_another_others():
     assert logs[0] == logs[1] != logs[2]
 
 
-def test_robots_without_a_mission_or_too_few_of_them_are_refused():
-    missions = everybody(errand(Profile.PAPER), 2)
+def test_too_few_robots_and_what_no_audit_can_show_are_refused():
+    part = Part(errand(Profile.PAPER).mission, None, PLAN.start)
     with pytest.raises(UsageError, match="2 robots"):
-        MissionSwarm(plan=PLAN, missions=missions)
-    gap = Missions({1: missions.assigned[1], 3: missions.assigned[1], 4: missions.assigned[1]})
-    with pytest.raises(UsageError, match="robot 2"):
-        MissionSwarm(plan=PLAN, missions=gap)
+        run_of((part,), robots=2)
+    with pytest.raises(UsageError, match="33 robots"):
+        run_of((part,), robots=33)
+    with pytest.raises(UsageError, match="when they meet"):
+        run_of((part,), meet_m=5.0)
+    draft = Draft("code")
+    draft.node("start", Position(*PLAN.start[:2]), start=True)
+    draft.node("code", Landmark("qr", 9.0, 12.0, text="7d1f0c52a9e84b3666c0e2f1b8d49a07"), final=True)
+    draft.way("start", "code")
+    for profile in BOTH:
+        one = built(draft.mission(), profile)
+        orders = orders_of(draft.mission(), [one], PLAN)
+        with pytest.raises(UsageError, match="cannot be audited yet"):
+            orders.run(robots=ROBOTS, defence="bound")
+        assert orders.run(robots=ROBOTS).defence == "none"
+    with pytest.raises(UsageError, match="cannot be audited yet"):
+        run_of((Part(built(draft.mission(), Profile.PAPER).mission, None, PLAN.start),))
+
+
+def test_robots_that_set_out_later_wait_and_are_audited_meanwhile():
+    run = swarm(Profile.PAPER, apart_s=5.0, begin_s=1.8e9)  # a clock that shows the year
+    run.advance(4.5)
+    assert [robot.report.decoded != [] for robot in run.robots] == [True, False, False, False, False]
+    run.advance(60.0)
+    assert told(run)["completed"] == ROBOTS
+    assert told(run)["in_safe_mode"] == []
+    assert {why for *_, why in run.new_verdicts()} == {Refusal.NONE}
+
+
+def test_a_robot_that_is_taken_over_in_the_middle_drives_elsewhere_and_is_stopped():
+    run = swarm(Profile.PAPER)
+    run.advance(AFTER_S)
+    run.compromise(1, ON_MISSIONS["drive-dark"], CheatPlan(after_ms=0, toward_m=ELSEWHERE))
+    run.advance(END_S)
+    assert told(run)["in_safe_mode"] == [2]
+    assert AFTER_S < run.stopped_s(1) < AFTER_S + run.bti.t_val_ms / 1000 + 0.5
+    assert {why for _, _, tee, why in run.new_verdicts() if tee == 2} == {Refusal.NONE, Refusal.OUTPUT_WRONG}
+
+
+def test_a_station_in_the_middle_says_what_the_controller_says():
+    halves = two_halves(Profile.PAPER)
+    second = halves[1]
+    said = (halves[0].mission.nodes[1].aliases[0].mark,)
+    run = run_of((Part(second.mission, second.key, PLAN.start),), controller=said)
+    run.advance(3.0)
+    assert all(robot.controller.memory.walk.heard == said for robot in run.robots)
+    run.advance(15.0)
+    assert {why for *_, why in run.new_verdicts()} == {Refusal.NONE}

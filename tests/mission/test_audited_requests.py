@@ -43,7 +43,7 @@ class Shown:
         refused = node.knock(fleet, tor, work, 0, tee + 1)
         if not refused:
             work.told[node.TOLD_PLACE], work.told[node.TOLD_TEE] = 0, tee + 1
-            assert self.run.robots[tor]._judge() == node.REPLY
+            assert self.run.robots[tor].cnode._judge() == node.REPLY
             refused = work.told[node.TOLD_REFUSAL]
         return Refusal(int(refused))
 
@@ -159,7 +159,7 @@ def test_a_checkpoint_that_is_no_state_is_refused_as_such():
     tee, tor, head, items, _ = next(each for each in with_evidence() if each[2][1] == 0)
     at = request.HEAD_BYTES + head[request.AT_TOKENS] * request.TOKEN_BYTES
     run = shown().run
-    cnode, work = run.robots[tor], run.world.work
+    cnode, work = run.robots[tor].cnode, run.world.work
     controller = cnode.make_controller(tee + 1)
     state = head[at + 48 :]
     controller.decode(state)

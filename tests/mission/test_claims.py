@@ -166,7 +166,7 @@ class TestTurnedHeadings:
     def test_both_are_shown_and_either_alone_is_not_believed(self):
         walker, state = self.begun()
         seen = self.seen(*self.DOORS)
-        state, claims = walker.look(state, seen)
+        state, claims, _ = walker.look(state, seen)
         assert len(claims) == 2
         assert claims[0].turn_rad == claims[1].turn_rad == pytest.approx(self.TURN)
         after, outcome = walker.advance(state, seen, claims)
@@ -192,7 +192,7 @@ class TestTurnedHeadings:
     def test_a_second_claim_where_none_is_needed_is_refused(self):
         walker, state = self.begun()
         seen = Experience(5.0, 0, 0, 0, 8.0, self.DOORS)
-        state, claims = walker.look(state, seen)
+        state, claims, _ = walker.look(state, seen)
         assert len(claims) == 1
         with pytest.raises(Unshown):
             walker.advance(state, seen, claims * 2)
@@ -218,7 +218,7 @@ def test_where_a_node_has_one_alias_its_payload_says_where_it_is():
     walker = walker_of(one)
     state, _ = walker.step(State(), at(mission, *mission.nodes[0].place, 1.0))
     seen = at(mission, *mission.nodes[1].place, 2.0)
-    state, (claim,) = walker.look(state, seen)
+    state, (claim,), _ = walker.look(state, seen)
     assert walker.advance(state, seen, (claim,))[1].decoded
     for offset in (claim.offset._replace(x=claim.offset.x + 50), claim.offset._replace(y=claim.offset.y - 50)):
         with pytest.raises(Unshown):

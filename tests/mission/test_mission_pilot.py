@@ -18,7 +18,7 @@ from phalanx.mission import Kind, Order
 from phalanx.robot.controllers.mission.pilot import Drive, Leg, Sectors, course, drive, free_way, hits
 from phalanx.robot.controllers.mission.readings import CLEAR
 from phalanx.sim.building.odometry import OdometryNoise
-from phalanx.sim.missions.protected_body import MissionBody
+from phalanx.sim.missions.body import Building, MissionBody
 
 HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar
@@ -28,12 +28,13 @@ OPEN = np.full(SENSORS.sectors, CLEAR, np.uint8)
 
 def driven(order: Order, start, seconds: float):
     """A body that carries out an order in the office, odometry being true: (pose, leg, last command) at each step."""
-    body, leg = MissionBody(1, PLAN, SENSORS, start, OdometryNoise(0.0, 0.0), 0), Leg()
+    body = MissionBody(1, Building(PLAN), SENSORS, start, OdometryNoise(0.0, 0.0), (0, 1))
+    leg = Leg()
     for k in range(round(4 * seconds)):
         body.advance(0.25 * k)
         reading, _ = body.sense(1000 + 250 * k)
         leg, command = drive(leg, order, 0, body.wheels.pose, SENSORS.parse(reading).clear, SECTORS, 0.25 * k)
-        body._left_mps, body._right_mps = body.wheels.wheels(command.speed_mps, command.turn_radps)
+        body._speed_mps, body._turn_radps = command.speed_mps, command.turn_radps
         yield body.wheels.pose, leg, command
         if command.blocked:
             return
@@ -57,7 +58,8 @@ def test_a_place_behind_a_wall_is_given_up():
     order = Order(Kind.GO, 1, (3.0, 12.0), None, (3.0, 16.0))
     *_, (pose, leg, command) = driven(order, (3.0, 12.0, 1.57), 60.0)
     assert command.blocked
-    assert leg == Leg()
+    assert leg.key == (-1, -1, 0)
+    assert leg.trail, "by which it finds back"
     assert pose[1] < 13.5
 
 
@@ -111,12 +113,12 @@ def replay(path: Path) -> None:
     """The child: the whole walk from boot, uncompiled."""
     from audited import errand, everybody
 
-    from phalanx.mission import Profile
+    from phalanx.mission import Profile, Walker
 
     assert not hasattr(course, "py_func"), "compiled"
     told = json.loads(path.read_text())
     one = errand(Profile(told["profile"]))
-    controller = everybody(one, 2).controllers_of(2, one.key)(1)
+    controller = everybody(one, 2).controllers_of(2, Walker(one.mission, one.key))(1)
     for step, t_ms, reading, evidence, outputs in told["steps"]:
         done = controller.on_evidence(step, t_ms, bytes.fromhex(reading), bytes.fromhex(evidence))
         assert [output.payload.hex() for output in done] == outputs, step

@@ -224,7 +224,7 @@ def test_a_walk_in_two_halves_is_the_walk_in_one(profile):
 
     class Halves:
         def step(self, state, seen):
-            state, claims = walker.look(state, seen)
+            state, claims, _ = walker.look(state, seen)
             return walker.advance(state, seen, claims)
 
     assert [o.decoded.node for _, o in walk(mission, Halves()) if o.decoded] == decoded == [0, 1, 2, 3, 4]

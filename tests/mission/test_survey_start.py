@@ -21,8 +21,9 @@ from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.missions.robot import Report
-from phalanx.sim.missions.run import MissionRun, Part, summary
+from phalanx.sim.missions.report import Report
+from phalanx.sim.missions.run import summary
+from phalanx.sim.missions.setup import MissionRun, Part
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 ROS = [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.glob("*.yaml"))]

@@ -61,8 +61,6 @@ def up(
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
-    if on_mission and (defence not in (None, "none") or f_max is not None):
-        raise UsageError("robots on a mission do not audit each other", "leave --defence and --f-max away")
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     options = UpOptions(
         broker=broker,
@@ -77,7 +75,7 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    with _robots(missions, furnish, world, start_key, trust, count, seed) as lived:
+    with _robots(missions, furnish, world, start_key, trust, count, seed, defence, f_max) as lived:
         swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
         if events:
             lines = EventLines()
@@ -98,6 +96,8 @@ def _robots(
     trust: tuple[str, ...],
     count: int,
     seed: int,
+    defence: str | None,
+    f_max: int | None,
 ) -> Iterator[Swarm | None]:
     """Robots that live missions, and have begun the first if there is one; None if no mission is wanted."""
     if (start_key is not None or trust or furnish) and not (missions and is_encoded(missions[0])):
@@ -108,9 +108,7 @@ def _robots(
         yield None
         return
     plan, orders = _orders(missions, furnish, world, start_key, trust)
-    with mission_swarm(plan, count, seed, talk) as swarm:
-        if orders is not None:
-            swarm.begin(orders)
+    with mission_swarm(plan, orders, count, seed, defence, f_max, talk) as swarm:
         yield swarm
 
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim import Dotbots
+from phalanx.sim.missions.orders import Orders
 from phalanx.sim.signals import handled_by
-from phalanx.sim.swarms.mission import MissionSwarm
+from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
 from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
@@ -115,19 +116,44 @@ class SoonProtected(Dotbots):
 
 
 @contextlib.contextmanager
-def mission_swarm(plan: FloorPlan, robots: int, seed: int, talk: Callable[[str], None]) -> Iterator[MissionSwarm]:
+def mission_swarm(
+    plan: FloorPlan,
+    orders: Orders | None,
+    robots: int,
+    seed: int,
+    defence: str | None,
+    f_max: int | None,
+    talk: Callable[[str], None],
+) -> Iterator[MissionSwarm]:
     """Simulated robots that live missions in a building, ready to run, while the body does.
 
     Args:
         plan: the building.
+        orders: the mission that they begin with, or None.
         robots: how many.
         seed: of their odometry.
+        defence: see `choose_protection`; None is none where an audit could not show what the mission needs.
+        f_max: the same.
         talk: told what people should know, in one line.
     Raises: UsageError: too many robots, or a building without walls or a start. Unavailable: they do not come up.
     """
+    protection = choose_protection(robots, defence, f_max)
+    if orders is not None and orders.unauditable and defence is None and protection.defence != "none":
+        note = f"what robots read from {orders.unauditable} cannot be audited yet: they run unprotected"
+        protection = Protection("none", protection.f_max, note)
+    if orders is not None:
+        orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # before anything is compiled
+    if protection.note:
+        talk(protection.note)
     with contextlib.ExitStack() as stack:
         with _patiently(talk):
-            swarm = stack.enter_context(MissionSwarm(plan, robots, seed, time.time))
+            if protection.defence == "none":
+                swarm = MissionSwarm(plan, robots, seed, time.time)
+            else:
+                swarm = ShieldedMissionSwarm(plan, robots, seed, time.time, protection.defence, protection.f_max)
+            stack.enter_context(swarm)
+        if orders is not None:
+            swarm.begin(orders)
         yield swarm
 
 

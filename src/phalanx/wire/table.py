@@ -370,9 +370,15 @@ MISSION_MEMORY = Record(
         Field("best_s", "f64", "when that was"),
         Field("blocked", "u8", "1: the way was given up at the last step"),
         Field("said", "u8", "messages that it gives out"),
-        Field("rest", "rest", "these, 32 bytes each, then the walk (docs/spec/mission.md)"),
+        Field("crumbs", "u8", "places of the way here that it remembers"),
+        Field("rest", "rest", "messages, 32 bytes each; crumbs; then the walk (docs/spec/mission.md)"),
     ),
     "what a mission robot's controller remembers",
+)
+CRUMB = Record(
+    "crumb",
+    (Field("x_cm", "i32", "map frame"), Field("y_cm", "i32", "")),
+    "a place of the way back",
 )
 
 # --- spaces in which a first byte is one record's ------------------------------------------------------------------
@@ -385,5 +391,5 @@ PAYLOADS = (STATE, SENSOR, ACCELERATION, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDI
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
-REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, WHEELS_MEMORY, MISSION_MEMORY)
+REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, WHEELS_MEMORY, MISSION_MEMORY, CRUMB)
 RECORDS = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT, *SHOWN, *REMEMBERED)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import furnish_option, json_option, record_option
+from phalanx.cli.options import defence_option, furnish_option, json_option, record_option
 
 from .runs import runs
 
@@ -154,6 +154,12 @@ def crack() -> None:
     metavar="X,Y[,DEGREES]",
     help="Where robots are put; without, where the mission or the map says.",
 )
+@defence_option(
+    default="none",
+    show_default=True,
+    help="Whether robots audit each other: 3 to 32 of them, without codes, sensors and --meet.",
+)
+@click.option("--f-max", type=click.IntRange(1, 15), default=1, show_default=True, help="Liars that audits tolerate.")
 @click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
 @click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
 @click.option(

@@ -44,7 +44,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
 @defence_option(
     help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
-    "  [default: bound, for up to 100 robots]"
+    "  [default: bound, for up to 100 robots; on a mission, where an audit can show what they read]"
 )
 @click.option(
     "--f-max",

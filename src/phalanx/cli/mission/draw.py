@@ -19,8 +19,8 @@ from phalanx.mission import BuildOptions, Landmark, Mission, Profile, build
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.robot import Report
-from phalanx.sim.missions.run import MissionRun, run_mission
+from phalanx.sim.missions.report import Report
+from phalanx.sim.missions.run import run_mission
 
 FORMATS = (".png", ".svg")
 # Okabe and Ito's colours, which the colour-blind tell apart.
@@ -56,16 +56,7 @@ def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
     """
     draws = random.Random(seed).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
     orders = orders_of(mission, build(mission, BuildOptions(profile=Profile.PAPER), draws), plan)
-    run = MissionRun(
-        plan=orders.plan,
-        parts=orders.parts,
-        robots=len(orders.parts),
-        noise=NOISE,
-        seed=seed,
-        pool=orders.pool,
-        controller=orders.controller,
-        keep_trace=True,
-    )
+    run = orders.run(noise=NOISE, seed=seed, keep_trace=True)
     progress = Progress()
     try:
         return run_mission(run, os.cpu_count() or 1, lambda share: progress.tell("simulated", share))

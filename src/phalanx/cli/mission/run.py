@@ -21,8 +21,8 @@ from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.orders import File, orders_of_files
 from phalanx.sim.missions.recording import write_recording
-from phalanx.sim.missions.robot import Report
-from phalanx.sim.missions.run import MissionRun, run_mission, summary
+from phalanx.sim.missions.report import Report
+from phalanx.sim.missions.run import run_mission, summary
 
 from .files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
 
@@ -38,6 +38,8 @@ def run(
     trust: tuple[str, ...],
     at_s: float | None,
     said_start: str | None,
+    defence: str,
+    f_max: int,
     people: int,
     duration: float,
     meet_m: float,
@@ -57,16 +59,14 @@ def run(
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, trusted, len(range(i, count, len(files))), begin_s)
-    setting = MissionRun(
-        plan=orders.plan,
-        parts=orders.parts,
+    setting = orders.run(
         robots=count,
+        defence=defence,
+        f_max=f_max,
         noise=OdometryNoise.parse(noise),
         seed=seed,
         begin_s=begin_s,
         duration_s=duration,
-        pool=orders.pool,
-        controller=orders.controller,
         meet_m=meet_m,
         keep_trace=record is not None,
         people=people,
@@ -128,7 +128,7 @@ def _words(pose: Pose) -> str:
 
 
 def _so_far(share: float, duration_s: float) -> str:
-    return "simulated to the end" if share >= 1 else f"{share * duration_s:.0f} of at most {duration_s:g} s simulated"
+    return "simulated to the end" if share >= 1 else f"{100 * share:.0f} % of at most {duration_s:g} s simulated"
 
 
 def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
@@ -178,6 +178,8 @@ def _show(told: dict[str, Any]) -> None:
         f"{told['decoded']} of {told['nodes']} nodes decoded   "
         f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
     )
+    if told["in_safe_mode"]:
+        click.echo(f"in Safe Mode          robots {', '.join(map(str, told['in_safe_mode']))}")
     click.echo(f"hashes tried          {told['hashes_tried']}")
     for name, words, unit in (
         ("search_ms", "search", "ms"),

@@ -35,8 +35,9 @@ from phalanx.robot.attacks.missions.harm import Walked
 from phalanx.robot.attacks.missions.unprotected import PlainWalker
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import OdometryNoise, Pose
-from phalanx.sim.missions.robot import TICK_S, MissionRobot, World
-from phalanx.sim.missions.run import pool_of
+from phalanx.sim.missions.body import Building
+from phalanx.sim.missions.setup import MissionRun, Part, pool_of
+from phalanx.sim.missions.world import STEP_S, MissionRobot, MissionWorld
 
 from .errand import START, building, errand, theft
 
@@ -140,7 +141,7 @@ class _Witness:
             self.false_nodes += 1
         for _, action in report.actions[before[1] :]:
             place, reach_m = self._due.pop(action, ((0.0, 0.0), -1.0))
-            if math.dist(self._robot.body.pose[:2], place) > reach_m:
+            if math.dist(self._robot.body.wheels.pose[:2], place) > reach_m:
                 self.wrong.append(action)
         if report.false_fixes > before[2]:
             self.worst_fix_m = max(self.worst_fix_m, error_m)
@@ -169,27 +170,32 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         walker = admitted(sent, defence, now_s, started, checked=checked)
     except PeerError as error:
         return Walked(refused=error.reason, held=True)
-    world = World(attack.building(building()))
-    world.lidar = _SpoofedLidar(world.plan, attack)
+    there = Building(attack.building(building()))
+    there.lidar = _SpoofedLidar(there.plan, attack)
     pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
-    robot = MissionRobot(ROBOT, world, walker, START, NOISE, seed, pool, begin_s=now_s)
+    part = Part(walker.mission, None, START)
+    run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
+    world = MissionWorld(run, (ROBOT,), building=there, walker=walker)
+    (robot,) = world.robots
     witness = _Witness(
         robot, [node for node in errand().nodes if attack.ordered and (attack.released or not node.wait)]
     )
     said = sent.said if attack.released else ()
-    for tick in range(round(DURATION_S / TICK_S)):
-        attack.now_s = tick * TICK_S
-        robot.body.left, robot.body.right = attack.wheels()
+    for step in range(round(DURATION_S / STEP_S)):
+        attack.now_s = step * STEP_S
+        robot.body.wheels.left, robot.body.wheels.right = attack.wheels()
+        robot.hears = attack.messages(said if not step else ())
         before = witness.counts
-        robot.step(attack.messages(said if not tick else ()))
+        world.advance(attack.now_s + STEP_S)
         witness.look(before)
         if robot.over:
             break
-    report = robot.finish()
-    place = None if robot.state.at is None else sent.plain.nodes[robot.state.at].place
+    (report,) = world.finish()
+    walked = robot.controller.memory.walk
+    place = None if walked.at is None else sent.plain.nodes[walked.at].place
     return Walked(
         done=report.done,
-        held=robot.state.phase is Phase.HELD,
+        held=walked.phase is Phase.HELD,
         decoded=tuple(node for _, node in report.decoded),
         false_nodes=witness.false_nodes,
         actions=tuple(action for _, action in report.actions),
@@ -197,7 +203,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         false_fixes=report.false_fixes,
         worst_fix_m=round(witness.worst_fix_m, 3),
         not_validated=tuple(reason for _, reason in report.not_validated),
-        from_last_m=None if place is None else round(math.dist(place, robot.body.pose[:2]), 3),
+        from_last_m=None if place is None else round(math.dist(place, robot.body.wheels.pose[:2]), 3),
         pose_error_m=round(report.pose_error_m[-1], 3),
         t_s=round(report.t_s, 1),
     )

@@ -21,7 +21,8 @@ from phalanx.mission import BuildOptions, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
-from phalanx.sim.missions.robot import TICK_S, MissionRobot, World
+from phalanx.sim.missions.setup import MissionRun, Part
+from phalanx.sim.missions.world import STEP_S, MissionRobot, MissionWorld
 
 from .drive import office
 
@@ -51,41 +52,41 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     seed = int(case.removeprefix("seed "))
     plan = load_floorplan(DEFAULT)
     assert plan.start is not None, "our floor plan says where robots begin"
-    world, walker = World(plan), _walker()
-    robots = [MissionRobot(number, world, walker, plan.start, NOISE, seed) for number in range(ROBOTS)]
+    walker = _walker()
+    part = Part(walker.mission, None, plan.start)
+    world = MissionWorld(MissionRun(plan=plan, parts=(part,), robots=ROBOTS, noise=NOISE, seed=seed), walker=walker)
+    robots = world.robots
     shares = shares_of(walker)
     everybody = frozenset().union(*shares)
     for robot, share in zip(robots, shares, strict=True):
-        robot.state = replace(robot.state, others=everybody - share)
+        _told(robot, everybody - share)
     told: list[set[int]] = [set() for _ in robots]
     floor = _floor(plan)
     known = np.zeros((ROBOTS, len(floor)), bool)
     rows = []
-    for tick in range(round(LIMIT_S / TICK_S)):
+    for tick in range(round(LIMIT_S / STEP_S)):
         for k, robot in enumerate(robots):
             if shares[k] != everybody and _has_done(robot, shares[k]):
                 # On to whatever nobody has told it of.
-                shares[k], robot.state = everybody, replace(robot.state, others=frozenset(told[k]))
-        found_by_all = frozenset().union(*(robot.state.opened for robot in robots))
-        busy = [
-            robot
-            for robot, share in zip(robots, shares, strict=True)
-            if found_by_all != everybody and not _has_done(robot, share)
-        ]
-        for robot in busy:
-            robot.step()
+                shares[k] = everybody
+                _told(robot, frozenset(told[k]))
+        found_by_all = frozenset().union(*map(_found, robots))
+        for robot, share in zip(robots, shares, strict=True):
+            robot.rests = found_by_all == everybody or _has_done(robot, share)
+        busy = not all(robot.rests for robot in robots)
+        world.advance((tick + 1) * STEP_S)
         _meet(robots, plan, told)
         if busy and tick % SAMPLE_TICKS:
             continue
-        team = frozenset().union(*(robot.state.opened for robot in robots)) - _starts(walker)
+        team = frozenset().union(*map(_found, robots)) - _starts(walker)
         for robot, others in zip(robots, told, strict=True):
-            number = robot.report.robot
-            known[number] |= _seen(robot, world, floor)
-            x, y, _ = robot.body.pose
-            found = robot.state.opened.keys() - _starts(walker)
-            more = others - robot.state.opened.keys() - _starts(walker)
+            number = robot.number
+            known[number] |= _seen(robot, floor)
+            x, y, _ = robot.body.wheels.pose
+            found = _found(robot) - _starts(walker)
+            more = others - _found(robot) - _starts(walker)
             error = robot.report.pose_error_m[-1]
-            rows.append((tick * TICK_S, number, x, y, len(found), len(more), known[number].mean(), error, len(team)))
+            rows.append((tick * STEP_S, number, x, y, len(found), len(more), known[number].mean(), error, len(team)))
         if not busy:
             break
     return np.array(rows)
@@ -124,19 +125,29 @@ def _starts(walker: Walker) -> frozenset[int]:
 
 
 def _has_done(robot: MissionRobot, share: frozenset[int]) -> bool:
-    return robot.over or share <= robot.state.opened.keys() | robot.state.others
+    return robot.over or share <= _found(robot) | robot.controller.memory.walk.others
+
+
+def _found(robot: MissionRobot) -> frozenset[int]:
+    return frozenset(robot.controller.memory.walk.opened)
+
+
+def _told(robot: MissionRobot, others: frozenset[int]) -> None:
+    """The robot takes it that others have been at these nodes, and at no more."""
+    memory = robot.controller.memory
+    robot.controller.memory = replace(memory, walk=replace(memory.walk, others=others))
 
 
 def _meet(robots: list[MissionRobot], plan: FloorPlan, told: list[set[int]]) -> None:
     """Robots near each other exchange proofs; a busy one need not go where another has been."""
     for one, other in combinations(robots, 2):
-        a, b = one.body.pose[:2], other.body.pose[:2]
+        a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
         if math.dist(a, b) > MEET_M or not plan.sees(a, b):
             continue
         for from_, to in ((one, other), (other, one)):
-            report = from_.walker.report(from_.state)
-            to.state = to.walker.hear_report(to.state, report)
-            told[to.report.robot] |= {node for node, _ in report}
+            report = from_.tells()
+            to.told_of(report)
+            told[to.number] |= {node for node, _ in report}
 
 
 def _floor(plan: FloorPlan) -> NDArray[np.float64]:
@@ -146,11 +157,11 @@ def _floor(plan: FloorPlan) -> NDArray[np.float64]:
     return np.array([(x, y) for x in xs for y in ys if plan.inside(x, y)])
 
 
-def _seen(robot: MissionRobot, world: World, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _seen(robot: MissionRobot, floor: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(k,) the floor that the robot's lidar sweeps, up to KNOWS_M."""
-    config = world.lidar.config
-    x, y, heading = robot.body.pose
-    ranges = world.lidar.true_ranges(robot.body.pose)
+    lidar, pose = robot.body.building.lidar, robot.body.wheels.pose
+    config, (x, y, heading) = lidar.config, pose
+    ranges = lidar.true_ranges(pose)
     away = np.hypot(floor[:, 0] - x, floor[:, 1] - y)
     bearing = np.arctan2(floor[:, 1] - y, floor[:, 0] - x) - heading
     beam = ((bearing - config.angle_min_rad) % math.tau / config.angle_increment_rad).astype(int)

@@ -16,7 +16,7 @@ from phalanx.experiments.trial import Trial, said_of
 from phalanx.robot.attacks.attack import Attack, Verdict
 from phalanx.robot.attacks.missions.guesses import Guess
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
-from phalanx.sim.missions.robot import FALSE_FIX_M
+from phalanx.sim.missions.report import FALSE_FIX_M
 
 from .attacked import ROBOT, Operator, honest_errand, plan_of, walk
 from .errand import errand

@@ -24,6 +24,7 @@ from phalanx.mission.refused import MalformedMission
 from .opening import Known, OpenWay
 from .state import State
 from .table import Phase
+from .walker import LONGEST_S
 
 NOBODY = 0xFFFFFFFF
 NO_SECTOR = 0xFFFF
@@ -65,7 +66,8 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
     phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m = reader.unpack(_HEAD)
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
         raise MalformedMission("a walk in no phase, or at no time")
-    _finite(fixed_at_m, left_at_m, *pulled_m, *([] if math.isnan(since_s) else [since_s]))
+    _finite(fixed_at_m, left_at_m, *pulled_m)
+    _finite(*([] if math.isnan(since_s) else [since_s]), below=LONGEST_S)
     count = len(mission.nodes)
     opened = dict(_parse_known(mission, reader) for _ in range(_count(reader, count)))
     ways = sum(len(node.ways) for node in mission.nodes)

@@ -76,10 +76,10 @@ class Walker:
             return self._decoded(state, seen, find.opened, find.fix, find.trials)
         return self._walked(state, seen, again, find)
 
-    def look(self, state: State, seen: Experience) -> tuple[State, tuple[Claim, ...]]:
-        """The state with what was tried in its keyring, and claims that `advance` takes, if something was found."""
+    def look(self, state: State, seen: Experience) -> tuple[State, tuple[Claim, ...], int]:
+        """The state with what was tried in its keyring, claims that `advance` takes if something was found; tries."""
         if self._refused(state, seen) is not None:
-            return state, ()
+            return state, (), 0
         begun, seen = self._begun(state, seen)
         find = self._finder.look(begun, seen, turning=self.sees_again(begun, seen) is None)
         state = replace(state, keys=find.keys)
@@ -88,8 +88,8 @@ class Walker:
                 self._finder.check(begun, seen, find.claims)
             except (Unshown, Altered):
                 # Two landmarks in one cell: which of them was meant, the bytes do not tell. The next scan may.
-                return state, ()
-        return state, find.claims
+                return state, (), find.trials
+        return state, find.claims, find.trials
 
     def advance(self, state: State, seen: Experience, claims: tuple[Claim, ...] = ()) -> tuple[State, Outcome]:
         """The next state after an experience in which a robot claims to have found a node, or claims nothing.

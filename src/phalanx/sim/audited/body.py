@@ -11,6 +11,7 @@ from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.fields import get_f32, get_i8, put_f32
 from phalanx.robot.controllers.sine import sine_cosine
+from phalanx.sim.drive import turned_kernel
 from phalanx.wire.fields import Row, put_u16, put_u64
 from phalanx.wire.table import (
     ACCELERATION,
@@ -68,9 +69,9 @@ def advance(world: World, i: int) -> None:
     left, right = world.acc[i, 0] * TOP_SPEED_MPS, world.acc[i, 1] * TOP_SPEED_MPS
     if left == 0.0 and right == 0.0:
         return
-    turn_deg = (left - right) / AXLE_M * dt * DEG_PER_RAD
+    ahead, turn = turned_kernel(left, right, AXLE_M, dt)
+    turn_deg = turn * DEG_PER_RAD
     sine, cosine = sine_cosine(world.vel[i, 0] + turn_deg / 2)
-    ahead = (left + right) / 2 * dt
     world.pos[i, 0] = _inside(world.pos[i, 0] - ahead * sine, world.area[0])
     world.pos[i, 1] = _inside(world.pos[i, 1] + ahead * cosine, world.area[1])
     direction = world.vel[i, 0] + turn_deg

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.sim.drive import turned
 
 from .odometry import Pose, along_arc
 
@@ -59,13 +60,12 @@ class DiffDrive:
         Returns: (way, turn) by which the wheels turned: what odometry measures, whether or not the robot moved so.
         """
         top = self.config.wheel_max_mps
-        left, right = max(-top, min(top, left_mps)) * dt_s, max(-top, min(top, right_mps)) * dt_s
-        measured = 0.5 * (left + right), (right - left) / self.config.axle_m
-        left, right = left * self.left, right * self.right
-        way, turn = 0.5 * (left + right), (right - left) / self.config.axle_m
-        after = along_arc(self.pose, way, turn)
+        left, right = max(-top, min(top, left_mps)), max(-top, min(top, right_mps))
+        # Headings are counted the other way round, to the left.
+        way, turn = turned(left, right, -self.config.axle_m, dt_s)
+        after = along_arc(self.pose, *turned(left * self.left, right * self.right, -self.config.axle_m, dt_s))
         room = self._plan.clearance_m(after[0], after[1])
         if room < self.config.radius_m and room < self._plan.clearance_m(self.pose[0], self.pose[1]):
             after = (self.pose[0], self.pose[1], after[2])
         self.pose = after
-        return measured
+        return way, turn

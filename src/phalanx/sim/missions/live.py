@@ -7,44 +7,71 @@ tick takes longer than it should, the robots' time goes slower: nobody is hurled
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
-from phalanx.mission import BuildOptions, Draft, Landmark, Phase, Position, Profile, Walker, build
+from phalanx.mission import BuildOptions, Draft, Landmark, Phase, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.attacks import ON_MISSIONS
+from phalanx.robot.attacks.missions.cheat import CheatPlan
 from phalanx.robot.on_mission import Completed, Decoded, News, NotValidated
+from phalanx.sim.audited.watch import shields
 
 from .orders import start_of
-from .robot import TICK_S, MissionRobot, World, meet
-from .run import MissionRun, Part
+from .setup import MissionRun, Part
+from .world import MissionRobot, MissionWorld
 
 WAITING = "waiting"  # to begin, before any phase of the walk
+TICK_S = 0.1
 NICE = 5
-# One of each part after the other: together they would be one dot on the map, all in search of the same.
-APART_TICKS = 60
-MEET_EVERY_TICKS = 5
-REHEARSED_TICKS = 3
+# A liar that wants to be elsewhere wants to be so far from the building's edge.
+EDGE_M = 1.0
+# Long enough for a round of audits; without a defence, for a step of each robot.
+REHEARSED_S = {"none": 0.5, "paper": 6.0, "bound": 6.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where a robot truly is (map frame), and how far its mission has got."""
+    """Where a robot truly is (map frame), how far its mission has got, and who vouches for it.
+
+    Args:
+        vouchers: numbers of its auditors, each with the seconds for which its token still counts, the longest first.
+        safe_mode: it has been stopped.
+        attack: that it runs, or "".
+    """
 
     x_m: float
     y_m: float
     heading_rad: float
     phase: str
     why: str
+    vouchers: tuple[tuple[int, float], ...] = ()
+    safe_mode: bool = False
+    attack: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A tick: all robots, and what is new since the one before."""
+    """A tick: all robots, and what is new since the one before.
+
+    Args:
+        audits: that ended: auditor, auditee, why there was no token or "".
+    """
 
     robots: tuple[Standing, ...]
     news: tuple[News, ...]
+    audits: tuple[tuple[int, int, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Lie:
+    """What makes a robot lie from now on: its number, and the attack by its name."""
+
+    robot: int
+    attack: str
 
 
 class Crew:
@@ -52,57 +79,47 @@ class Crew:
 
     def __init__(self, run: MissionRun) -> None:
         self._run = run
-        world = World(run.plan)
-        walkers = [Walker(part.mission, part.key) for part in run.parts]
-        count = len(run.parts)
-        self._robots = [
-            MissionRobot(
-                number,
-                world,
-                walkers[number % count],
-                run.parts[number % count].start,
-                run.noise,
-                run.seed,
-                run.pool,
-                begin_s=run.begin_s + number // count * APART_TICKS * TICK_S,
-            )
-            for number in range(run.robots)
-        ]
-        self._inbox: list[tuple[bytes, ...]] = [run.controller] * run.robots
+        self._world = MissionWorld(run)
         self._tick = 0
         self._told = [(0, 0, False)] * run.robots
 
     def tick(self) -> Moment:
         """What a tenth of a second later is."""
-        for i, robot in enumerate(self._robots):
-            if robot.over or not self._has_begun(i):
-                continue
-            heard, self._inbox[i] = self._inbox[i], ()
-            said = robot.step(heard)
-            self._inbox = [(*waiting, *said) for waiting in self._inbox]
-        if self._run.meet_m and self._tick % MEET_EVERY_TICKS == 0:
-            # Only those on the same file: another part's nodes have the same numbers.
-            for part in range(len(self._run.parts)):
-                meet(self._robots[part :: len(self._run.parts)], self._run.plan, self._run.meet_m)
-        moment = Moment(
-            tuple(self._standing(i) for i in range(len(self._robots))),
-            tuple(news for i in range(len(self._robots)) for news in self._news(i)),
-        )
         self._tick += 1
-        return moment
+        self._world.advance(self._tick * TICK_S)
+        verdicts = self._world.new_verdicts()
+        return Moment(
+            tuple(self._standing(i, robot) for i, robot in enumerate(self._world.robots)),
+            tuple(news for i, robot in enumerate(self._world.robots) for news in self._news(i, robot)),
+            tuple(
+                (tor - 1, tee - 1, why.name.lower().replace("_", " ") if why else "") for _, tor, tee, why in verdicts
+            ),
+        )
 
-    def _has_begun(self, i: int) -> bool:
-        return self._tick >= i // len(self._run.parts) * APART_TICKS
+    def compromise(self, lie: Lie) -> None:
+        """The robot lies from now on: it makes for the corner of the building that is farthest from it."""
+        robot = self._world.robots[lie.robot]
+        x0, y0, x1, y1 = self._run.plan.bounds
+        corners = [(x, y) for x in (x0 + EDGE_M, x1 - EDGE_M) for y in (y0 + EDGE_M, y1 - EDGE_M)]
+        toward_m = max(corners, key=lambda corner: math.dist(corner, robot.body.wheels.pose[:2]))
+        self._world.compromise(lie.robot, ON_MISSIONS[lie.attack], CheatPlan(after_ms=0, toward_m=toward_m))
 
-    def _standing(self, i: int) -> Standing:
-        robot = self._robots[i]
-        phase, told = robot.state.phase, robot.report.not_validated
+    def _standing(self, i: int, robot: MissionRobot) -> Standing:
+        phase, told = robot.controller.memory.walk.phase, robot.report.not_validated
+        is_stopped = bool(self._world.world.safe[i])
         why = told[-1][1] if told and phase in (Phase.HELD, Phase.RETURNING) else ""
-        return Standing(*robot.body.pose, phase.value if self._has_begun(i) else WAITING, why)
+        begun = self._world.now_s >= robot.controller.given.wait_s
+        return Standing(
+            *robot.body.wheels.pose,
+            Phase.HELD.value if is_stopped else phase.value if begun else WAITING,
+            "Safe Mode" if is_stopped else why,
+            tuple((tor - 1, left_s) for tor, left_s in shields(self._world.world, i)) if self._run.audited else (),
+            is_stopped,
+            robot.attack,
+        )
 
-    def _news(self, i: int) -> list[News]:
-        robot = self._robots[i]
-        report, opened = robot.report, robot.state.opened
+    def _news(self, i: int, robot: MissionRobot) -> list[News]:
+        report, opened = robot.report, robot.controller.memory.walk.opened
         decoded, refused, done = self._told[i]
         news: list[News] = []
         for _, node in report.decoded[decoded:]:
@@ -115,35 +132,41 @@ class Crew:
         return news
 
 
-def live(pipe: Connection, plan: FloorPlan) -> None:
+def live(pipe: Connection, plan: FloorPlan, defence: str) -> None:
     """Lives what it is told until the pipe is closed: the body of the process.
 
     Args:
-        pipe: takes (number, MissionRun), gives (number, Moment or None): a moment of that run, None before the first.
+        pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
         plan: the building, for a rehearsal: what is to be compiled is, before the first word.
+        defence: of the runs.
     """
     os.nice(NICE)
-    _rehearse(plan)
-    number, crew = 0, None
+    _rehearse(plan, defence)
+    number: int = 0
+    crew: Crew | None = None
     due_s = time.monotonic()
     try:
         while True:
             pipe.send((number, crew.tick() if crew else None))
             due_s = max(due_s + TICK_S, time.monotonic())
             while pipe.poll(max(0.0, due_s - time.monotonic())):
-                number, run = pipe.recv()
-                crew = Crew(run)
+                number, told = pipe.recv()
+                if isinstance(told, MissionRun):
+                    crew = Crew(told)
+                elif crew is not None:
+                    crew.compromise(told)
     except (EOFError, OSError):
         return
 
 
-def _rehearse(plan: FloorPlan) -> None:
+def _rehearse(plan: FloorPlan, defence: str) -> None:
     x_m, y_m, heading_rad = start_of(plan)
     draft = Draft("rehearsal")
     draft.node("start", Position(x_m, y_m), start=True)
     draft.node("end", Landmark("doorway", x_m, y_m + 1, 0.0), Landmark("corner_concave", x_m, y_m, 0.0), final=True)
     draft.way("start", "end")
     (built,) = build(draft.mission(), BuildOptions(profile=Profile.PAPER), bytes)
-    crew = Crew(MissionRun(plan=plan, parts=(Part(built.mission, built.key, (x_m, y_m, heading_rad)),)))
-    for _ in range(REHEARSED_TICKS):
+    part = Part(built.mission, built.key, (x_m, y_m, heading_rad))
+    crew = Crew(MissionRun(plan=plan, parts=(part,), robots=1 if defence == "none" else 3, defence=defence))
+    for _ in range(round(REHEARSED_S[defence] / TICK_S)):
         crew.tick()

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from phalanx.errors import UsageError
 from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Sensor, StartKey
 from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.mission.observable import Observable
 from phalanx.sim.building.diffdrive import DiffDriveConfig
 from phalanx.sim.building.odometry import Pose
 
-from .run import Part, pool_of
+from .setup import MissionRun, Part, pool_of
 
 CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
 NORTH_RAD = math.pi / 2
@@ -29,6 +31,7 @@ class Orders:
         parts: robot i gets part i modulo their number.
         pool: actions that the robots can do.
         controller: messages that a controller sends when the robots start.
+        unauditable: what robots must sense for it and no audit can show, "" as far as anybody here knows.
     """
 
     name: str
@@ -36,6 +39,19 @@ class Orders:
     parts: tuple[Part, ...]
     pool: tuple[Action, ...] = ()
     controller: tuple[bytes, ...] = ()
+    unauditable: str = ""
+
+    def run(self, **how: Any) -> MissionRun:
+        """The run in which robots live it; one for each part if nothing else is said.
+
+        Args:
+            how: the rest of MissionRun's arguments.
+        Raises: UsageError: one is out of range, or robots shall audit each other on what no audit can show.
+        """
+        if self.unauditable and how.get("defence", "none") != "none":
+            raise UsageError(f"what robots read from {self.unauditable} cannot be audited yet", "--defence none")
+        given = {"plan": self.plan, "parts": self.parts, "pool": self.pool, "controller": self.controller}
+        return MissionRun(**{"robots": len(self.parts), **given, **how})
 
 
 def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan, start: Pose | None = None) -> Orders:
@@ -77,7 +93,13 @@ def orders_of_files(
     _check_sensed(plain)
     starts = [start or _start(plain, part, plan) for part in plain.parts]
     parts = tuple(Part(*file, begin) for file, begin in zip(files, starts, strict=True))
-    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages)
+    codes = any(isinstance(thing, Landmark) and thing.text is not None for thing in _things(plain))
+    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages, "codes" if codes else "")
+
+
+def _things(plain: Mission) -> list[Observable]:
+    """All that any node of a mission is made of."""
+    return [thing for node in plain.nodes for alias in node.see for thing in alias]
 
 
 def start_of(plan: FloorPlan) -> Pose:
@@ -107,9 +129,7 @@ def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
     shown = {code.text for code in plan.codes}
     hung = [
         WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
-        for node in plain.nodes
-        for alias in node.see
-        for thing in alias
+        for thing in _things(plain)
         if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
     ]
     return replace(plan, codes=(*plan.codes, *hung)) if hung else plan

@@ -35,7 +35,7 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.building.odometry import Pose
 
-from .robot import Report
+from .report import Report
 
 NS = 1_000_000_000
 WORLD = "world"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.follow import wheels_towards
+from phalanx.sim.drive import turned
 
 AREA_MM = (2000, 2000)
 BODY_MM = 40.0  # radius: how near to the wall the middle can come
@@ -236,11 +237,11 @@ class Dotbots:
     def _move(self, dt_s: float) -> None:
         left = self._now[LEFT] * (TOP_SPEED_MMPS / 100)
         right = self._now[RIGHT] * (TOP_SPEED_MMPS / 100)
-        middle = self._now[ANGLE] + (left - right) / AXLE_MM * (dt_s / 2)
-        ahead = (left + right) / 2 * dt_s
+        ahead, turn = turned(left, right, AXLE_MM, dt_s)
+        middle = self._now[ANGLE] + turn / 2
         self._now[X] = np.clip(self._now[X] - ahead * np.sin(middle), BODY_MM, AREA_MM[0] - BODY_MM)
         self._now[Y] = np.clip(self._now[Y] + ahead * np.cos(middle), BODY_MM, AREA_MM[1] - BODY_MM)
-        self._now[ANGLE] = np.mod(self._now[ANGLE] + (left - right) / AXLE_MM * dt_s, 2 * math.pi)
+        self._now[ANGLE] = np.mod(self._now[ANGLE] + turn, 2 * math.pi)
 
     def _record(self) -> None:
         dx, dy = self._now[X] - self._now[TRAIL_X], self._now[Y] - self._now[TRAIL_Y]

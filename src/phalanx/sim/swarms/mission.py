@@ -18,15 +18,18 @@ from typing import Self
 
 import numpy as np
 
+from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Led, Point, Robot
+from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
+from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.sim.building.odometry import Pose
-from phalanx.sim.missions.live import WAITING, Moment, Standing, live
+from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
 from phalanx.sim.missions.orders import Orders, orders_of, start_of
-from phalanx.sim.missions.run import MissionRun
+from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.signals import handled_by
 
 from .dotbots import COLOURS, robot_name
@@ -39,12 +42,16 @@ WALLS_MAX = 20_000
 HISTORY = 1000
 HISTORY_STEP_MM = 200.0
 MEET_M = 8.0
+# One of each part after the other: together they would be one dot on the map, all in search of the same.
+APART_S = 6.0
 BATTERY_V = 3.0
+ATTACK = "drive-dark"
 READY_WITHIN_S = 600.0
 
 
 class MissionSwarm:
-    """A `phalanx.robot.on_mission.OnMission` of simulated robots; a context manager, in which their process lives.
+    """A `phalanx.robot.on_mission.OnMission` of simulated robots, unprotected; a context manager, in which their
+    process lives.
 
     Args:
         plan: the building.
@@ -53,6 +60,8 @@ class MissionSwarm:
         clock: seconds since 1970; also the mission's clock.
     Raises: UsageError: too many robots, or a building without walls or a start.
     """
+
+    defence, f_max = "none", 1
 
     def __init__(self, plan: FloorPlan, count: int, seed: int, clock: Callable[[], float]) -> None:
         if not 1 <= count <= MOST_ROBOTS:
@@ -75,7 +84,7 @@ class MissionSwarm:
         self._news: list[tuple[str, News]] = []
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=live, args=(theirs, plan), daemon=True)
+        self._process = context.Process(target=live, args=(theirs, plan, self.defence), daemon=True)
         self._theirs = theirs
         self._lost = False
 
@@ -167,24 +176,21 @@ class MissionSwarm:
         In a large building it waits until robots have ended their tick.
 
         Raises: PeerError: a robot must not start it: it is for others, for another time, or was started before.
+            UsageError: it cannot be audited, and robots audit each other.
         """
         now_s = self._clock()
         for i in range(len(self._addresses)):
             admit(orders.parts[i % len(orders.parts)].mission, i + 1, now_s, self._started)
-        run = MissionRun(
-            plan=orders.plan,
-            parts=orders.parts,
+        run = orders.run(
             robots=len(self._addresses),
+            defence=self.defence,
+            f_max=self.f_max,
             seed=self._seed,
             begin_s=now_s,
-            pool=orders.pool,
-            controller=orders.controller,
-            meet_m=MEET_M,
+            apart_s=APART_S,
+            meet_m=MEET_M if self.defence == "none" else 0.0,
         )
-        try:
-            self._pipe.send((self._number + 1, run))
-        except OSError as error:
-            raise Unavailable("the robots' process has ended", "start the gateway again") from error
+        self._tell(self._number + 1, run)
         # Where robots keep it, if they were real: a mission that was begun is not begun again.
         self._started |= {part.mission.header.mission_id for part in orders.parts}
         self._number += 1
@@ -232,6 +238,12 @@ class MissionSwarm:
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
+    def _tell(self, number: int, what: MissionRun | Lie) -> None:
+        try:
+            self._pipe.send((number, what))
+        except OSError as error:
+            raise Unavailable("the robots' process has ended", "start the gateway again") from error
+
     def _find(self, address: str) -> int:
         row = self._rows.get(address)
         if row is None:
@@ -276,3 +288,65 @@ class MissionSwarm:
         self._decoded[news.robot] += 1
         place = None if news.place_m is None else Lit(self.to_area(*news.place_m), news.type)
         self._lit.setdefault((news.robot % len(self._orders.parts), news.node), place)
+
+
+class ShieldedMissionSwarm(MissionSwarm):
+    """A `phalanx.robot.shield.Shielded` swarm of robots on a mission that audit each other while they live it.
+
+    Args:
+        plan, count, seed, clock: as of MissionSwarm.
+        defence: "paper" or "bound".
+        f_max: compromised robots that are tolerated.
+    Raises: UsageError: as MissionSwarm; or too few robots.
+    """
+
+    longest_route = 0  # nobody tells them where to go
+
+    def __init__(
+        self, plan: FloorPlan, count: int, seed: int, clock: Callable[[], float], defence: str, f_max: int
+    ) -> None:
+        self.defence, self.f_max = defence, f_max
+        self._audits: list[Audit] = []
+        super().__init__(plan, count, seed, clock)
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot."""
+        self._listen()
+        bti = BtiConfig(f_max=self.f_max)
+        return [
+            Shield(
+                address=address,
+                needed=bti.tokens_needed,
+                full_s=bti.t_val_ms / 1000,
+                vouchers=tuple((self._addresses[tor], left_s) for tor, left_s in stands.vouchers),
+                safe_mode=stands.safe_mode,
+                attack=stands.attack,
+            )
+            for address, stands in zip(self._addresses, self._standing, strict=True)
+        ]
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended since the last call, oldest first."""
+        audits, self._audits = self._audits, []
+        return audits
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """The one that wants nothing beside the robot: the others need accomplices, or scans that were made up."""
+        return [AttackChoice(ATTACK, ON_MISSIONS[ATTACK].does)]
+
+    def compromise(self, address: str, attack: str) -> None:
+        """The robot lies from now on."""
+        i = self._find(address)
+        if attack != ATTACK:
+            raise Unknown(f"no attack {attack[:64]!r}")
+        stands = self._standing[i]
+        if self._orders is None or stands.attack or stands.safe_mode:
+            raise Unknown(f"{robot_name(i)} is compromised or stopped already, or on no mission")
+        self._tell(self._number, Lie(i, attack))
+
+    def _take(self, moment: Moment) -> None:
+        super()._take(moment)
+        self._audits += [
+            Audit(auditor=self._addresses[tor], auditee=self._addresses[tee], refusal=why)
+            for tor, tee, why in moment.audits
+        ]

@@ -72,6 +72,11 @@ class MissionCheat(CNode):
         assert isinstance(self.controller, MissionController)
         return self.controller
 
+    def take_over(self, controller: MissionController) -> None:
+        """What an honest robot has come to know is what it goes on from, in the middle of a mission."""
+        assert isinstance(self._honest, MissionController)
+        self.controller, self._honest.memory = controller, controller.memory
+
     def on_boot(self, now_ms: int) -> list[Action]:
         """The mission key has just been loaded."""
         self._from_ms = now_ms + self.plan.after_ms

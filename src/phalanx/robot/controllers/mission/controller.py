@@ -1,8 +1,10 @@
 """A robot on an encoded mission, as a controller that peers replay without its keys and without its map.
 
+Where nobody audits it, it takes in more than a chain could hold: each scan, its camera's codes, what others report.
+
 What it reads, says and commands are the records `mission_reading`, `mission_message`, `drive` and `action` of
-phalanx.wire.table; what it remembers, which is its checkpoint, is a `mission_memory`, what it says, and the walk
-(mission/walk/checkpoint.py). Evidence: evidence.py.
+phalanx.wire.table; what it remembers, which is its checkpoint, is a `mission_memory`, what it says, `crumb`s of the way
+here, and the walk (mission/walk/checkpoint.py). Evidence: evidence.py.
 
 Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 """
@@ -17,8 +19,7 @@ from functools import cache
 from phalanx.config import BtiConfig
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import MissionConfig
-from phalanx.errors import UsageError
-from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, StartKey, State, Walker
+from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.file.canonical import AT_POSITION, action_bytes
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.file.records import SECRET_BYTES
@@ -28,10 +29,12 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
 from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.fix import Fix
+from phalanx.mission.walk.walker import LONGEST_S
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import (
     ACTION,
+    CRUMB,
     DRIVE,
     KIND_ACTION,
     KIND_DRIVE,
@@ -41,7 +44,7 @@ from phalanx.wire.table import (
 )
 
 from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
-from .pilot import TRIES, Drive, Leg, Pose, Sectors, drive
+from .pilot import TRAIL_MAX, TRIES, Drive, Leg, Pose, Sectors, drive
 from .readings import Reading, Sensors, scan_sha1
 
 SAID_MAX = 8
@@ -65,12 +68,27 @@ class Assignment:
         start: x, y in metres and heading in radians at which the robot is put, map frame.
         pool: actions that it can do.
         begin_s: the mission's clock at the robot's first reading.
+        wait_s: so long after that reading the robot sets out.
     """
 
     mission: EncodedMission
     start: Pose
     pool: tuple[Action, ...] = ()
     begin_s: float = 0.0
+    wait_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Senses:
+    """What a robot takes in beside its readings where nobody audits it.
+
+    Args:
+        codes: landmarks by its camera, where a pose of the robot puts them.
+        messages: that came by another road than the radio.
+    """
+
+    codes: Callable[[Pose], tuple[Landmark, ...]] = lambda _pose: ()
+    messages: tuple[bytes, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,26 +100,31 @@ class Missions:
         sensors: lidar and sectors.
         config: of the walker.
         say_every: control periods from one message to the next.
+        audited: decisions rest on what auditors are shown, and on nothing else.
     """
 
     assigned: Mapping[int, Assignment]
     sensors: Sensors = Sensors()  # noqa: RUF009  # frozen
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
     say_every: int = 6
+    audited: bool = True
 
-    def controllers_of(self, rob_id: int, key: StartKey | None) -> Callable[[int], Controller]:
-        """What makes controllers inside one robot: its own, which has its start key, and others' to replay.
+    def controllers_of(
+        self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
+    ) -> Callable[[int], Controller]:
+        """What makes controllers inside one robot: its own, and others' to replay.
 
         Args:
             rob_id: the robot's.
-            key: the start key of its mission, None if there is none.
-        Raises: as `Walker`.
+            own: its walker, which has its start key.
+            kind: of its own controller; None is MissionController.
         """
-        own = Walker(self.assigned[rob_id].mission, key, self.config)
         others = cache(lambda tee: Walker(self.assigned[tee].mission, config=self.config, replays=True))
 
         def make(tee: int) -> Controller:
-            return MissionController(tee, self, own if tee == rob_id else others(tee))
+            if tee == rob_id:
+                return (kind or MissionController)(tee, self, own)
+            return MissionController(tee, self, others(tee))
 
         return make
 
@@ -115,7 +138,7 @@ class Missions:
             config,
             reading_bytes=self.sensors.reading_bytes,
             command_bytes=DRIVE.size,
-            state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + max(walks),
+            state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * CRUMB.size + max(walks),
             evidence_max_bytes=CLAIM_ROOM_BYTES + 2 * self.sensors.lidar.beams + PACKING_BYTES,
             evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
         )
@@ -149,6 +172,10 @@ class MissionController(EvidenceController):
         rob_id: whose.
         missions: all that is public.
         walker: with the robot's start key, or one that replays.
+
+    Attributes:
+        senses: of this moment, where nobody audits it; whoever polls the sensors sets them before `keep`.
+        tries: hashes or KDFs of the last search for something to claim.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
@@ -156,6 +183,9 @@ class MissionController(EvidenceController):
         self.missions, self.walker = missions, walker
         self.given = missions.assigned[rob_id]
         self.memory = Memory(self.given.start)
+        self.senses = Senses()
+        self.tries = 0
+        self._scan = b""
         lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
         step = lidar.angle_increment_rad
         self._sectors = Sectors(lidar.angle_min_rad - step / 2, each * step, missions.sensors.sectors)
@@ -166,16 +196,25 @@ class MissionController(EvidenceController):
         """Where the robot believes to be, by a reading of its own."""
         return _placed(self.memory.origin, self.missions.sensors.parse(reading))
 
+    def uncorrected_pose(self, reading: bytes) -> Pose:
+        """Where it would believe to be, had it never validated anything."""
+        return _placed(self.given.start, self.missions.sensors.parse(reading))
+
     # --- the robot alone ----------------------------------------------------------------------------------------------
 
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:  # noqa: ARG002 - a search knows no steps
-        """The evidence for what the search comes upon, or for a landmark seen again."""
+        """The evidence for what the search comes upon, or for a landmark seen again; none where nobody asks for it."""
+        if not self.missions.audited:
+            self._scan = raw
+            return b""
         stopped = self.memory.walk.phase in (Phase.HELD, Phase.DONE)
         now = self._parsed(reading)
         if stopped or now is None or len(raw) != 2 * self.missions.sensors.lidar.beams:
             return b""
         seen = self._experience(t_ms, now, raw)
-        walk, claims = self.walker.look(self.memory.walk, seen)
+        if self._waits(seen):
+            return b""
+        walk, claims, self.tries = self.walker.look(self.memory.walk, seen)
         self.memory = replace(self.memory, walk=walk)
         if claims:
             return pack_evidence(claims, raw if 1 <= claims[0].shape.place < AT_POSITION else b"")
@@ -198,7 +237,7 @@ class MissionController(EvidenceController):
         now = self._parsed(reading)
         if now is None:
             return [self._drive(t_ms, Drive())]
-        claims, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else ((), b"")
+        claims, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else ((), self._scan)
         if scan and scan_sha1(scan) != now.scan_sha1:
             raise BadEvidence("a scan that the s-node has not chained")
         if not self.memory.begun_ms:
@@ -214,7 +253,9 @@ class MissionController(EvidenceController):
 
     def _step(self, step: int, t_ms: int, now: Reading, scan: bytes, claims: tuple[Claim, ...]) -> list[Output]:
         seen = self._experience(t_ms, now, scan)
-        walk, outcome = self.walker.advance(self.memory.walk, seen, claims)
+        if self._waits(seen):
+            return [self._drive(t_ms, Drive())]
+        walk, outcome = self.walk(seen, claims)
         if outcome.fix is not None:
             self.memory = replace(self.memory, origin=_origin(outcome.fix, now))
         pose = _placed(self.memory.origin, now)
@@ -223,11 +264,22 @@ class MissionController(EvidenceController):
         self.memory = replace(self.memory, leg=leg, blocked=command.blocked, said=said[-SAID_MAX:], walk=walk)
         return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
 
+    def walk(self, seen: Experience, claims: tuple[Claim, ...]) -> tuple[State, Outcome]:
+        """The walk after a step, and its outcome: what was claimed, or where nobody audits, what was searched."""
+        if self.missions.audited:
+            return self.walker.advance(self.memory.walk, seen, claims)
+        return self.walker.step(self.memory.walk, seen)
+
+    def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
+        """What a scan shows."""
+        return extract(self.missions.sensors.scan_of(scan), self._extraction).landmarks(*pose)
+
+    def _waits(self, seen: Experience) -> bool:
+        return seen.t_s < self.given.begin_s + self.given.wait_s
+
     def _experience(self, t_ms: int, now: Reading, scan: bytes) -> Experience:
         pose = _placed(self.memory.origin, now)
-        landmarks: tuple[Landmark, ...] = ()
-        if scan:
-            landmarks = extract(self.missions.sensors.scan_of(scan), self._extraction).landmarks(*pose)
+        landmarks = (self.landmarks(scan, pose) if scan else ()) + self.senses.codes(pose)
         begun_ms = self.memory.begun_ms or t_ms
         return Experience(
             self.given.begin_s + (t_ms - begun_ms) / MILLI,
@@ -235,6 +287,7 @@ class MissionController(EvidenceController):
             now.travelled_m,
             landmarks,
             actions=self.given.pool,
+            messages=self.senses.messages,
             blocked=self.memory.blocked,
         )
 
@@ -254,17 +307,17 @@ class MissionController(EvidenceController):
         said, every = self.memory.said, self.missions.say_every
         if not said or (step + self.rob_id) % every:
             return []
-        return [Send(MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, self.rob_id, said[step // every % len(said)]))]
+        return [Send(message_frame(self.rob_id, said[step // every % len(said)]))]
 
     # --- the checkpoint -----------------------------------------------------------------------------------------------
 
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
         m, leg = self.memory, self.memory.leg
-        head = MISSION_MEMORY.form.pack(
-            m.begun_ms, *m.origin, *leg.key, leg.passed, leg.tries, leg.best_m, leg.best_s, m.blocked, len(m.said)
-        )
-        return head + b"".join(m.said) + encode_state(self.given.mission, m.walk)
+        carried = (leg.passed, leg.tries, leg.best_m, leg.best_s, m.blocked)
+        head = MISSION_MEMORY.form.pack(m.begun_ms, *m.origin, *leg.key, *carried, len(m.said), len(leg.trail))
+        trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
+        return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
         """It remembers what this checkpoint says; its keys are not in there.
@@ -272,15 +325,19 @@ class MissionController(EvidenceController):
         Raises: MalformedMission.
         """
         reader = Reader(encoding)
-        begun_ms, x_m, y_m, heading_rad, kind, target, begin, passed, tries, best_m, best_s, blocked, said = (
+        begun_ms, x_m, y_m, heading_rad, kind, target, begin, passed, tries, best_m, best_s, blocked, said, crumbs = (
             reader.unpack(MISSION_MEMORY.form)
         )
-        if not all(abs(value) < _MOST for value in (x_m, y_m, heading_rad, best_s)) or not abs(best_m) <= math.inf:
+        placed = all(abs(value) < _MOST for value in (x_m, y_m, heading_rad))
+        if not (placed and abs(best_s) < LONGEST_S and abs(best_m) <= math.inf):
             raise MalformedMission("a robot that is nowhere")
-        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked) > 1 or said > SAID_MAX:
+        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked) > 1:
             raise MalformedMission("an instruction that cannot be")
-        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s)
+        if said > SAID_MAX or crumbs > TRAIL_MAX:
+            raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
+        trail = tuple((x, y) for x, y in (reader.unpack(CRUMB.form) for _ in range(crumbs)))
+        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s, trail)
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory
@@ -288,6 +345,11 @@ class MissionController(EvidenceController):
         if self.encode() != encoding:
             self.memory = before
             raise MalformedMission("a state has one spelling")
+
+
+def message_frame(rob_id: int, message: bytes) -> bytes:
+    """An encoded message, as a robot says it, or a station whose id is nobody's."""
+    return MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, rob_id, message)
 
 
 def _placed(origin: Pose, now: Reading) -> Pose:
@@ -309,13 +371,3 @@ def _origin(fix: Fix, now: Reading) -> Pose:
         fix.y_m - (sine * now.x_m + cosine * now.y_m),
         heading,
     )
-
-
-def check_assignments(missions: Missions, robots: int) -> None:
-    """Nothing, if each of the robots 1..n has one.
-
-    Raises: UsageError.
-    """
-    missing = [rob_id for rob_id in range(1, robots + 1) if rob_id not in missions.assigned]
-    if missing:
-        raise UsageError(f"robot {missing[0]} has no mission", "each robot that is audited has one")

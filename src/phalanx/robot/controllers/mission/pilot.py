@@ -1,7 +1,8 @@
 """From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
 
 The robot heads for the place where its instruction begins, then along the direction, or straight to a place that it
-knows; around whatever the sectors of its reading say is in the way (sim/missions/pilot.py drives by the scan itself).
+knows; around whatever the sectors of its reading say is in the way. Back it goes the way it came, where it does not see
+the place: straight would lead into every corner of the building.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ CARROT_M = 1.5
 LINE_MAX_M = 25.0
 HALT_S, STUCK_S = 2.0, 8.0
 TRIES = 2
+# From one remembered place of the way here to the next, in whole centimetres; so near is there.
+CRUMB_M, THERE_M = 1.0, 0.7
+TRAIL_MAX = 32
+CM_PER_M = 100
 PROGRESS_M = 0.1
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
@@ -46,6 +51,7 @@ class Leg:
         passed: the place where it begins lies behind.
         tries: begun anew after no headway.
         best_m, best_s: least way that was left, and when.
+        trail: places of the way here from where the instruction began, map frame, cm; what leads back.
     """
 
     key: tuple[int, int, int] = (-1, -1, -1)
@@ -53,6 +59,7 @@ class Leg:
     tries: int = 0
     best_m: float = math.inf
     best_s: float = 0.0
+    trail: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +105,9 @@ def drive(
         return Leg(), Drive()
     key = (_KINDS.index(order.kind), _number(order.target), _number(begin))
     if key != leg.key:
-        leg = Leg(key, passed=order.place_m is None, best_s=t_s)
+        trail = leg.trail if leg.key[2] == key[2] else ()
+        leg = Leg(key, passed=order.place_m is None, best_s=t_s, trail=trail)
+    leg = _remember(leg, order, pose)
     points = hits(clear, sectors.cosines, sectors.sines)
     leg, goal, left_m = _goal(leg, order, pose, points, t_s)
     if left_m < leg.best_m - PROGRESS_M:
@@ -106,7 +115,7 @@ def drive(
     elif t_s - leg.best_s > STUCK_S or left_m < 0:
         leg = replace(leg, tries=leg.tries + 1, passed=False, best_m=math.inf, best_s=t_s)
         if leg.tries >= TRIES:
-            return Leg(), Drive(blocked=True)
+            return Leg((-1, -1, key[2]), trail=leg.trail), Drive(blocked=True)
     return leg, _toward(goal, points, sectors)
 
 
@@ -121,7 +130,7 @@ def _goal(leg: Leg, order: Order, pose: Pose, points: Floats, t_s: float) -> tup
     """(leg, goal in the robot's frame, metres that are left); fewer than none where the direction has led too far."""
     place = _local(pose, order.place_m or pose[:2])
     if order.kind is Kind.BACK:
-        return leg, place, _length(place)
+        return _homeward(leg, place, pose, points)
     onward, left_m = _onward(order, pose)
     if not leg.passed:
         away = _length(place)
@@ -132,6 +141,38 @@ def _goal(leg: Leg, order: Order, pose: Pose, points: Floats, t_s: float) -> tup
             return leg, place, away
         leg = replace(leg, passed=True, best_m=math.inf, best_s=t_s)
     return leg, onward, left_m
+
+
+def _remember(leg: Leg, order: Order, pose: Pose) -> Leg:
+    """Keeps the way from where the instruction begins: every so often the place where the robot is."""
+    if order.kind is not Kind.GO:
+        return leg
+    trail = leg.trail
+    if order.place_m is not None and _length(_local(pose, order.place_m)) < THERE_M:
+        trail = ()
+    if not trail or _length(_local(pose, _crumb(trail[-1]))) > CRUMB_M:
+        trail = (*(trail if len(trail) < TRAIL_MAX else trail[::2]), (_cm(pose[0]), _cm(pose[1])))
+    return leg if trail is leg.trail else replace(leg, trail=trail)
+
+
+def _cm(value_m: float) -> int:
+    return round(value_m * CM_PER_M)
+
+
+def _crumb(crumb: tuple[int, int]) -> Point:
+    return crumb[0] / CM_PER_M, crumb[1] / CM_PER_M
+
+
+def _homeward(leg: Leg, place: Point, pose: Pose, points: Floats) -> tuple[Leg, Point, float]:
+    """(leg, where to go, metres that are left): to the place, or to the oldest remembered one in sight."""
+    trail = leg.trail
+    while trail and _length(_local(pose, _crumb(trail[-1]))) < THERE_M:
+        trail = trail[:-1]
+    if not trail or _in_sight(points, place):
+        return replace(leg, trail=trail), place, _length(place)
+    crumbs = [_local(pose, _crumb(crumb)) for crumb in trail]
+    at = next((i for i, crumb in enumerate(crumbs) if _in_sight(points, crumb)), len(crumbs) - 1)
+    return replace(leg, trail=trail[: at + 1]), crumbs[at], _length(crumbs[at]) + at * CRUMB_M
 
 
 def _onward(order: Order, pose: Pose) -> tuple[Point, float]:

@@ -1,0 +1,142 @@
+"""The body of a robot on a mission: wheels in a building, and what its sensors say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.lidar import LidarConfig
+from phalanx.mission import Landmark
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.controllers.mission.controller import Senses
+from phalanx.robot.controllers.mission.readings import Sensors
+from phalanx.sim.building.camera import Camera
+from phalanx.sim.building.diffdrive import DiffDrive
+from phalanx.sim.building.lidar import Lidar
+from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+from phalanx.sim.building.walkers import Walkers
+from phalanx.wire.table import DRIVE, KIND_ACTION, KIND_DRIVE
+
+STEP_S = 0.05  # walls are looked at so often
+PEOPLE_STEP_S = 0.1
+CAMERA_EVERY = 5  # readings from one picture to the next
+MILLI = 1000
+
+
+class Building:
+    """What robots in one building share: its walls and codes, who walks about, and how sensors see them.
+
+    Args:
+        plan: walls and codes.
+        lidar: of the robots.
+        crowd: who walks about, or None.
+    """
+
+    def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, crowd: Walkers | None = None) -> None:
+        self.plan = plan
+        self.lidar = Lidar(plan.walls, lidar)
+        self.camera = Camera(plan) if plan.codes else None
+        # (m, 3) centre and radius of those who walk about, metres.
+        self.people: NDArray[np.float64] = np.zeros((0, 3))
+        self._crowd = crowd
+        self._steps = 0
+
+    def pass_time(self, now_s: float) -> None:
+        """People are where they have walked by now."""
+        while self._crowd is not None and self._steps * PEOPLE_STEP_S <= now_s:
+            self._crowd.step(PEOPLE_STEP_S)
+            self.people = self._crowd.discs
+            self._steps += 1
+
+
+class MissionBody:
+    """One robot's wheels, odometry, lidar and camera, and what it has been told to do.
+
+    Args:
+        rob_id: 1..65535, as its readings say.
+        building: where it is.
+        sensors: how it sees.
+        start: x, y and heading, map frame.
+        noise: of its odometry.
+        seed: of all that is drawn for it.
+    """
+
+    def __init__(
+        self,
+        rob_id: int,
+        building: Building,
+        sensors: Sensors,
+        start: Pose,
+        noise: OdometryNoise,
+        seed: tuple[int, ...],
+    ) -> None:
+        self.rob_id, self.building, self.sensors = rob_id, building, sensors
+        self.wheels = DiffDrive(building.plan, start)
+        self.actions: list[bytes] = []
+        # In its own frame, and never corrected: what it has been told about its place is the controller's affair.
+        self.odometry = Odometry((0.0, 0.0, 0.0), noise, np.random.default_rng([*seed, 1]))
+        self._random = np.random.default_rng([*seed, 0])
+        self._speed_mps = self._turn_radps = 0.0
+        self._now_s = 0.0
+        self._readings = 0
+
+    def advance(self, now_s: float) -> None:
+        """The body is where its last command has brought it by now."""
+        while self._now_s < now_s:
+            dt_s = min(STEP_S, now_s - self._now_s)
+            self.drive(self._speed_mps, self._turn_radps, dt_s)
+            self._now_s = now_s if dt_s < STEP_S else self._now_s + dt_s
+
+    def drive(self, speed_mps: float, turn_radps: float, dt_s: float) -> None:
+        """The wheels turn for a moment; a bumper stops those of a robot that would run into somebody."""
+        if not speed_mps and not turn_radps:
+            return
+        speed_mps = 0.0 if self._runs_into_somebody(speed_mps * dt_s) else speed_mps
+        self.odometry.step(*self.wheels.step(*self.wheels.wheels(speed_mps, turn_radps), dt_s))
+
+    def _runs_into_somebody(self, way_m: float) -> bool:
+        """Whether a person whom it touches then is nearer after so much way."""
+        x, y, heading = self.wheels.pose
+        after = x + way_m * math.cos(heading), y + way_m * math.sin(heading)
+        for *person, radius in self.building.people.tolist():
+            away = math.dist(after, person)
+            if away < radius + self.wheels.config.radius_m and away < math.dist((x, y), person):
+                return True
+        return False
+
+    def sense(self, t_ms: int) -> tuple[bytes, bytes]:
+        """(what the s-node chains, the scan whose hash is in it).
+
+        Args:
+            t_ms: of the s-node's clock.
+        """
+        building, odometry = self.building, self.odometry
+        self._readings += 1
+        raw = self.sensors.raw_of(building.lidar.sweep(self.wheels.pose, self._random, building.people))
+        return self.sensors.make(self.rob_id, t_ms, odometry.pose, odometry.travelled_m, raw), raw
+
+    def look_around(self) -> Senses:
+        """What it senses beside, in this moment: the codes that its camera reads, when it takes a picture."""
+        camera, building = self.building.camera, self.building
+        if camera is None or self._readings % CAMERA_EVERY:
+            return Senses()
+        codes = camera.read(camera.picture(self.wheels.pose, self._random, building.people, self._turn_radps))
+
+        def at(pose: Pose) -> tuple[Landmark, ...]:
+            return camera.landmarks(codes, pose)
+
+        return Senses(at)
+
+    def obey(self, command: bytes) -> None:
+        """The actuators do what a command says; what is no command of theirs does nothing."""
+        if len(command) == DRIVE.size and command[0] == KIND_DRIVE:
+            *_, speed, turn = DRIVE.form.unpack(command)
+            self._speed_mps, self._turn_radps = speed / MILLI, turn / MILLI
+        elif command[:1] == bytes([KIND_ACTION]):
+            self.actions.append(command)
+
+    def halt(self) -> None:
+        """It stands where it is, for good. Source: RoboRebound §3.1 (Safe Mode)."""
+        self._speed_mps = self._turn_radps = 0.0

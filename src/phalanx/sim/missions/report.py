@@ -1,0 +1,205 @@
+"""What becomes of a robot on a mission, written down with the world's eyes: no decision looks at it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from phalanx.mission import Outcome, Phase
+from phalanx.mission.walk.outcome import Kind, Reason
+from phalanx.mission.walk.table import Event
+from phalanx.sim.building.odometry import Pose
+
+from .body import MissionBody
+from .observed import ObservedController
+
+# A fix that leaves the robot further off than this took one thing for another: cells are 0.1 m, the search 0.5 m.
+FALSE_FIX_M = 0.3
+FALSE_FIX_RAD = math.radians(6)
+_TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
+
+
+@dataclass(slots=True)
+class Report:
+    """What became of a robot.
+
+    Args:
+        done: its mission is completed.
+        decoded: (t_s, node), in the order in which they were decoded; first times alone.
+        places: of decoded nodes, map frame, metres.
+        hashes_tried: hashes or KDFs.
+        false_fixes: fixes that left it more than FALSE_FIX_M or FALSE_FIX_RAD off.
+        search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest.
+        pose_error_m, odometry_error_m: of each step, with fixes and without.
+        not_validated: (t_s, reason).
+        actions: (t_s, action) that it carried out.
+        trace: (t_s, true pose, estimate, odometry alone) of each step, if it is kept.
+        lacks: what nodes that it could have decoded next are made of, and its world does not have.
+        safe_mode_s: when it was stopped by those who audit it, or None.
+    """
+
+    robot: int
+    done: bool = False
+    t_s: float = 0.0
+    decoded: list[tuple[float, int]] = field(default_factory=list)
+    places: dict[int, tuple[float, float]] = field(default_factory=dict)
+    hashes_tried: int = 0
+    false_fixes: int = 0
+    search_ms: list[float] = field(default_factory=list)
+    extraction_ms: list[float] = field(default_factory=list)
+    pose_error_m: list[float] = field(default_factory=list)
+    odometry_error_m: list[float] = field(default_factory=list)
+    not_validated: list[tuple[float, str]] = field(default_factory=list)
+    actions: list[tuple[float, str]] = field(default_factory=list)
+    trace: list[tuple[float, Pose, Pose, Pose]] = field(default_factory=list)
+    digest: str = ""
+    lacks: tuple[str, ...] = ()
+    safe_mode_s: float | None = None
+
+
+class Logbook:
+    """Keeps a robot's report.
+
+    Args:
+        number: of the robot.
+        body, controller: its.
+        keep_trace: keep where it was at every step.
+    """
+
+    def __init__(self, number: int, body: MissionBody, controller: ObservedController, *, keep_trace: bool) -> None:
+        self.report = Report(number, search_ms=controller.search_ms, extraction_ms=controller.extraction_ms)
+        self._body, self._controller = body, controller
+        self._keep_trace = keep_trace
+        self._digest = hashlib.sha256()
+
+    def note(self, t_s: float, reading: bytes) -> None:
+        """Writes down what came of a step, in which the robot had this reading."""
+        report, true = self.report, self._body.wheels.pose
+        estimate, uncorrected = self._controller.pose(reading), self._controller.uncorrected_pose(reading)
+        outcome, phase = self._controller.outcome, self._controller.memory.walk.phase
+        report.t_s = t_s
+        report.done = phase is Phase.DONE
+        report.pose_error_m.append(math.dist(true[:2], estimate[:2]))
+        report.odometry_error_m.append(math.dist(true[:2], uncorrected[:2]))
+        if self._keep_trace:
+            report.trace.append((t_s, true, estimate, uncorrected))
+        self._digest.update(struct.pack("<3q", *(round(value * 1e6) for value in true)))
+        if outcome is None:
+            return
+        report.hashes_tried += outcome.trials
+        turned = abs(math.remainder(estimate[2] - true[2], math.tau))
+        if outcome.fix is not None and (report.pose_error_m[-1] > FALSE_FIX_M or turned > FALSE_FIX_RAD):
+            report.false_fixes += 1
+        why = self._why_not(outcome, phase)
+        if why:
+            report.not_validated.append((t_s, why))
+        if outcome.decoded is not None:
+            self._decoded(t_s, outcome)
+
+    def _decoded(self, t_s: float, outcome: Outcome) -> None:
+        report, opened = self.report, outcome.decoded
+        assert opened is not None, "called when there is one"
+        self._digest.update(struct.pack("<i", opened.node))
+        if all(opened.node != node for _, node in report.decoded):
+            report.decoded.append((t_s, opened.node))
+            if opened.place_m is not None:
+                report.places[opened.node] = opened.place_m
+        for action in (opened.do, outcome.order.do if outcome.order.kind is Kind.DO else None):
+            if action is not None:
+                report.actions.append((t_s, action.name))
+
+    def _why_not(self, outcome: Outcome, phase: Phase) -> str:
+        """The reason, if this step brought one that is worth telling: fallen back, stopped, or a match not believed."""
+        told = self.report.not_validated
+        if outcome.reason is Reason.STOPPED:
+            return ""
+        if phase is Phase.HELD:
+            return Reason.TIMED_OUT.value if outcome.event is Event.TIMED_OUT else Reason.NO_WAY.value
+        if outcome.event in (Event.TIMED_OUT, Event.BLOCKED):
+            return str(outcome.event.value)
+        if outcome.reason in _TOLD and (not told or told[-1][1] != outcome.reason.value):
+            return str(outcome.reason.value)
+        return ""
+
+    def finish(self, safe_mode_s: float | None = None) -> Report:
+        """What became of it, and when it was stopped by those who audit it, if it was."""
+        told = self.report.not_validated
+        if safe_mode_s is not None:
+            told = [*told, (safe_mode_s, "Safe Mode")]
+        elif not self._controller.over:
+            told = [*told, (self.report.t_s, "out of time")]
+        return replace(
+            self.report,
+            not_validated=told,
+            digest=self._digest.hexdigest(),
+            lacks=self._lacks(),
+            safe_mode_s=safe_mode_s,
+        )
+
+    def _lacks(self) -> tuple[str, ...]:
+        # A paper file tells what nodes are made of; in a sealed one a gate tells it of the node behind.
+        walk, mission = self._controller.memory.walk, self._controller.given.mission
+        gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
+        shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
+        is_blind = self._controller.missions.audited or self._body.building.camera is None
+        wanted = (
+            ("codes on the walls", is_blind and any(shape.text for shape in shapes)),
+            (
+                "actions that robots can do",
+                not self._controller.given.pool and any(shape.action for shape in shapes),
+            ),
+            ("a sensor that simulated robots do not have", any(shape.sensors for shape in shapes)),
+        )
+        return () if self.report.done else tuple(what for what, is_wanted in wanted if is_wanted)
+
+
+def digest_of(reports: list[Report]) -> str:
+    """Of all that a run decides, and no clock: where robots were at each step, what they decoded, tried and did."""
+
+    def lived(report: Report) -> str:
+        told = (report.robot, report.done, report.t_s, report.hashes_tried, report.false_fixes, report.safe_mode_s)
+        return repr((report.digest, *told, report.decoded, report.not_validated, report.actions))
+
+    return hashlib.sha256("\n".join(map(lived, reports)).encode()).hexdigest()
+
+
+def quantile(reports: list[Report], name: str, share: float) -> float | None:
+    """Of a figure that reports have for each step; None if there was no step."""
+    values = np.concatenate([np.array(getattr(report, name), np.float64) for report in reports])
+    return round(float(np.quantile(values, share)), 4) if len(values) else None
+
+
+def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
+    """Reports in figures, as `phalanx mission run --json` prints them; of robots that had so many nodes in all."""
+    return {
+        "robots": len(reports),
+        "nodes": nodes,
+        "decoded": sum(len(report.decoded) for report in reports),
+        "completed": sum(report.done for report in reports),
+        "hashes_tried": sum(report.hashes_tried for report in reports),
+        "search_ms_p50": quantile(reports, "search_ms", 0.5),
+        "search_ms_max": quantile(reports, "search_ms", 1.0),
+        "extraction_ms_p50": quantile(reports, "extraction_ms", 0.5),
+        "pose_error_m_p50": quantile(reports, "pose_error_m", 0.5),
+        "pose_error_m_max": quantile(reports, "pose_error_m", 1.0),
+        "odometry_error_m_max": quantile(reports, "odometry_error_m", 1.0),
+        "false_fixes": sum(report.false_fixes for report in reports),
+        "in_safe_mode": [report.robot + 1 for report in reports if report.safe_mode_s is not None],
+        "not_validated": [
+            {"robot": report.robot + 1, "t_s": round(t_s, 1), "reason": reason}
+            for report in reports
+            for t_s, reason in report.not_validated
+        ],
+        "actions": [
+            {"robot": report.robot + 1, "t_s": round(t_s, 1), "action": action}
+            for report in reports
+            for t_s, action in report.actions
+        ],
+        "t_s": round(max(report.t_s for report in reports), 1),
+        "digest": digest_of(reports),
+    }

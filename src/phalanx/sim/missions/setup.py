@@ -1,0 +1,136 @@
+"""What decides a mission run: the building, what each robot is given, how robots sense and whether they audit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from phalanx.bti.audit import Work
+from phalanx.bti.fleet import Fleet
+from phalanx.config.defence import DEFENCES
+from phalanx.config.mission import MissionConfig
+from phalanx.errors import UsageError
+from phalanx.mission import Action, EncodedMission, Mission, StartKey
+from phalanx.mission.graph import Node
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.cnode import CNode
+from phalanx.robot.controllers.python_controller import Controller
+from phalanx.sim.building.odometry import OdometryNoise, Pose
+from phalanx.sim.building.walkers import PEOPLE_MAX
+
+ROBOTS_MAX, IN_HEARING_MAX = 1000, 300
+AUDITED_MAX = 32  # in one radio range, each with a lidar of its own
+
+MakeCNode = Callable[[Fleet, int, Work, Callable[[int], Controller]], CNode]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one robot is given: an encoded mission, the key that starts it, the pose it is put at."""
+
+    mission: EncodedMission
+    key: StartKey | None
+    start: Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionRun:
+    """All that decides a run.
+
+    Args:
+        plan: the building; its walls do not stop radio.
+        parts: of the mission; robot i gets part i modulo their number.
+        robots: how many.
+        defence: "none", "paper" or "bound": whether, and by which protocol, robots audit each other.
+        f_max: compromised robots that audits tolerate.
+        noise: of their odometry.
+        seed: of all that is drawn.
+        begin_s: the mission's clock when it starts.
+        apart_s: from one robot's setting out to the next's, on the same part.
+        duration_s: robots that are not done by then have not completed.
+        pool: actions that the robots can do.
+        controller: messages that a controller sends when the robots start, from a station in the middle.
+        meet_m: robots so near that see each other exchange what they decoded; 0 is never.
+        keep_trace: keep where robots were at every step.
+        people: who walk about, are seen by lidars and hide codes; robots stop when they touch one.
+        config: how hard robots try.
+        liars: what makes a compromised robot's c-node, by number.
+    Raises: UsageError: a value is out of range, or audits cannot show what the mission needs.
+    """
+
+    plan: FloorPlan
+    parts: tuple[Part, ...]
+    robots: int = 1
+    defence: str = "none"
+    f_max: int = 1
+    noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
+    seed: int = 0
+    begin_s: float = 0.0
+    apart_s: float = 0.0
+    duration_s: float = 1800.0
+    pool: tuple[Action, ...] = ()
+    controller: tuple[bytes, ...] = ()
+    meet_m: float = 0.0
+    keep_trace: bool = False
+    people: int = 0
+    config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
+    liars: Mapping[int, MakeCNode] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.robots <= ROBOTS_MAX:
+            raise UsageError(f"{self.robots} robots", f"1 to {ROBOTS_MAX}")
+        if not 0 < self.duration_s <= 86_400:
+            raise UsageError(f"a run of {self.duration_s} s", "up to a day")
+        if self.seed < 0:
+            raise UsageError(f"seed {self.seed}", "0 or more")
+        if not 0 <= self.people <= PEOPLE_MAX:
+            raise UsageError(f"{self.people} people", f"0 to {PEOPLE_MAX}")
+        if self.defence not in DEFENCES:
+            raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
+        if not self.alone and self.robots > IN_HEARING_MAX:
+            raise UsageError(f"{self.robots} robots that hear each other", f"up to {IN_HEARING_MAX}")
+        if self.audited:
+            check_auditable(self.parts, self.robots, self.f_max)
+            if self.meet_m:
+                raise UsageError("what robots tell each other when they meet cannot be audited yet", "--defence none")
+
+    @property
+    def audited(self) -> bool:
+        """Whether robots audit each other."""
+        return self.defence != "none"
+
+    @property
+    def alone(self) -> bool:
+        """Whether no robot can hear another."""
+        says = any(node.sends for part in self.parts for node in part.mission.nodes)
+        return not (self.audited or self.meet_m or says)
+
+    def part_of(self, number: int) -> Part:
+        """What a robot is given."""
+        return self.parts[number % len(self.parts)]
+
+
+def check_auditable(parts: Sequence[Part], robots: int, f_max: int) -> None:
+    """Nothing, if so many robots can audit each other on these missions.
+
+    A sealed mission tells nobody what it is made of: there, whoever has the author's word asks `Orders`.
+    Raises: UsageError.
+    """
+    if not f_max + 2 <= robots <= AUDITED_MAX:
+        raise UsageError(
+            f"{robots} robots on missions that audit each other, {f_max} of them compromised",
+            f"{f_max + 2} to {AUDITED_MAX}; or --defence none",
+        )
+    if any(shape.text or shape.sensors for part in parts for shape in part.mission.header.shapes):
+        raise UsageError("what robots read from codes and sensors cannot be audited yet", "--defence none")
+
+
+def pool_of(plain: Mission) -> tuple[Action, ...]:
+    """The actions that a mission's author counts on: what robots must be capable of, without where or when."""
+
+    def of(node: Node) -> list[Action]:
+        said = [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
+        return [*said, node.do] if node.do else said
+
+    actions = [action for node in plain.nodes for action in of(node)]
+    return tuple(dict.fromkeys([*actions, *(way.do for way in plain.ways if way.do)]))

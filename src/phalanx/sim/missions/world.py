@@ -1,0 +1,304 @@
+"""Robots on encoded missions in a building: walls, lidars and wheels behind the events of the audited world.
+
+Each robot's c-node runs in Python, with its own start key; the trusted nodes, the radio and the rounds of audits are
+those of every protected swarm. Without a defence there are none, and robots take in what no chain would hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.config.radio import RadioConfig
+from phalanx.mission import Walker
+from phalanx.robot.attacks import Attack
+from phalanx.robot.attacks.missions.cheat import CheatPlan
+from phalanx.robot.cnode import Actuate, CNode, Transmit
+from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
+from phalanx.sim.audited import loop, pybot
+from phalanx.sim.audited.body import POINT_MASS
+from phalanx.sim.audited.events import refused
+from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
+from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.building.walkers import Walkers
+from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BROADCAST, BYTES
+
+from .body import Building, MissionBody
+from .observed import ObservedController
+from .report import Logbook, Report
+from .setup import MissionRun
+
+US_PER_S = 1e6
+STEP_S = 0.1  # from one reading to the next, where robots do not audit each other
+NO_CONTACTS_M = 0.0
+NEIGHBOURS_LEAST = 8
+STATION_ID = 0
+# How often robots that see each other exchange proofs, and the station says a message.
+MEET, SAY = "meet", "say"
+PERIOD_US = {MEET: 500_000, SAY: 1_500_000}
+KEYS_DRAW = 0x706D
+PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
+
+
+class MissionRobot:
+    """One robot of a run.
+
+    Args:
+        number: of the robot; with the seed it decides all that is drawn for it.
+        body: its wheels and sensors.
+        cnode: its c-node, which may lie.
+        walker: of its mission.
+        keep_trace: keep where it was at every step.
+
+    Attributes:
+        rests: it is left where it stands for now.
+        attack: that it was made to run, or "".
+        hears: messages that come to it by another road than the radio, with its next reading.
+    """
+
+    def __init__(self, number: int, body: MissionBody, cnode: CNode, walker: Walker, *, keep_trace: bool) -> None:
+        self.number, self.body, self.cnode, self.walker = number, body, cnode, walker
+        self.rests = False
+        self.hears: tuple[bytes, ...] = ()
+        self.attack = ""
+        self._log = Logbook(number, body, self.controller, keep_trace=keep_trace)
+
+    @property
+    def controller(self) -> ObservedController:
+        """What decides for it."""
+        assert isinstance(self.cnode.controller, ObservedController), "the world has made it"
+        return self.cnode.controller
+
+    @property
+    def report(self) -> Report:
+        """What became of it so far."""
+        return self._log.report
+
+    @property
+    def over(self) -> bool:
+        """Whether its mission is done, or it has stopped for good."""
+        return self.controller.over
+
+    def note(self, t_s: float, reading: bytes) -> None:
+        """A step goes into its report."""
+        self._log.note(t_s, reading)
+
+    def finish(self, safe_mode_s: float | None) -> Report:
+        """What became of it."""
+        return self._log.finish(safe_mode_s)
+
+    def told_of(self, report: tuple[tuple[int, bytes], ...]) -> None:
+        """Another robot has shown which nodes it decoded. Source: Encoded graphs §VI-C."""
+        memory = self.controller.memory
+        self.controller.memory = replace(memory, walk=self.walker.hear_report(memory.walk, report))
+
+    def tells(self) -> tuple[tuple[int, bytes], ...]:
+        """The nodes that it decoded, with proofs, and never raw data."""
+        return self.walker.report(self.controller.memory.walk)
+
+
+class MissionWorld:
+    """A run, being lived.
+
+    Args:
+        run: what runs.
+        numbers: robots that live here; None is all.
+        building: where; None is the run's.
+        walker: of all robots; None is that of each one's part.
+    Raises: as `Walker`, for a start key that is missing or another mission's.
+    """
+
+    def __init__(
+        self,
+        run: MissionRun,
+        numbers: Sequence[int] | None = None,
+        *,
+        building: Building | None = None,
+        walker: Walker | None = None,
+    ) -> None:
+        self.run = run
+        numbers = range(run.robots) if numbers is None else numbers
+        crowd = Walkers(run.plan, run.people, np.random.default_rng([run.seed, PEOPLE_DRAW])) if run.people else None
+        self.building = building or Building(run.plan, crowd=crowd)
+        starts = [run.part_of(number).start for number in numbers]
+        self.missions = Missions(
+            {
+                i + 1: Assignment(
+                    run.part_of(number).mission,
+                    run.part_of(number).start,
+                    run.pool,
+                    run.begin_s,
+                    number // len(run.parts) * run.apart_s,
+                )
+                for i, number in enumerate(numbers)
+            },
+            config=run.config,
+            audited=run.audited,
+        )
+        self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 1, len(numbers)))
+        if run.audited:
+            self.bti = self.missions.audits(self.bti)
+        else:
+            self.bti = replace(self.bti, t_control_ms=round(1000 * STEP_S), delta_ms=40)
+        x0, y0, x1, y1 = run.plan.bounds
+        self.world = make_world(
+            Setup(
+                robots=len(numbers),
+                starts_m=np.array([*(pose[:2] for pose in starts), ((x0 + x1) / 2, (y0 + y1) / 2)], np.float64),
+                profile=PROFILES[run.defence],
+                controller=0,
+                params=np.zeros(1),
+                body=POINT_MASS,
+                seed=run.seed + numbers[0],
+                contact_m=NO_CONTACTS_M,
+                bti=self.bti,
+                radio=RadioConfig(),
+            ),
+            np.random.default_rng([run.seed, numbers[0], KEYS_DRAW]),
+        )
+        walkers = [walker] if walker else [Walker(part.mission, part.key, run.config) for part in run.parts]
+        self.robots = [self._robot(i, number, walkers) for i, number in enumerate(numbers)]
+        self._verdicts = VerdictReader(self.world)
+        self._said = 0
+        happens = {MEET: run.meet_m > 0, SAY: bool(run.controller)}
+        self._due_us = {what: PERIOD_US[what] for what, does in happens.items() if does}
+        start(self.world, self._cnodes)
+
+    def _robot(self, i: int, number: int, walkers: list[Walker]) -> MissionRobot:
+        run, walker = self.run, walkers[number % len(walkers)]
+        body = MissionBody(
+            i + 1, self.building, self.missions.sensors, run.part_of(number).start, run.noise, (run.seed, number)
+        )
+        make = self.missions.controllers_of(i + 1, walker, ObservedController)
+        cnode = run.liars.get(number, CNode)(self.world.fleet, i, self.world.work, make)
+        return MissionRobot(number, body, cnode, walker, keep_trace=run.keep_trace)
+
+    @property
+    def _cnodes(self) -> dict[int, CNode]:
+        return {i: robot.cnode for i, robot in enumerate(self.robots)}
+
+    @property
+    def now_s(self) -> float:
+        """Simulated seconds so far."""
+        return float(self.world.clock[0].now_us) / US_PER_S
+
+    @property
+    def over(self) -> bool:
+        """Whether nobody has anything left to do."""
+        return all(robot.over or self.world.safe[i] for i, robot in enumerate(self.robots))
+
+    def advance(self, until_s: float) -> None:
+        """The world at `until_s`; robots that meet tell each other where they were, the station says its messages."""
+        until_us = round(until_s * US_PER_S)
+        while int(self.world.clock[0].now_us) < until_us:
+            self._advance(min([until_us, *self._due_us.values()]))
+            now_us = int(self.world.clock[0].now_us)
+            for what, due_us in self._due_us.items():
+                if due_us <= now_us:
+                    self._due_us[what] += PERIOD_US[what]
+                    self._meet() if what == MEET else self._say()
+
+    def _advance(self, until_us: int) -> None:
+        cnodes = self._cnodes
+        while loop.run(self.world, until_us) == loop.FOR_PYTHON:
+            clock = self.world.clock[0]
+            if int(clock.kind) == loop.CONTROL:
+                self._control(int(clock.robot))
+            else:
+                pybot.handle(self.world, cnodes)
+        assert refused(self.world.queue) == 0, "the queue of events was too short"
+        for i in range(len(self.robots)):
+            self._move(i)
+
+    def _say(self) -> None:
+        """The controller's messages, one after the other, again and again: a robot may have been out of hearing."""
+        message = self.run.controller[self._said % len(self.run.controller)]
+        frame = np.frombuffer(bytearray(message_frame(STATION_ID, message)), np.uint8)
+        self._said += 1
+        loop.transmit(self.world, len(self.robots), frame, len(frame), BROADCAST)
+
+    def _meet(self) -> None:
+        """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers."""
+        for one, other in combinations(self.robots, 2):
+            a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
+            is_same = one.number % len(self.run.parts) == other.number % len(self.run.parts)
+            if is_same and math.dist(a, b) <= self.run.meet_m and self.run.plan.sees(a, b):
+                told, heard = one.tells(), other.tells()
+                one.told_of(heard)
+                other.told_of(told)
+
+    def _move(self, i: int) -> None:
+        """The robot is where physics puts it now, and radio waves find it there."""
+        body, safe_us = self.robots[i].body, int(self.world.safe_us[i])
+        if safe_us >= 0:
+            body.advance(safe_us / US_PER_S)
+            body.halt()
+        self.building.pass_time(self.now_s)
+        body.advance(self.now_s)
+        self.world.pos[i] = body.wheels.pose[:2]
+
+    def _control(self, i: int) -> None:
+        """A reading is due: the robot's sensors are read, its c-node acts on them. Source: RoboRebound Alg. 1."""
+        robot = self.robots[i]
+        if robot.rests or (robot.over and not self.run.audited and not robot.controller.memory.said):
+            robot.body.halt()
+            return
+        self._move(i)
+        cnode, now_ms = robot.cnode, loop.clock_ms(self.world, i)
+        reading, cnode.raw = robot.body.sense(now_ms)
+        if not self.run.audited:
+            robot.controller.senses = replace(robot.body.look_around(), messages=robot.hears)
+            robot.hears = ()
+        was_over = robot.over
+        for action in cnode.on_sensor(now_ms, reading):
+            if isinstance(action, Actuate):
+                robot.body.obey(action.command)
+            elif isinstance(action, Transmit):
+                pybot.perform(self.world, i, [action])
+        if not was_over:
+            robot.note(self.now_s, reading)
+
+    def compromise(self, i: int, attack: Attack, plan: CheatPlan) -> None:
+        """A robot lies from now on, with all that it knows."""
+        robot = self.robots[i]
+        assert robot.cnode.make_controller is not None, "the world has made it"
+        liar = attack.kind(self.world.fleet, i, self.world.work, robot.cnode.make_controller, plan=plan)
+        liar.take_over(robot.controller)
+        robot.cnode, robot.attack = liar, attack.name
+
+    # --- watching -----------------------------------------------------------------------------------------------------
+
+    def stopped_s(self, i: int) -> float | None:
+        """When a robot was put in Safe Mode, None if it was not."""
+        safe_us = int(self.world.safe_us[i])
+        return None if safe_us < 0 else safe_us / US_PER_S
+
+    def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
+        """Audits that ended since the last call: time s, auditor's id, auditee's, why it got no token or NONE."""
+        return self._verdicts.new()
+
+    def finish(self) -> list[Report]:
+        """What became of each robot."""
+        return [robot.finish(self.stopped_s(i)) for i, robot in enumerate(self.robots)]
+
+    def traffic(self) -> dict[str, Any]:
+        """What audits cost, and what robots say."""
+        counts, robot = self.world.air.counts, self.world.fleet.robot
+        per_robot_s = max(self.now_s, 1e-9) * len(self.robots)
+
+        def rate(first: int) -> float:
+            return float(counts[:, first : first + 2, BYTES].sum()) / per_robot_s
+
+        return {
+            "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
+            "log_bytes_max": int(robot["log_max"].max()),
+            "checkpoint_bytes_max": int(robot["start_len"].max()),
+            "audits": int(robot["audits_passed"].sum() + robot["audits_refused"].sum()),
+        }
