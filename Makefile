@@ -49,6 +49,8 @@ FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
 ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
 ready-tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
 ready-dev: ready ready-tools-dev
+ready ready-dev ready-tools-dev:
+	@: # make would say of each that there is nothing to be done
 
 $(NEEDED):
 	@scripts/need.sh $(NEEDS)
