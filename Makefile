@@ -71,7 +71,7 @@ $(NEEDED):
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
 $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 	@echo "compiling what robots run: $*"
-	@$(BIN)/python scripts/first_call.py $*
+	@nice $(BIN)/python scripts/first_call.py $*
 	@touch $@
 
 .venv/dev: requirements-dev.lock .venv/runtime
@@ -107,8 +107,8 @@ lint: tools-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	nice $(BIN)/mypy
-	cd web && npm run --silent lint
-	cd web && npm run --silent types
+	cd web && nice npm run --silent lint
+	cd web && nice npm run --silent types
 
 test-web: tools-dev
 	cd web && npm run --silent test
