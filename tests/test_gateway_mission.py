@@ -250,7 +250,9 @@ class TestShields:
             assert (swarm.walks()[0].phase, swarm.walks()[0].why) == ("held", "Safe Mode")
             refusals = {audit.refusal for audit in swarm.new_audits() if audit.auditee == liar}
             assert {"output wrong"} <= refusals <= {"", "output wrong"}
-            wait_until(lambda: swarm.progress().completed == 3, 300)  # a slow machine slows their time
+            wait_until(
+                lambda: swarm.shields() and swarm.progress().completed == 3, 120
+            )  # it hears of robots as it is asked
             assert not any(shield.safe_mode for shield in swarm.shields()[1:])
             assert [shield.address for shield in swarm.shields()] == [liar, *honest]
 
