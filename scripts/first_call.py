@@ -30,7 +30,7 @@ def mission() -> None:
 
 
 def building() -> None:
-    with mission_swarm(load_floorplan(), 1, 0, print):
+    with mission_swarm(load_floorplan(), None, 4, 0, None, None, print):
         pass
 
 
