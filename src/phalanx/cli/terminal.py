@@ -40,9 +40,9 @@ def end_status_line() -> None:
 class Progress:
     """What is done so far, on stderr: one line that changes in a terminal; elsewhere a line now and then."""
 
-    def __init__(self, first_s: float = EVERY_S, every_s: float = EVERY_S) -> None:
-        self._due_s = time.monotonic() + first_s
-        self._every_s = every_s
+    def __init__(self, first_s: float | None = None, every_s: float | None = None) -> None:
+        self._due_s = time.monotonic() + (EVERY_S if first_s is None else first_s)
+        self._every_s = EVERY_S if every_s is None else every_s
         self._over = False
 
     def tell(self, text: str, share: float) -> None:

@@ -76,10 +76,13 @@ def simulated_swarm(
     Raises: UsageError: a number is out of range.
     """
     protection = choose_protection(robots, defence, f_max)
+    alone = None
+    if protection.defence == "none":  # before anything is said: so many robots may be refused
+        alone = Dotbots(robots, seed, time.time, unprotected=protection.note)
     if protection.note:
         talk(protection.note)
-    if protection.defence == "none":
-        return Dotbots(robots, seed, time.time, unprotected=protection.note)
+    if alone is not None:
+        return alone
     if not is_compiled(protection.defence):
         # Before the code is shown: lines below would push it out of a small terminal.
         talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")

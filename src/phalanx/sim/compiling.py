@@ -29,14 +29,20 @@ class _Watch(_EVENT.Listener):  # type: ignore[misc]
             self._since_s = now_s
             self._needed |= {each for each in _called_by(event.data["dispatcher"]) if not each.overloads}
         self._depth += 1
-        if self._spent_s + now_s - self._since_s >= PATIENCE_S:
-            ready, of = sum(bool(each.overloads) for each in self._needed), len(self._needed)
-            self._tell(f"compiling what robots run, only this time: {ready} of about {of} functions", ready / of)
+        self._say(now_s)
 
     def on_end(self, _event: Any) -> None:
         self._depth -= 1
-        if self._depth == 0:
-            self._spent_s += time.monotonic() - self._since_s
+        now_s = time.monotonic()
+        if self._depth:
+            self._say(now_s)
+        else:
+            self._spent_s += now_s - self._since_s
+
+    def _say(self, now_s: float) -> None:
+        if self._spent_s + now_s - self._since_s >= PATIENCE_S:
+            ready, of = sum(bool(each.overloads) for each in self._needed), len(self._needed)
+            self._tell(f"compiling what robots run, only this time: {ready} of about {of} functions", ready / of)
 
 
 def _called_by(kernel: Any) -> set[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from phalanx.robot.controllers.python_controller import Controller, Output, comp
 from phalanx.sim.scenarios.own import find_class
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.fields import put_u16, put_u64
 from phalanx.wire.table import (
     KIND_AUDIT,
     KIND_STATE,
@@ -35,9 +35,11 @@ CONTROL_MS = 250
 LATEST_MS = (1 << 32) - 1  # entries carry no later time
 LONGEST_BYTES = 400
 # Numbers as they lie in frames and readings: not a number of either sign, infinities, the largest, the least, -0.
-ODD = tuple(struct.pack("<I", bits) for bits in (0x7FC00000, 0xFFC00001, 0x7F800000, 0xFF800000)) + tuple(
-    struct.pack("<f", value) for value in (3.4e38, -3.4e38, 1e-45, -0.0)
+ODD = tuple(np.array(bits, "<u4").tobytes() for bits in (0x7FC00000, 0xFFC00001, 0x7F800000, 0xFF800000)) + tuple(
+    np.array(value, "<f4").tobytes() for value in (3.4e38, -3.4e38, 1e-45, -0.0)
 )
+# Where all frames and readings have them.
+ID_AT, T_AT, NUMBERS_AT = SENSOR.at("id"), SENSOR.at("t"), SENSOR.at("x_m")
 FRAMES_A_READING = 3
 
 
@@ -148,7 +150,7 @@ def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
     heard = [call.payload for call in life if call.step < 0]
     last, step = life[-1], readings[-1].step
-    state = bytes([KIND_STATE]) + readings[-1].payload[1:]  # if nobody broadcasts, a liar may
+    state = bytes([KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
     usual = {(frame[0], len(frame)): frame for frame in (state, *heard)}  # one of each kind and length
     frames = list(_odd_frames(list(usual.values()), chance))
     for k, (t_offset_ms, frame, odd) in enumerate(frames):
@@ -163,9 +165,9 @@ def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
 
 
 def _at(call: Call, step: int, t_ms: int) -> Call:
-    t_at = SENSOR.at("t")  # and WHEELS_SENSOR's
-    dated = call.payload[:t_at] + t_ms.to_bytes(8, "little") + call.payload[t_at + 8 :]
-    return Call(step, t_ms, dated, call.odd)
+    dated = np.frombuffer(call.payload, np.uint8).copy()
+    put_u64(dated, T_AT, t_ms)
+    return Call(step, t_ms, dated.tobytes(), call.odd)
 
 
 def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tuple[int, bytes, str]]:
@@ -179,9 +181,11 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
         yield 0, frame[:1] + bytes(len(frame) - 1), "zeros"
         yield 0, frame[:1] + b"\xff" * (len(frame) - 1), "ones"
         for rob_id in (0, ROBOT, *range(1000, 1040)):
-            yield 0, frame[:1] + rob_id.to_bytes(2, "little") + frame[3:], f"from robot {rob_id}"
+            told = np.frombuffer(frame, np.uint8).copy()
+            put_u16(told, ID_AT, rob_id)
+            yield 0, told.tobytes(), f"from robot {rob_id}"
         for at in range(len(frame) - 4, 2, -4):
-            yield from ((0, frame[:at] + odd + frame[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
+            yield from ((0, frame[:at] + odd + frame[at + len(odd) :], f"{odd.hex()} at byte {at}") for odd in ODD)
     for _ in range(20):
         noise = bytearray(chance.bytes(int(chance.integers(1, 64))))
         noise[0] &= ~KIND_AUDIT & 0xFF
@@ -191,8 +195,7 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
 def _odd_readings(readings: list[Call]) -> Iterator[tuple[bytes, str]]:
     """Of the usual length, which the body sees to; what is in it, nobody does."""
     usual = readings[-1].payload
-    first = SENSOR.at("x_m")  # and WHEELS_SENSOR's x_mm
-    for at in range(first, len(usual) - 3, 4):
+    for at in range(NUMBERS_AT, len(usual) - 3, 4):
         yield from ((usual[:at] + odd + usual[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
     yield from ((call.payload, "an old one") for call in readings[:3])
     yield from ((usual, "as usual") for _ in range(12))
