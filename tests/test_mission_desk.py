@@ -61,6 +61,14 @@ class TestDesk:
             assert (await desk(what, words, headers={}))[0] == 401
             assert (await desk(what, words, headers=HEADERS | {"Origin": "http://evil.example"}))[0] == 403
 
+    async def test_what_robots_cannot_audit_is_refused_before_it_is_compiled(self, desk):
+        desk.swarm.defence = "bound"
+        code = "{qr: [7.0, 3.0], text: 7d1f0c52a9e84b3666c0e2f1b8d49a07}"
+        job = await compiled(desk, THROUGH.replace("{doorway: [5.0, 3.0], facing: 90}, width: 1.2", code))
+        assert (job["state"], "audit each other: what they read from codes" in job["error"]) == ("failed", True)
+        assert "--" not in job["hint"], "there is no command line in a browser"
+        assert (await compiled(desk))["state"] == "compiled"
+
     async def test_the_building_shows_its_walls_and_landmarks(self, desk):
         status, world = await desk("world")
         assert (status, world["name"], world["bounds"]) == (200, "two rooms", [0, 0, 8, 6])

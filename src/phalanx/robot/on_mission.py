@@ -107,6 +107,12 @@ class OnMission(Swarm, Protocol):
     def walls_mm(self) -> list[list[int]]:
         """x, y of both ends of each wall, in the area."""
 
+    def check(self, plain: Mission) -> None:
+        """Nothing, if these robots can live such a mission; asked before it is compiled, which takes its time.
+
+        Raises: UsageError: they audit each other, and no audit can show what they would read.
+        """
+
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """What has all robots begin a mission, when it is called; it raises PeerError if one must not.
 

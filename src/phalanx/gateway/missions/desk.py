@@ -122,6 +122,7 @@ class MissionDesk:
 
     def _work(self, job: _Job, text: str, profile: Profile) -> dict[str, Any]:
         plain = plain_mission(_words(text))
+        self._swarm.check(plain)
         job.locks = sum(len(node.see) for node in plain.nodes)
         if job.locks > LOCKS_MAX:
             raise UsageError(f"a mission with {job.locks} ways to see its nodes", f"at most {LOCKS_MAX} from this page")

@@ -93,8 +93,15 @@ def orders_of_files(
     _check_sensed(plain)
     starts = [start or _start(plain, part, plan) for part in plain.parts]
     parts = tuple(Part(*file, begin) for file, begin in zip(files, starts, strict=True))
-    codes = any(isinstance(thing, Landmark) and thing.text is not None for thing in _things(plain))
-    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages, "codes" if codes else "")
+    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages, unauditable(plain))
+
+
+def unauditable(plain: Mission) -> str:
+    """What robots must read for a mission and no audit can show: "codes", "sensors", or ""."""
+    things = _things(plain)
+    if any(isinstance(thing, Landmark) and thing.text is not None for thing in things):
+        return "codes"
+    return "sensors" if any(isinstance(thing, Sensor) for thing in things) else ""
 
 
 def _things(plain: Mission) -> list[Observable]:

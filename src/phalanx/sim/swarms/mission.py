@@ -28,7 +28,7 @@ from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.sim.building.odometry import Pose
 from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
-from phalanx.sim.missions.orders import Orders, orders_of, start_of
+from phalanx.sim.missions.orders import Orders, orders_of, start_of, unauditable
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.signals import handled_by
 
@@ -165,6 +165,14 @@ class MissionSwarm:
         ends = np.rint((self.plan.walls - [x0, y1, x0, y1]) * [1000, -1000, 1000, -1000])
         told: list[list[int]] = ends.astype(np.int64).tolist()
         return told
+
+    def check(self, plain: Mission) -> None:
+        """Nothing, if robots can live such a mission, see `OnMission`."""
+        if self.defence != "none" and (what := unauditable(plain)):
+            raise UsageError(
+                f"these robots audit each other: what they read from {what} cannot be audited yet",
+                "doors, corners and positions can be",
+            )
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """What has all robots begin a mission, see `OnMission`."""
