@@ -16,7 +16,8 @@ import paho.mqtt.publish as publish
 import pytest
 
 from conftest import a_gateway, bare_mosquitto, child, run, secrets_of
-from phalanx.gateway.up import for_at_most
+from phalanx.cli import up as command
+from phalanx.gateway.up import UpOptions, for_at_most
 from phalanx.io.ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -243,3 +244,22 @@ class TestUp:
             assert re.search(r"visitors.*  http://[0-9.]+:\d+/#v=1&pin=", text)
             assert ("--host 0.0.0.0" in text) == (host == "127.0.0.1")
             assert re.search(r"operator  http://127.0.0.1:\d+/#token=", text)
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_people_are_told_when_shields_that_had_to_be_compiled_are_up(late, monkeypatch, capsys):
+    class Compiling:
+        def summary(self):
+            return {"compiling": late}
+
+    async def gateway(_options, say, started, **_):
+        started(Compiling())
+        say({"event": "shielded"})
+
+    async def quiet(_running):
+        pass
+
+    monkeypatch.setattr(command, "run_gateway", gateway)
+    monkeypatch.setattr(command, "_keep_status", quiet)
+    command._run_for_people(UpOptions(), lambda: None)
+    assert ("shields are up" in capsys.readouterr().err) == late

@@ -109,6 +109,11 @@ class TestPages:
             writer.close()
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
-        with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}"):
+        with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
             async with VisitorPages("127.0.0.1", operator.port):
                 pass
+        assert "another program has it" in taken.value.hint
+        with pytest.raises(Unavailable, match=r"cannot listen on 999\.1\.1\.1") as nowhere:
+            async with VisitorPages("999.1.1.1", 0):
+                pass
+        assert "--host is an address of this machine" in nowhere.value.hint

@@ -320,6 +320,14 @@ class TestBrokersThatComeAndGo:
         assert "apt-get install mosquitto" in refused.value.hint
         assert "phalanx-swarm[amqtt]" in refused.value.hint
 
+    async def test_a_kind_of_broker_that_nobody_knows_is_taken_for_a_host_and_that_is_said(self, caplog):
+        async with a_broker("mosquito") as broker:
+            assert str(broker.url) == "mqtt://mosquito:1883"
+        assert "hint: auto, mosquitto, amqtt, or a URL" in caplog.text
+        caplog.clear()
+        async with a_broker("mqtt://mosquito"):
+            assert not caplog.text
+
     def test_who_asks_for_amqtt_and_has_it_not_is_told_where_it_comes_from(self, tmp_path):
         (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['amqtt'] = None\n")
         path = f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"

@@ -134,6 +134,7 @@ def _orders(
 
 def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
     watch: list[asyncio.Task[None]] = []
+    late: list[Running] = []  # its robots have no shields yet
 
     def say(event: dict[str, Any]) -> None:
         match event["event"]:
@@ -147,12 +148,16 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
                 end_status_line()
                 click.echo("a new code; the old one works for a while yet")
                 _show_code("visitors", event["qr_url"])
+            case "shielded" if late:
+                talk("shields are up: robots audit each other from now on")
             case "mission" if event["what"] != "decoded":
                 end_status_line()
                 click.echo(_mission_line(event))
 
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
+        if running.summary()["compiling"]:
+            late.append(running)
 
     run(run_gateway(options, say, started, swarm=swarm))
     end_status_line()

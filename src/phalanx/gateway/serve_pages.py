@@ -6,6 +6,7 @@ Only `OperatorPages` may answer with a pin, and it listens on loopback only.
 from __future__ import annotations
 
 import asyncio
+import errno
 import hmac
 import json
 import logging
@@ -103,9 +104,12 @@ class _Site:
             await web.TCPSite(self._runner, self.host, self.port).start()
         except OSError as error:
             await self._runner.cleanup()
+            is_taken = error.errno == errno.EADDRINUSE
             raise Unavailable(
                 f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
-                "another program has it; choose another with --port, or --port 0 for any",
+                "another program has it; choose another with --port, or --port 0 for any"
+                if is_taken
+                else "--host is an address of this machine, and below port 1024 only root may listen",
             ) from error
         sockets = self._runner.addresses
         self.port = int(sockets[0][1])

@@ -77,6 +77,8 @@ async def open_broker(
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
+        if "://" not in kind:
+            log.warning("%r is taken for a host: %s; hint: %s, or a URL", kind, url, ", ".join(EMBEDDED))
         browsers = parse_broker_url(websocket) if websocket else None
         if browsers and not browsers.websockets:
             raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
