@@ -15,6 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
+from phalanx.cli.mission.run import _show
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
@@ -22,6 +23,7 @@ from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 from phalanx.sim.missions.orders import furnished
+from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import MissionRun, Part, pool_of
 from phalanx.sim.missions.world import MissionRobot, MissionWorld
@@ -167,7 +169,7 @@ def test_robots_that_meet_tell_each_other_what_they_decoded_and_nothing_else() -
 
 
 def test_robots_that_cannot_audit_each_other_are_told_so() -> None:
-    for robots, wrong in ((1, "1 robots"), (2, "2 robots"), (33, "33 robots")):
+    for robots, wrong in ((1, "1 robot "), (2, "2 robots"), (33, "33 robots")):
         with pytest.raises(UsageError, match=wrong):
             run_of(two_doors(), robots=robots, defence="bound")
     with pytest.raises(UsageError, match="no defence"):
@@ -206,10 +208,31 @@ def test_the_command_has_robots_audit_each_other_and_says_who_cannot() -> None:
     code, out, _ = _command(*words)
     told = json.loads(out)
     assert (code, told["completed"], told["in_safe_mode"], told["false_fixes"]) == (0, 4, [], 0)
+    assert (told["defence"], told["f_max"], told["audits"]["refused"]) == ("bound", 1, 0)
+    assert told["audits"]["passed"] > 4 * 80 / 10, "each robot is audited more than once in 10 s"
     for alone in (("inspection", "--defence", "bound"), ("delivery", "--robots", "4", "--defence", "paper")):
         _, _, error = _command(*alone)
         assert isinstance(error, UsageError)
         assert "--defence none" in error.hint
+
+
+def test_too_few_robots_to_audit_each_other_are_refused_before_anything_is_encoded(monkeypatch) -> None:
+    monkeypatch.setattr("phalanx.cli.mission.run.build", lambda *_: pytest.fail("encoded"))
+    for words, who in ((("--robots", "2"), "2 robots"), ((), "1 robot")):
+        _, _, error = _command("office", *words, "--defence", "bound")
+        assert str(error) == f"{who} cannot audit each other with f_max 1"
+        assert error.hint == "at least 3; or --defence none"
+
+
+def test_what_audits_did_is_shown(capsys) -> None:
+    reports = [Report(robot, audits_passed=7, audits_refused=robot) for robot in range(3)]
+    told = summary(run_of(two_doors(), robots=3, defence="bound"), reports)
+    assert (told["defence"], told["f_max"], told["audits"]) == ("bound", 1, {"passed": 21, "refused": 3})
+    _show(told)
+    out = capsys.readouterr().out.splitlines()
+    assert "defence               bound, f_max 1" in out
+    assert "audits                21 passed, 3 refused" in out
+    assert "in Safe Mode          none" in out
 
 
 def test_a_mission_that_is_not_completed_in_time_is_exit_1_and_says_so() -> None:
@@ -224,7 +247,9 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     file.write_bytes(built.mission.encode())
     assert isinstance(_command(str(file))[2], UsageError), "its start key is missing"
     key.write_bytes(built.key.encode())
-    assert _command(str(file))[0] == 0
+    ran = CliRunner().invoke(group, ["run", str(file)])
+    assert (ran.exit_code, "in office_40x40; --world names another" in ran.stderr) == (0, True)
+    assert "--world" not in CliRunner().invoke(group, ["run", str(file), "--world", "office_40x40"]).stderr
     assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
     assert isinstance(_command(str(file), "--trust", "00" * 32)[2], PeerError), "nobody signed it"
     altered = bytearray(built.mission.encode())

@@ -131,7 +131,7 @@ def crack() -> None:
     "--world",
     metavar="NAME|FILE",
     shell_complete=a_map,
-    help="The building; without, the one the mission names.",
+    help="The building; without, the one the mission names, or office_40x40.",
 )
 @furnish_option
 @click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
@@ -157,9 +157,15 @@ def crack() -> None:
 @defence_option(
     default="none",
     show_default=True,
-    help="Whether robots audit each other: 3 to 32 of them, without codes, sensors and --meet.",
+    help="Whether robots audit each other: up to 32, without codes, sensors and --meet.",
 )
-@click.option("--f-max", type=click.IntRange(1, 15), default=1, show_default=True, help="Liars that audits tolerate.")
+@click.option(
+    "--f-max",
+    type=click.IntRange(1, 15),
+    default=1,
+    show_default=True,
+    help="Liars that audits tolerate; of at least f_max + 2 robots: each finds f_max + 1 others to vouch for it.",
+)
 @click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
 @click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
 @click.option(

@@ -49,7 +49,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @click.option(
     "--f-max",
     type=click.IntRange(1, 15),
-    help="Liars that are tolerated at a time.  [default: 3, or what so few robots allow]",
+    help="Liars that are tolerated; of at least 2 f_max + 2 robots: once f_max are stopped, the others go on auditing."
+    "  [default: 3, or what so few robots allow]",
 )
 @broker_options
 @click.option(

@@ -23,6 +23,7 @@ from phalanx.sim.missions.orders import File, orders_of_files
 from phalanx.sim.missions.recording import write_recording
 from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission, summary
+from phalanx.sim.missions.setup import check_count
 
 from .files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
 
@@ -49,11 +50,18 @@ def run(
 ) -> int:
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     trusted = [read_trusted(word) for word in trust] or None
-    files, plain = _missions(sources, key, furnish, trusted, profile, seed)
+    files, plain = _missions(sources, key, furnish, trusted)
+    count = robots if robots is not None else len(files or (plain.parts if plain else ()))
+    if defence != "none":  # before anything is encoded
+        check_count(count, f_max)
     start = parse_start(said_start) if said_start else None
-    plan = _building(world or (plain.floor_plan if plain else "") or DEFAULT, told=start is not None)
+    named = world or (plain.floor_plan if plain else "")
+    plan = _building(named or DEFAULT, told=start is not None)
+    if not named:
+        talk(f"in {DEFAULT}; --world names another building")
+    if plain is not None and not files:
+        files = [(each.mission, each.key) for each in _built(plain, profile, seed)]
     orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
-    count = robots if robots is not None else len(files)
     begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
     if not 0 <= begin_s < LONGEST_S:
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
@@ -99,18 +107,15 @@ def _missions(
     key: Path | None,
     furnish: str | None,
     trusted: list[bytes] | None,
-    profile: str,
-    seed: int,
 ) -> tuple[list[File], Mission | None]:
-    """What robots get, and what their mission's author says, if somebody asks him."""
+    """What robots get, and what their mission's author says, if somebody asks him; no files, if he alone is asked."""
     if is_encoded(sources[0]):
         return read_files(sources, key, "--key"), read_plain(furnish) if furnish else None
     if len(sources) > 1:
         raise UsageError(*SEVERAL)
     if trusted or key or furnish:
         raise UsageError("--trust, --key and --furnish are for encoded missions", "phalanx mission build makes one")
-    plain = read_plain(sources[0])
-    return [(each.mission, each.key) for each in _built(plain, profile, seed)], plain
+    return [], read_plain(sources[0])
 
 
 def _building(name: str, *, told: bool) -> FloorPlan:
@@ -162,8 +167,8 @@ def parse_start(said: str) -> Pose:
 def _lacking(reports: list[Report]) -> list[str]:
     """What a mission's author would have told the world, as far as robots can tell by what stopped them."""
     lines = [
-        f"robot {report.robot + 1} does not stand where its mission begins: --start X,Y, or --furnish MISSION.yaml"
-        " and files in the order of its parts"
+        f"robot {report.robot + 1} does not stand where its mission begins: --world NAME for another building, --start"
+        " X,Y, or --furnish MISSION.yaml and files in the order of its parts"
         for report in reports
         if not report.decoded
     ]
@@ -178,8 +183,12 @@ def _show(told: dict[str, Any]) -> None:
         f"{told['decoded']} of {told['nodes']} nodes decoded   "
         f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
     )
-    if told["in_safe_mode"]:
-        click.echo(f"in Safe Mode          robots {', '.join(map(str, told['in_safe_mode']))}")
+    if told["defence"] != "none":
+        audits = told["audits"]
+        click.echo(f"defence               {told['defence']}, f_max {told['f_max']}")
+        click.echo(f"audits                {audits['passed']} passed, {audits['refused']} refused")
+        stopped = f"robots {', '.join(map(str, told['in_safe_mode']))}" if told["in_safe_mode"] else "none"
+        click.echo(f"in Safe Mode          {stopped}")
     click.echo(f"hashes tried          {told['hashes_tried']}")
     for name, words, unit in (
         ("search_ms", "search", "ms"),

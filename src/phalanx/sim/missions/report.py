@@ -41,6 +41,7 @@ class Report:
         trace: (t_s, true pose, estimate, odometry alone) of each step, if it is kept.
         lacks: what nodes that it could have decoded next are made of, and its world does not have.
         safe_mode_s: when it was stopped by those who audit it, or None.
+        audits_passed, audits_refused: of others, by it.
     """
 
     robot: int
@@ -60,6 +61,8 @@ class Report:
     digest: str = ""
     lacks: tuple[str, ...] = ()
     safe_mode_s: float | None = None
+    audits_passed: int = 0
+    audits_refused: int = 0
 
 
 class Logbook:

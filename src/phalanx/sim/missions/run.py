@@ -68,4 +68,9 @@ def _live(run: MissionRun, numbers: Sequence[int], on_progress: Callable[[float]
 
 def summary(run: MissionRun, reports: list[Report]) -> dict[str, Any]:
     """A run in figures, as `phalanx mission run --json` prints them."""
-    return figures(reports, sum(len(run.part_of(report.robot).mission.nodes) for report in reports))
+    audits = {
+        "passed": sum(report.audits_passed for report in reports),
+        "refused": sum(report.audits_refused for report in reports),
+    }
+    audited = {"defence": run.defence, "f_max": run.f_max if run.audited else None, "audits": audits}
+    return figures(reports, sum(len(run.part_of(report.robot).mission.nodes) for report in reports)) | audited

@@ -90,7 +90,8 @@ class MissionRun:
         if not self.alone and self.robots > IN_HEARING_MAX:
             raise UsageError(f"{self.robots} robots that hear each other", f"up to {IN_HEARING_MAX}")
         if self.audited:
-            check_auditable(self.parts, self.robots, self.f_max)
+            check_count(self.robots, self.f_max)
+            check_auditable(self.parts)
             if self.meet_m:
                 raise UsageError("what robots tell each other when they meet cannot be audited yet", "--defence none")
 
@@ -110,17 +111,26 @@ class MissionRun:
         return self.parts[number % len(self.parts)]
 
 
-def check_auditable(parts: Sequence[Part], robots: int, f_max: int) -> None:
-    """Nothing, if so many robots can audit each other on these missions.
+def check_count(robots: int, f_max: int) -> None:
+    """Nothing, if so many robots can audit each other on missions.
+
+    Raises: UsageError.
+    """
+    if robots < f_max + 2:
+        who = "1 robot" if robots == 1 else f"{robots} robots"
+        hint = f"at least {f_max + 2}; or --defence none"
+        raise UsageError(f"{who} cannot audit each other with f_max {f_max}", hint)
+    if robots > AUDITED_MAX:
+        hint = f"at most {AUDITED_MAX}; or --defence none"
+        raise UsageError(f"{robots} robots on missions cannot audit each other in time", hint)
+
+
+def check_auditable(parts: Sequence[Part]) -> None:
+    """Nothing, if robots can audit each other on these missions.
 
     A sealed mission tells nobody what it is made of: there, whoever has the author's word asks `Orders`.
     Raises: UsageError.
     """
-    if not f_max + 2 <= robots <= AUDITED_MAX:
-        raise UsageError(
-            f"{robots} robots on missions that audit each other, {f_max} of them compromised",
-            f"{f_max + 2} to {AUDITED_MAX}; or --defence none",
-        )
     if any(shape.text or shape.sensors for part in parts for shape in part.mission.header.shapes):
         raise UsageError("what robots read from codes and sensors cannot be audited yet", "--defence none")
 

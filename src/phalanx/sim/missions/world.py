@@ -286,7 +286,15 @@ class MissionWorld:
 
     def finish(self) -> list[Report]:
         """What became of each robot."""
-        return [robot.finish(self.stopped_s(i)) for i, robot in enumerate(self.robots)]
+        told = self.world.fleet.robot
+        return [
+            replace(
+                robot.finish(self.stopped_s(i)),
+                audits_passed=int(told["audits_passed"][i]),
+                audits_refused=int(told["audits_refused"][i]),
+            )
+            for i, robot in enumerate(self.robots)
+        ]
 
     def traffic(self) -> dict[str, Any]:
         """What audits cost, and what robots say."""

@@ -111,7 +111,7 @@ class ProtectedSwarm:
     ) -> None:
         if not least_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
-                f"{count} robots that audit each other in one radio range, {f_max} of them compromised",
+                f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
                 f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
