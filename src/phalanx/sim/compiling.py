@@ -16,31 +16,54 @@ _EVENT: Any = event  # untyped
 PATIENCE_S = 1.0
 
 
-class _Watch(_EVENT.Listener):  # type: ignore[misc]
-    def __init__(self, tell: Callable[[str, float], None]) -> None:
-        self._tell = tell
-        self._needed: set[Any] = set()
-        self._depth = 0  # kernels compile those that they call
-        self._since_s = self._spent_s = 0.0
+class _Clock(_EVENT.Listener):  # type: ignore[misc]
+    """Adds up what compiling takes."""
 
-    def on_start(self, event: Any) -> None:
-        now_s = time.monotonic()
-        if self._depth == 0:
-            self._since_s = now_s
-            self._needed |= {each for each in _called_by(event.data["dispatcher"]) if not each.overloads}
-        self._depth += 1
-        self._say(now_s)
+    def __init__(self) -> None:
+        self.depth = 0  # kernels compile those that they call
+        self.now_s = self.since_s = self.spent_s = 0.0
+
+    def on_start(self, _event: Any) -> None:
+        self.now_s = time.perf_counter()
+        if self.depth == 0:
+            self.since_s = self.now_s
+        self.depth += 1
 
     def on_end(self, _event: Any) -> None:
-        self._depth -= 1
-        now_s = time.monotonic()
-        if self._depth:
-            self._say(now_s)
-        else:
-            self._spent_s += now_s - self._since_s
+        self.depth -= 1
+        self.now_s = time.perf_counter()
+        if self.depth == 0:
+            self.spent_s += self.now_s - self.since_s
 
-    def _say(self, now_s: float) -> None:
-        if self._spent_s + now_s - self._since_s >= PATIENCE_S:
+
+_CLOCK = _Clock()
+_EVENT.register("numba:compile", _CLOCK)
+
+
+def working_s() -> float:
+    """A stopwatch that stands still while a kernel is being compiled."""
+    return time.perf_counter() - _CLOCK.spent_s
+
+
+class _Watch(_Clock):
+    def __init__(self, tell: Callable[[str, float], None]) -> None:
+        super().__init__()
+        self._tell = tell
+        self._needed: set[Any] = set()
+
+    def on_start(self, event: Any) -> None:
+        if self.depth == 0:
+            self._needed |= {each for each in _called_by(event.data["dispatcher"]) if not each.overloads}
+        super().on_start(event)
+        self._say()
+
+    def on_end(self, event: Any) -> None:
+        super().on_end(event)
+        if self.depth:
+            self._say()
+
+    def _say(self) -> None:
+        if self.spent_s + self.now_s - self.since_s >= PATIENCE_S:
             ready, of = sum(bool(each.overloads) for each in self._needed), len(self._needed)
             self._tell(f"compiling what robots run, only this time: {ready} of about {of} functions", ready / of)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.walk.claims import Claim
 from phalanx.robot.controllers.mission.controller import MissionController, Missions
 from phalanx.robot.controllers.mission.pilot import Pose
+from phalanx.sim.compiling import working_s
 
 
 class ObservedController(MissionController):
@@ -32,24 +32,24 @@ class ObservedController(MissionController):
 
     def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
         """As the robot's."""
-        began = time.perf_counter()
+        began = working_s()
         found = super().landmarks(scan, pose)
-        self.extraction_ms.append(1e3 * (time.perf_counter() - began))
+        self.extraction_ms.append(1e3 * (working_s() - began))
         return found
 
     def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
         """As the robot's."""
-        self.tries, began = 0, time.perf_counter()
+        self.tries, began = 0, working_s()
         kept = super().keep(step, t_ms, reading, raw)
         if self.tries:
-            self.search_ms.append(1e3 * (time.perf_counter() - began))
+            self.search_ms.append(1e3 * (working_s() - began))
         return kept
 
     def walk(self, seen: Experience, claims: tuple[Claim, ...]) -> tuple[State, Outcome]:
         """As the robot's."""
-        began = time.perf_counter()
+        began = working_s()
         walk, outcome = super().walk(seen, claims)
         if outcome.trials:
-            self.search_ms.append(1e3 * (time.perf_counter() - began))
+            self.search_ms.append(1e3 * (working_s() - began))
         self.outcome = replace(outcome, trials=outcome.trials + self.tries)
         return walk, outcome
