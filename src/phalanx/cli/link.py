@@ -173,7 +173,7 @@ def serve(
     events: bool,
 ) -> None:
     """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
-    # Here, for it brings the simulator along: a visitor need not wait for that.
+    # Here, for it brings pages and missions along: a visitor need not wait for that.
     from phalanx.gateway.up import for_at_most  # noqa: PLC0415
 
     config = LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s)
