@@ -41,6 +41,14 @@ def chain(folder: Path, nodes: int) -> Path:
     return file
 
 
+@pytest.mark.parametrize("what", ["build", "draw"])
+def test_no_folder_is_made_for_what_is_written(what: str, tmp_path: Path) -> None:
+    error = command(what, "office", "--out", tmp_path / "nowhere" / "m.svg").exception
+    assert isinstance(error, UsageError)
+    assert error.hint == "make it first"
+    assert not (tmp_path / "nowhere").exists()
+
+
 def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_path: Path) -> None:
     told = command("build", "--map", "aws_small_house", "--out", tmp_path / "m.phxm", "--profile", "paper")
     assert told.exception is None

@@ -28,6 +28,7 @@ from phalanx.sim.builtin import built_in
 from .crack import span
 from .draw import check_drawable, draw_mission, lived
 from .files import (
+    check_folder,
     parse_robots,
     parse_window,
     read_encoded,
@@ -61,6 +62,7 @@ def build_files(
     as_json: bool,
 ) -> None:
     """Writes the encoded mission, a file for each of its parts, and their start keys beside them."""
+    check_folder(out)
     begin, end = parse_window(valid)
     options = BuildOptions(
         profile=Profile[profile.upper()],
@@ -273,6 +275,7 @@ def tell_worth(
 
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
     """Writes a picture of a mission; also of a run of it, if `simulate`."""
+    check_folder(out)
     check_drawable(out)
     told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
     name = plan or told.floor_plan

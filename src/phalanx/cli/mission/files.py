@@ -192,13 +192,21 @@ def parse_box(said: str) -> tuple[float, float, float, float]:
     return x0, y0, x1, y1
 
 
+def check_folder(out: Path) -> None:
+    """Nothing, if there is a folder for the file that is to be made.
+
+    Raises: UsageError: there is none.
+    """
+    if not out.absolute().parent.is_dir():
+        raise UsageError(f"no folder {out.parent}", "make it first")
+
+
 def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
     """Put a file there; a secret one so that others cannot read it.
 
     Raises: Unavailable: it cannot be written.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         if secret:
             path.unlink(missing_ok=True)
             path.touch(mode=0o600)
