@@ -41,9 +41,8 @@ def chain(folder: Path, nodes: int) -> Path:
     return file
 
 
-@pytest.mark.parametrize("what", ["build", "draw"])
-def test_no_folder_is_made_for_what_is_written(what: str, tmp_path: Path) -> None:
-    error = command(what, "office", "--out", tmp_path / "nowhere" / "m.svg").exception
+def test_no_folder_is_made_for_missions_and_their_keys(tmp_path: Path) -> None:
+    error = command("build", "office", "--out", tmp_path / "nowhere" / "m.phxm").exception
     assert isinstance(error, UsageError)
     assert error.hint == "make it first"
     assert not (tmp_path / "nowhere").exists()

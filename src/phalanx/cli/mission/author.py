@@ -275,7 +275,6 @@ def tell_worth(
 
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
     """Writes a picture of a mission; also of a run of it, if `simulate`."""
-    check_folder(out)
     check_drawable(out)
     told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
     name = plan or told.floor_plan

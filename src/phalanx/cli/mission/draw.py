@@ -92,6 +92,7 @@ def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path, reports: S
     axes.set_xlim(x0 - 1, x1 + 1)
     axes.set_ylim(y0 - 1, y1 + 1)
     try:
+        out.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(out, dpi=150, metadata={"Date": None} if out.suffix.lower() == ".svg" else None)
     except OSError as error:
         raise Unavailable(f"cannot write {out}: {error.strerror}", "choose another --out") from error

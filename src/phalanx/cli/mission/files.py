@@ -197,7 +197,7 @@ def check_folder(out: Path) -> None:
 
     Raises: UsageError: there is none.
     """
-    if not out.absolute().parent.is_dir():
+    if not out.absolute().parent.exists():
         raise UsageError(f"no folder {out.parent}", "make it first")
 
 
