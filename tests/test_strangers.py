@@ -280,9 +280,11 @@ class TestLateness:
                     await eventually(lambda: server.rejected["late"] == 10)
                     assert not [speed for speed in driven if 10 <= speed < 20]
                     await eventually(lambda: 33 in driven)
-                    await asyncio.sleep(1.5)
-                    await visitor.command(address, "move_raw", {"left_y": 50, "right_y": 50})
-                    await eventually(lambda: 50 in driven)
+                    # What is sent from now on is obeyed again, as soon as frames come through.
+                    async with asyncio.timeout(20):
+                        while 50 not in driven:
+                            await asyncio.sleep(0.2)
+                            await visitor.command(address, "move_raw", {"left_y": 50, "right_y": 50})
                 gateway.cancel()
 
     def test_by_the_frames_that_were_sent_it_is_known_how_old_a_word_must_be(self):
