@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import importlib.util
+import inspect
 import json
 import math
 import re
@@ -28,6 +29,8 @@ from phalanx.gateway import vocabulary
 from phalanx.io.ports import free_port
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
 from phalanx.link.rotation import State
+from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
+from phalanx.mission.landmarks.gridmap import map_words
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -115,6 +118,22 @@ def test_commands_named_in_the_text_exist(page):
                     break
                 assert word in command.commands, words
                 command = command.commands[word]
+
+
+def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypatch):
+    page = DOCS / "maps.md"
+    flat, depot = fences(page.read_text(), "yaml")
+    assert floorplan_of_yaml(flat.encode()).codes
+    assert map_words(depot.encode(), "depot").start == (3.0, 7.5, 0.0)
+    (tmp_path / "flat.yaml").write_text(flat)
+    monkeypatch.chdir(tmp_path)
+    for line in commands_of(page)[:2]:
+        told = CliRunner().invoke(phalanx, shlex.split(line)[1:])
+        assert told.exit_code == 0, told.output
+    assert "1 of 1 robot completed" in told.stdout
+    shown = {row[0] for row in table(page.read_text(), "key")}
+    reader = inspect.getsource(floorplan.floorplan_of_yaml)
+    assert shown == set(re.findall(r'words(?:\.get\(|\[)"([a-z_]+)"', reader))
 
 
 def test_the_index_names_every_command():

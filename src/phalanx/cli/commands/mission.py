@@ -14,6 +14,7 @@ from phalanx.cli.options import defence_option, furnish_option, json_option, rec
 from .runs import runs
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+OWN_MAP = "One of your own: docs/maps.md."
 PROFILES = click.Choice(["paper", "sealed"])
 profile_option = click.option(
     "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
@@ -29,7 +30,7 @@ file_argument = click.argument("file", type=click.Path(path_type=Path), shell_co
 
 def map_option(words: str) -> Decorator:
     """--map, in words of the command's own."""
-    return click.option("--map", "plan", metavar="MAP", shell_complete=a_map, help=words)
+    return click.option("--map", "plan", metavar="MAP", shell_complete=a_map, help=f"{words} {OWN_MAP}")
 
 
 def out_option(words: str) -> Decorator:
@@ -131,7 +132,7 @@ def crack() -> None:
     "--world",
     metavar="NAME|FILE",
     shell_complete=a_map,
-    help="The building; without, the one the mission names, or office_40x40.",
+    help=f"The building; without, the one the mission names, or office_40x40. {OWN_MAP}",
 )
 @furnish_option
 @click.option("--robots", type=int, help="How many; without, one for each part of the mission.")

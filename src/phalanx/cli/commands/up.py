@@ -38,7 +38,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "--world",
     metavar="NAME|FILE",
     shell_complete=a_map,
-    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one.",
+    help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one."
+    " One of your own: docs/maps.md.",
 )
 @click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")
 @click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
