@@ -177,7 +177,9 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
     [
         (("build", "--out", "x"), "nothing to build"),
         (("build", "nowhere.yaml", "--out", "x"), "cannot read nowhere.yaml"),
-        (("build", "broken.yaml", "--out", "x"), "is not YAML"),
+        (("build", "broken.yaml", "--out", "x"), "broken.yaml is not YAML, line "),
+        (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml is not YAML, line "),
+        (("build", "bare.yaml", "--out", "x"), "bare.yaml is a map, not a mission"),
         (("build", "twice.yaml", "--out", "x"), "is there twice"),
         (("build", "small.yaml", "--out", "x", "--robots", "a"), "is no robot"),
         (("build", "small.yaml", "--out", "x", "--robots", "5-1"), "robots 5-1"),

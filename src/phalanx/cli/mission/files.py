@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key, l
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
+from phalanx.mission.landmarks.floorplan import not_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.builtin import built_in
 
@@ -75,9 +76,12 @@ def read_plain(source: str) -> Mission:
     try:
         words = yaml.load(data, Loader=_UniqueKeys)  # noqa: S506  # a safe loader, with one more check
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise UsageError(f"{source} is not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise not_yaml(error, source, "docs/spec/mission.md shows a mission") from error
     if words is None:
         raise UsageError(f"{source} is empty", wanted)
+    if isinstance(words, dict) and "nodes" not in words and words.keys() & {"walls", "image"}:
+        hint = f"--map {source} is for build, and --world {source} where a mission runs"
+        raise UsageError(f"{source} is a map, not a mission", hint)
     return plain_mission(words)
 
 

@@ -185,7 +185,7 @@ def _words(text: str) -> dict[Any, Any]:
         raise UsageError(f"a mission of {len(data)} bytes", f"at most {TEXT_MAX_BYTES} from this page")
     if text.count("*") > ALIASES_MAX:
         raise UsageError("a mission that repeats itself too often", f"at most {ALIASES_MAX} aliases (*) from this page")
-    return read_yaml(data, "the mission")
+    return read_yaml(data, "the mission", "begin anew, or with a mission that comes with Phalanx")
 
 
 def _read(text: str) -> dict[str, Any]:

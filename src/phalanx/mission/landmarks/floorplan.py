@@ -171,9 +171,21 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes)
 
 
-def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
+def not_yaml(error: Exception, name: str, hint: str) -> UsageError:
+    """What a reader of YAML found wrong with a file, in a line: where, and what."""
+    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    what = getattr(error, "problem", None) or getattr(error, "reason", None) or error
+    where = f", line {mark.line + 1}" if mark else ""
+    return UsageError(f"{name} is not YAML{where}: {' '.join(str(what).split())[:200]}", hint)
+
+
+def read_yaml(data: bytes, name: str, hint: str = "docs/maps.md shows a map") -> dict[Any, Any]:
     """A YAML file's mapping.
 
+    Args:
+        data: the file.
+        name: of the file, for errors.
+        hint: for whoever gave another one.
     Raises: UsageError: it is none.
     """
     if len(data) > FILE_MAX_BYTES:
@@ -181,7 +193,7 @@ def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
     try:
         words = yaml.safe_load(data)
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise UsageError(f"{name} is not YAML: {' '.join(str(error).split())[:200]}") from error
+        raise not_yaml(error, name, hint) from error
     if not isinstance(words, dict):
         raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
     return words
