@@ -8,6 +8,7 @@ from typing import Any
 
 from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, try_attack
+from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
 from phalanx.experiments.trial import Trial
 from phalanx.robot.attacks.attack import Attack, meant
@@ -19,7 +20,7 @@ from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .mission.crack import span
 from .sim import changed, progress, told, warn
-from .terminal import end_status_line, print_json, print_rows
+from .terminal import Progress, end_status_line, print_json, print_rows
 
 DURATION_S = 150.0  # the paper's
 
@@ -29,12 +30,12 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
     first = find_attack(name)
     if not (first.own or first.name in ATTACKS):
         raise UsageError(f"no attack {first.name!r}", f"{meant(first.name, ATTACKS)}phalanx attack list has all")
-    trial: FlockTrial | MissionTrial
+    trial: FlockTrial | MissionTrial | TeamTrial
     if first.attack.scene == "flock":
         with mistakes_in(controller, name):
             trial = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":
-        raise UsageError(f"{first.name} needs robots on missions that audit each other", "tests/mission has them")
+        trial = _try_in_team(name, first, said | {"controller": controller}, defence)
     else:
         seed = said.pop("seed") or 0
         options = _options_of(name, first, said | {"controller": controller})
@@ -63,6 +64,18 @@ def _try_in_flock(first: AttackSpec, said: dict[str, Any], defence: Any, control
         end_status_line()
 
 
+def _try_in_team(words: str, first: AttackSpec, said: dict[str, Any], defence: Any) -> TeamTrial:
+    seed = said.pop("seed") or 0
+    first.attack.check(_options_of(words, first, said))
+    tell = Progress().tell
+    try:
+        return try_in_team(
+            first.attack, defence, seed, lambda share: tell(f"{100 * share:.0f} % of both runs simulated", share)
+        )
+    finally:
+        end_status_line()
+
+
 def _options_of(words: str, spec: AttackSpec, swarm: Mapping[str, Any]) -> dict[str, float | str]:
     """The options of an attack on a mission; what is said of a swarm, which it does not have, is refused."""
     wrong = [f"--{name.replace('_', '-')}" for name, value in swarm.items() if value is not None]
@@ -81,14 +94,20 @@ def _kept(trial: FlockTrial) -> dict[str, Any]:
     }
 
 
-def _show(trial: FlockTrial | MissionTrial, attack: Attack) -> None:
+def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack) -> None:
     against = f", against {attack.against}" if attack.against else ""
-    kept = "" if isinstance(trial, FlockTrial) else f": {'so it is' if trial.kept else 'NOT SO'}"
+    kept = "" if isinstance(trial, FlockTrial) else f": {'NOT SO' if trial.broken else 'so it is'}"
+    head = {
+        "attack": f"{trial.attack}{against}: {attack.does}",
+        "defence": f"{trial.defence}, which should make it: {trial.declared}{kept}",
+        "stopped by": attack.stopped_by,
+    }
+    if isinstance(trial, TeamTrial):
+        print_rows({**head, **_team(trial)})
+        return
     print_rows(
         {
-            "attack": f"{trial.attack}{against}: {attack.does}",
-            "defence": f"{trial.defence}, which should make it: {trial.declared}{kept}",
-            "stopped by": attack.stopped_by,
+            **head,
             "harm": f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip()
             + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts)",
             **(_flock(trial) if isinstance(trial, FlockTrial) else _mission(trial)),
@@ -136,6 +155,19 @@ def _bound(trial: FlockTrial) -> str:
     longer = f", {trial.missing_s:g} s more where an output was missing" if trial.missing_s else ""
     kept = "kept" if trial.stopped_in_time else "BROKEN"
     return f"{trial.bound_s:.3f} s from deviation to Safe Mode{longer}: {kept}"
+
+
+def _team(trial: TeamTrial) -> dict[str, str]:
+    began = "never deviated" if trial.deviated_s is None else f"deviated at {trial.deviated_s:.2f} s"
+    end = "is not in Safe Mode" if trial.stopped_s is None else f"in Safe Mode at {trial.stopped_s:.2f} s"
+    allowed = "" if trial.bound_s is None else f" ({trial.bound_s:.3f} s from one to the other allowed)"
+    refused = ", ".join(f"{why} ({count} times)" for why, count in trial.refusals.items())
+    stopped = ", ".join(map(str, trial.in_safe_mode))
+    return {
+        "robot 1": f"{began}, {end}{allowed}",
+        "its auditors said": refused or "nothing",
+        "the others": f"{trial.completed} of {trial.others} completed the mission; in Safe Mode: {stopped or 'none'}",
+    }
 
 
 def _mission(trial: Trial) -> dict[str, str]:

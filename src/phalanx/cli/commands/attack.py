@@ -38,6 +38,6 @@ def run() -> None:
 
     Ends with 1 if a robot that should have been stopped in time was not, if one was on the air for longer than its
     bucket lets it, or if a mission's verdict is not what was seen.
-    Attacks on missions run on an errand in a small building; of the options they take --defence, --seed and
-    --json.
+    Attacks on missions run on an errand in a small building, those on peers in a team of four; of the options they
+    take --defence, --seed and --json.
     """
