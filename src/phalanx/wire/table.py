@@ -368,6 +368,7 @@ MISSION_MEMORY = Record(
         Field("tries", "u8", "begun anew after no headway"),
         Field("best_m", "f64", "least way that was left"),
         Field("best_s", "f64", "when that was"),
+        Field("turning", "i8", "1, -1: it turns about, to the left or to the right; 0: it does not"),
         Field("blocked", "u8", "1: the way was given up at the last step"),
         Field("said", "u8", "messages that it gives out"),
         Field("crumbs", "u8", "places of the way here that it remembers"),

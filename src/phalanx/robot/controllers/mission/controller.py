@@ -314,7 +314,7 @@ class MissionController(EvidenceController):
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
         m, leg = self.memory, self.memory.leg
-        carried = (leg.passed, leg.tries, leg.best_m, leg.best_s, m.blocked)
+        carried = (leg.passed, leg.tries, leg.best_m, leg.best_s, leg.turning, m.blocked)
         head = MISSION_MEMORY.form.pack(m.begun_ms, *m.origin, *leg.key, *carried, len(m.said), len(leg.trail))
         trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
@@ -325,19 +325,18 @@ class MissionController(EvidenceController):
         Raises: MalformedMission.
         """
         reader = Reader(encoding)
-        begun_ms, x_m, y_m, heading_rad, kind, target, begin, passed, tries, best_m, best_s, blocked, said, crumbs = (
-            reader.unpack(MISSION_MEMORY.form)
-        )
+        begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY.form)
+        passed, tries, best_m, best_s, turning, blocked, said, crumbs = rest
         placed = all(abs(value) < _MOST for value in (x_m, y_m, heading_rad))
         if not (placed and abs(best_s) < LONGEST_S and abs(best_m) <= math.inf):
             raise MalformedMission("a robot that is nowhere")
-        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked) > 1:
+        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked, abs(turning)) > 1:
             raise MalformedMission("an instruction that cannot be")
         if said > SAID_MAX or crumbs > TRAIL_MAX:
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
         trail = tuple((x, y) for x, y in (reader.unpack(CRUMB.form) for _ in range(crumbs)))
-        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s, trail)
+        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s, trail, turning)
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory

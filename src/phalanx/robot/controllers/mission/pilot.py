@@ -40,6 +40,7 @@ PROGRESS_M = 0.1
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
 TURN_GAIN = 1.5
+ABOUT = 0.25  # cosine of a course: what lies further aside is turned to on the spot
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,7 @@ class Leg:
         tries: begun anew after no headway.
         best_m, best_s: least way that was left, and when.
         trail: places of the way here from where the instruction began, map frame, cm; what leads back.
+        turning: 1 or -1 while it turns about, to the left or to the right, for a course that lies ahead; 0 otherwise.
     """
 
     key: tuple[int, int, int] = (-1, -1, -1)
@@ -60,6 +62,7 @@ class Leg:
     best_m: float = math.inf
     best_s: float = 0.0
     trail: tuple[tuple[int, int], ...] = ()
+    turning: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +119,8 @@ def drive(
         leg = replace(leg, tries=leg.tries + 1, passed=False, best_m=math.inf, best_s=t_s)
         if leg.tries >= TRIES:
             return Leg((-1, -1, key[2]), trail=leg.trail), Drive(blocked=True)
-    return leg, _toward(goal, points, sectors)
+    command, turning = _toward(goal, points, sectors, leg.turning)
+    return replace(leg, turning=turning), command
 
 
 _KINDS = tuple(Kind)
@@ -206,16 +210,25 @@ def _in_sight(points: Floats, goal: Point) -> bool:
     return in_range and free_way(points, goal[0] / away, goal[1] / away) >= away
 
 
-def _toward(goal: Point, points: Floats, sectors: Sectors) -> Drive:
+def _toward(goal: Point, points: Floats, sectors: Sectors, turning: int) -> tuple[Drive, int]:
+    """(what to do now, which way it turns about).
+
+    A free course at one edge of the view is lost as soon as the robot turns the least from it, and another at the other
+    edge is nearer: it would turn to and fro for ever. So it goes on as it began, until a course lies ahead.
+    """
     bearing = atan2(goal[1], goal[0])
-    if _length(goal) < SHORT_M / 2 or abs(bearing) > sectors.widest_rad:
-        # Behind is where the lidar does not see; and whoever has arrived looks around.
-        return Drive(0.0, TURN_RADPS if bearing >= 0.0 else -TURN_RADPS)
+    if _length(goal) < SHORT_M / 2:  # whoever has arrived looks around
+        return Drive(0.0, TURN_RADPS if bearing >= 0.0 else -TURN_RADPS), 0
     cosine, sine, free_m = course(points, sectors.cosines, sectors.sines, goal[0], goal[1])
+    if abs(bearing) > sectors.widest_rad:  # behind, where the lidar does not see
+        cosine, sine = -1.0, goal[1]
+    if cosine < ABOUT:
+        turning = turning or (1 if sine >= 0.0 else -1)
+        return Drive(0.0, turning * TURN_RADPS), turning
     turn = max(-TURN_RADPS, min(TURN_RADPS, TURN_GAIN * atan2(sine, cosine)))
-    ahead = max(0.0, cosine) * max(0.0, cosine)
+    ahead = cosine * cosine
     slow = min(1.0, max(0.1, free_m), max(0.2, _length(goal) / SLOW_M))
-    return Drive(SPEED_MPS * (ahead * ahead) * slow, turn)
+    return Drive(SPEED_MPS * (ahead * ahead) * slow, turn), 0
 
 
 @kernel
