@@ -34,6 +34,7 @@ def command(*words: object) -> Result:
 
 
 def built(folder: Path, name: str, *words: str) -> list[str]:
+    folder.mkdir(exist_ok=True)
     assert command("build", name, "--out", folder / "m.phxm", *words).exception is None
     return sorted(str(path) for path in folder.glob("m*.phxm"))
 
