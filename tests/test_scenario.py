@@ -59,6 +59,11 @@ class TestScenario:
         [
             ({"robots": 0}, "0 robots"),
             ({"robots": 65_536}, "65536 robots"),
+            ({"robots": "x"}, "robots is 'x'"),
+            ({"robots": 2.5}, "robots is 2.5"),
+            ({"seed": "1"}, "seed is '1'"),
+            ({"duration_s": "long"}, "duration_s is 'long'"),
+            ({"attacks": ("spoof",)}, "attacks are ('spoof',)"),
             ({"grid_step_m": 0.0}, "grid_step_m is 0"),
             ({"grid_step_m": math.nan}, "grid_step_m is nan"),
             ({"robots": 65_535, "grid_step_m": 1e4}, "the grid's edge"),

@@ -116,6 +116,7 @@ radio: {exponent: 2.5}
             ("goal_m: 5\n", 1, "goal_m is '5'", "a list of 2 numbers"),
             ("seed: ~\n", 1, "seed is '~'", "a whole number"),
             ("attacks: {}\n", 1, "attacks is a mapping", "a list"),
+            ("attacks: [spof]\n", 1, "attacks[0] is 'spof'", "- name: spoof"),
             ("attacks:\n  - robot: 3\n", 2, "attacks[0] has no name", "needed: name"),
             ("attacks:\n  - robot: 2\n    name: spoff\n", 3, "no attack 'spoff'", "did you mean spoof?"),
             ("name: x\nattacks:\n  - name: spoof\n  - name: spoof\n    robot: 99\n", 5, "spoof in robot 99", "1 to 25"),

@@ -101,6 +101,12 @@ class TestArrays:
             ({"seeds": (1, 2), "record": "x.mcap"}, "one file x.mcap for 2 runs"),
             ({"seeds": (-1,)}, "seed is -1"),
             ({"attacks": ["none", "spoof"]}, "an attack and none"),
+            ({"seeds": "abc"}, "seeds is 'abc'"),
+            ({"seeds": 1.5}, "seeds is 1.5"),
+            ({"every_s": "1"}, "every_s is '1'"),
+            ({"workers": "all"}, "workers is 'all'"),
+            ({"controller": 3}, "controller is 3"),
+            ({"attacks": 3}, "3 is no attack"),
             ({"controller": "flok"}, "no controller 'flok'"),
             ({"controller": "nowhere.py:Own"}, "no file nowhere.py"),
         ],
@@ -108,6 +114,10 @@ class TestArrays:
     def test_what_cannot_be_is_refused(self, more, complaint):
         with pytest.raises(UsageError, match=complaint):
             simulate(SMALL, **more)
+
+    def test_nor_is_what_is_no_scenario(self):
+        with pytest.raises(UsageError, match="scenario is 3"):
+            simulate(3)
 
 
 class TestProcesses:
@@ -213,6 +223,11 @@ class TestTables:
         with pytest.raises(Unavailable, match=f"{missing} is not installed") as caught:
             result.to_parquet(tmp_path / "x.parquet")
         assert caught.value.hint == "pip install 'phalanx-swarm[research]'"
+
+    def test_a_folder_that_is_not_there_is_said(self, result, tmp_path):
+        with pytest.raises(Unavailable, match="non-existent directory") as refused:
+            result.to_parquet(tmp_path / "none" / "a")
+        assert refused.value.hint
 
 
 class TestOwnController:

@@ -7,18 +7,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .scenarios.file import find_scenario
     from .scenarios.result import Result
     from .scenarios.scenario import AttackSpec, Scenario
     from .scenarios.simulate import simulate
     from .swarms.dotbots import Dotbots
 
-__all__ = ["AttackSpec", "Dotbots", "Result", "Scenario", "simulate"]
+__all__ = ["AttackSpec", "Dotbots", "Result", "Scenario", "find_scenario", "simulate"]
 
 _FOUND_IN = {
     "AttackSpec": "scenarios.scenario",
     "Dotbots": "swarms.dotbots",
     "Result": "scenarios.result",
     "Scenario": "scenarios.scenario",
+    "find_scenario": "scenarios.file",
     "simulate": "scenarios.simulate",
 }
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # the list of attacks does not wait for it
 
 
 class Watched(Protocol):
-    """A run, as far as harm is read from it (phalanx.sim.run.Run is one)."""
+    """A run, as far as harm is read from it (phalanx.sim.scenarios.run.Run is one)."""
 
     @property
     def now_s(self) -> float:

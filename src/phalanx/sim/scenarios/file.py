@@ -21,6 +21,8 @@ import yaml
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
+from phalanx.robot.attacks.attack import NEAR
+from phalanx.robot.attacks.library import IN_FLOCKS
 from phalanx.sim.builtin import built_in
 
 from .scenario import AttackSpec, Scenario
@@ -69,6 +71,8 @@ def read_scenario(path: Path) -> Scenario:
             data = file.read(MOST_BYTES + 1)
     except FileNotFoundError as error:
         raise UsageError(f"no file {path}", "phalanx sim list shows the built-in scenarios") from error
+    except IsADirectoryError as error:
+        raise UsageError(f"{path} is a folder", "a file ends in .yaml; phalanx sim list shows built-in ones") from error
     except OSError as error:
         raise Unavailable(f"cannot read {path}: {error.strerror}") from error
     return parse_scenario(data, str(path))
@@ -133,6 +137,9 @@ class _Reader:
         if origin is tuple:
             return self._read_list(arguments, node, name)
         if dataclasses.is_dataclass(kind):
+            if kind is AttackSpec and (word := _text(node)) is not None:
+                near = difflib.get_close_matches(word, IN_FLOCKS, 1, NEAR) or [word]
+                self._refuse(node, f"{name} is {_shown(node)}", f"- name: {near[0]}")
             return self._read_record(kind, self._pairs(node, name), node, name)
         if kind in WORDS:
             return self._read_scalar(kind, node, name)

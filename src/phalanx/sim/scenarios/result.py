@@ -77,7 +77,9 @@ class Result:
         except ImportError as error:
             raise Unavailable("pyarrow is not installed", RESEARCH_HINT) from error
         except OSError as error:
-            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
+            raise Unavailable(
+                f"cannot write {path}: {error.strerror or error}", "a file in a folder there is"
+            ) from error
         return Path(path)
 
     def _columns(self, table: Table) -> dict[str, Any]:

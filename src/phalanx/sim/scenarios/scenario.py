@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
@@ -106,6 +107,11 @@ class Scenario:
     radio: RadioConfig = field(default_factory=RadioConfig)
 
     def __post_init__(self) -> None:
+        for name in ("robots", "seed"):
+            if not isinstance(getattr(self, name), Integral):
+                raise UsageError(f"{name} is {getattr(self, name)!r}", "a whole number")
+        if not all(isinstance(each, AttackSpec) for each in self.attacks):
+            raise UsageError(f"attacks are {self.attacks!r}", "a tuple of AttackSpec")
         if not 1 <= self.robots <= MOST_ROBOTS:
             raise UsageError(f"{self.robots} robots", f"1 to {MOST_ROBOTS}")
         _within("grid_step_m", self.grid_step_m, 0.01, 1e4)
@@ -285,5 +291,7 @@ def _number(words: str) -> float | str:
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:
+    if not isinstance(value, Real):
+        raise UsageError(f"{name} is {value!r}", "a number")
     if not low <= value <= high:  # NaN too
         raise UsageError(f"{name} is {value:g}", f"{low:g} to {high:g}")

@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -88,12 +89,16 @@ def simulate(
     Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel; in the log,
         while what robots run is compiled, which the first time takes minutes.
     """
+    _check_kinds(scenario, controller, every_s, workers)
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
     if isinstance(attacks, str):
         attacks = (attacks,)
     if attacks is not None:
         chosen = replace(chosen, attacks=find_attacks(attacks if isinstance(attacks, Sequence) else (attacks,)))
-    numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(int, seeds))
+    try:
+        numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(int, seeds))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"seeds is {seeds!r}", "whole numbers, for example range(20)") from error
     if not numbers:
         raise UsageError("no seeds", "at least one, for example range(20)")
     chosen = replace(chosen, seed=numbers[0])
@@ -111,6 +116,22 @@ def simulate(
     workers = min(workers, len(numbers))
     with telling_of_compiling(_now_and_then()):
         return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
+
+
+def _check_kinds(scenario: object, controller: object, every_s: object, workers: object) -> None:
+    for name, given, right, hint in (
+        ("scenario", scenario, isinstance(scenario, Scenario | str | Path), "a Scenario, or the name of one"),
+        (
+            "controller",
+            controller,
+            controller is None or isinstance(controller, str) or callable(controller),
+            "a class",
+        ),
+        ("every_s", every_s, isinstance(every_s, Real), "seconds"),
+        ("workers", workers, isinstance(workers, Integral), "a whole number"),
+    ):
+        if not right:
+            raise UsageError(f"{name} is {given!r}", hint)
 
 
 def _now_and_then() -> Callable[[str, float], None]:
