@@ -20,7 +20,7 @@ from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .mission.crack import span
 from .sim import changed, progress, told, warn
-from .terminal import Progress, end_status_line, print_json, print_rows
+from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
 DURATION_S = 150.0  # the paper's
 
@@ -31,9 +31,10 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
     if not (first.own or first.name in ATTACKS):
         raise UsageError(f"no attack {first.name!r}", f"{meant(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial | TeamTrial
+    goal_m: tuple[float, float] | None = None
     if first.attack.scene == "flock":
         with mistakes_in(controller, name):
-            trial = _try_in_flock(first, said, defence, controller)
+            trial, goal_m = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":
         trial = _try_in_team(name, first, said | {"controller": controller}, defence)
     else:
@@ -43,12 +44,20 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
     if as_json:
         print_json(asdict(trial) | (_kept(trial) if isinstance(trial, FlockTrial) else {}))
     else:
-        _show(trial, first.attack)
+        _show(trial, first.attack, goal_m)
     return 1 if trial.broken else 0
 
 
-def _try_in_flock(first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None) -> FlockTrial:
+def _try_in_flock(
+    first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None
+) -> tuple[FlockTrial, tuple[float, float] | None]:
+    """What it came to, and where the swarm goes; None if only its controller knows."""
     scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence)
+    if first.at_s >= scenario.duration_s:
+        raise UsageError(
+            f"{first.name} begins at {first.at_s:g} s, when the run of {scenario.duration_s:g} s is over",
+            f"a longer --duration, or {first.name}:at=T",
+        )
     others = first.attack.liars(scenario.bti.f_max) - 1
     scenario = replace(scenario, attacks=(first, *(replace(first, robot=None),) * others))
     scenario, own = find_controller(controller, scenario)
@@ -59,7 +68,7 @@ def _try_in_flock(first: AttackSpec, said: dict[str, Any], defence: Any, control
         tell[which](run)
 
     try:
-        return try_attack(scenario, on_step, own)
+        return try_attack(scenario, on_step, own), None if own else scenario.goal_m
     finally:
         end_status_line()
 
@@ -94,32 +103,39 @@ def _kept(trial: FlockTrial) -> dict[str, Any]:
     }
 
 
-def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack) -> None:
+def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: tuple[float, float] | None) -> None:
     against = f", against {attack.against}" if attack.against else ""
     kept = "" if isinstance(trial, FlockTrial) else f": {'NOT SO' if trial.broken else 'so it is'}"
-    head = {
+    rows = {
         "attack": f"{trial.attack}{against}: {attack.does}",
         "defence": f"{trial.defence}, which should make it: {trial.declared}{kept}",
-        "stopped by": attack.stopped_by,
     }
+    if trial.declared == "stopped":
+        rows["stopped by"] = attack.stopped_by
     if isinstance(trial, TeamTrial):
-        print_rows({**head, **_team(trial)})
+        print_rows(rows | _team(trial))
         return
-    print_rows(
-        {
-            **head,
-            "harm": f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip()
-            + f": {trial.harm_words} (from {trial.harm_bites_from:g} on it counts)",
-            **(_flock(trial) if isinstance(trial, FlockTrial) else _mission(trial)),
-        }
-    )
+    harm = f"{told(trial.harm, '.3g')} {trial.harm_unit}".strip() + f": {trial.harm_words}"
+    if trial.declared == "stopped":
+        rows["harm until stopped"] = harm
+    elif trial.declared == "not covered":
+        rows["harm"] = harm
+    else:
+        rows["harm"] = f"{harm} (from {trial.harm_bites_from:g} on it counts)"
+    print_rows(rows | (_flock(trial, goal_m) if isinstance(trial, FlockTrial) else _mission(trial)))
 
 
-def _flock(trial: FlockTrial) -> dict[str, str]:
+def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, str]:
     attacked, honest = trial.attacked, trial.honest
-    rows = {
-        "distance to the goal": f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
-        f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack",
+    swarm = f"{counted(attacked['robots'], 'robot')}, {attacked['duration_s']:g} s, seed {attacked['seed']}"
+    rows = {"swarm": swarm}
+    if goal_m:
+        rows["swarm"] += f", goal ({goal_m[0]:g}, {goal_m[1]:g})"
+        rows["distance to the goal"] = (
+            f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
+            f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
+        )
+    rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "
         f"{len(attacked['without_quorum'])} for want of a quorum",
@@ -152,8 +168,12 @@ def _airtime(each: Airtime) -> str:
 def _bound(trial: FlockTrial) -> str:
     if trial.bound_s is None:
         return "none is promised"
+    if all(stop.first_deviation_s is None for stop in trial.stops):
+        return "not tested: nobody deviated"
     longer = f", {trial.missing_s:g} s more where an output was missing" if trial.missing_s else ""
-    kept = "kept" if trial.stopped_in_time else "BROKEN"
+    # Of those that deviated, who is neither stopped nor late yet.
+    open_end = any(stop.first_deviation_s is not None and stop.safe_mode_s is None for stop in trial.stops)
+    kept = "BROKEN" if not trial.stopped_in_time else "not tested: the run ended before it" if open_end else "kept"
     return f"{trial.bound_s:.3f} s from deviation to Safe Mode{longer}: {kept}"
 
 
