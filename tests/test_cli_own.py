@@ -11,7 +11,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.sim import Scenario, simulate
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks
+from phalanx.sim.scenarios.own import find_attacks, mistakes_in
 from phalanx.sim.scenarios.scenario import parse_attack
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
@@ -31,6 +31,7 @@ class Mine(Controller):
     def on_input(self, step, t_ms, reading):
         return []
 """
+SEND = 'return [__import__("phalanx.robot.controllers.python_controller", fromlist="Send").Send(b"hello")]'
 
 
 @pytest.fixture
@@ -73,6 +74,9 @@ class TestController:
         for which, attacks in (("attacked", liar), ("honest", nobody)):
             scenario = Scenario(robots=6, duration_s=3.0, defence="none", attacks=attacks)
             assert told[which]["digest"] == simulate(scenario, controller=OWN).summaries[0]["digest"]
+        _, out, _ = phalanx("attack", "run", "hijack:robot=2,at=1", *words[:-1])
+        assert "6 robots, 3 s, seed 0\n" in out
+        assert "distance to the goal" not in out, "that of the scenario, not of this controller"
 
     def test_a_class_may_go_unnamed_where_there_is_one(self, phalanx, mine):
         mine(WHOLE)
@@ -98,11 +102,23 @@ class TestController:
             ({"def encode": "def encod"}, "Mine in mine.py has no encode"),
             ({"(Controller)": ""}, "Mine in mine.py is no Controller"),
             ({"class Mine": "class Miner"}, "mine.py has no Mine"),
-            ({"return []": "return None"}, "on_input returned None"),
+            ({"return []": "return None"}, "mine.py:Mine: on_input returned None"),
+            ({'return b""': "return None"}, "mine.py:Mine: encode returned None"),
+            ({"def encode(self)": "def encode(self, far)"}, "mine.py: TypeError: Mine.encode() missing 1 required"),
+            ({"(self, t_ms, frame)": "(self)", "return []": SEND}, "mine.py: TypeError: Mine.on_recv() takes 1 pos"),
+            ({"(self, step, t_ms, reading)": "(self, reading)"}, "mine.py: TypeError: Mine.on_input() takes 2 pos"),
+            ({"    def encode": "    def __init__(self): pass\n    def encode"}, "mine.py: TypeError: Mine.__init__()"),
+            (
+                {"    def encode": "    state_bytes = 'many'\n    def encode"},
+                "state_bytes of Mine in mine.py is 'many'",
+            ),
+            ({"return []": "return []\0"}, "mine.py: SyntaxError: source code"),
+            ({"from phal": "import bad_beside\nfrom phal"}, "bad_beside.py:1: ZeroDivisionError: division by zero"),
         ],
     )
     def test_a_mistake_is_one_line_with_file_and_line(self, phalanx, mine, change, complaint):
         text = WHOLE
+        mine("1 / 0", "bad_beside.py")
         for was, becomes in change.items():
             assert was in text
             text = text.replace(was, becomes)
@@ -115,6 +131,14 @@ class TestController:
         error, hint = err.splitlines()[-2:]
         assert error.startswith(f"phalanx: error: {complaint}")
         assert hint.startswith("phalanx: hint: ")
+
+    def test_who_stops_honest_robots_is_told_how_to_find_out(self, phalanx, mine):
+        text = WHOLE.replace('return b""', "return __import__('random').randbytes(4)")
+        words = ("--robots", "9", "--f-max", "2", "--controller", mine(text))
+        code, _, err = phalanx("sim", "run", "flock-12", "--duration", "13", *words)
+        assert code == 0
+        assert err.splitlines()[-1].endswith("were stopped: phalanx sim check mine.py:Mine")
+        assert "sim check" not in phalanx("sim", "run", "flock-12", "--duration", "2", *words)[2]
 
     def test_the_traceback_is_there_for_who_wants_it(self, phalanx, mine):
         words = mine(WHOLE.replace("return []", "return steps"))
@@ -143,9 +167,6 @@ class TestController:
         code, _, err = phalanx("attack", "run", "dead-wheel", "--controller", OWN)
         assert code == 2
         assert "--controller" in err
-
-
-SEND = 'return [__import__("phalanx.robot.controllers.python_controller", fromlist="Send").Send(b"hello")]'
 
 
 LIES = """
@@ -215,6 +236,27 @@ class TestAttack:
         "change, words, complaint",
         [
             ({"return []": "return {}[7]"}, "lies.py:Brake:robot=2,at=1", "lies.py:10: KeyError: 7"),
+            ({"return []": "return None"}, "lies.py:Brake:robot=2,at=1", "lies.py:Brake: put_out returned None"),
+            ({"return []": "return ['x']"}, "lies.py:Brake:robot=2,at=1", "lies.py:Brake: put_out returned str"),
+            (
+                {
+                    "def put_out(self, now_ms, output)": "def heard(self, now_ms, frame)",
+                    "super().put_out(now_ms, output)": "None",
+                    "isinstance(output, Act)": "not frame",
+                },
+                "lies.py:Brake:robot=2,at=0.1",
+                "lies.py:Brake: on_message returned None",
+            ),
+            (
+                {"def put_out(self, ": "def put_out(self, far, "},
+                "lies.py:Brake:robot=2,at=1",
+                "lies.py: TypeError: Brake.put_out()",
+            ),
+            (
+                {"    def put": "    period_ms = 'x'\n    def put"},
+                "lies.py:Brake",
+                "period_ms of Brake in lies.py is 'x'",
+            ),
             ({"import Act": "import Acts"}, "lies.py:Brake", "lies.py:4: ImportError: cannot import name 'Acts'"),
             ({}, "lies.py:Brakes", "lies.py has no Brakes"),
             ({"(Liar)": ""}, "lies.py:Brake", "Brake in lies.py is no Liar"),
@@ -260,3 +302,14 @@ class TestQuorum:
         code, _, err = phalanx(*command, "--robots", "3", "--duration", "1", "--f-max", "1")
         assert code == 0
         assert "warning" not in err
+
+
+class TestOurOwnMistakes:
+    @pytest.mark.parametrize("error", [AssertionError, OSError, MemoryError, KeyboardInterrupt])
+    def test_stay_what_they_are(self, error):
+        with pytest.raises(error), mistakes_in("mine.py:Mine"):
+            raise error
+
+    def test_are_nobody_elses_where_no_file_is_named(self):
+        with pytest.raises(TypeError), mistakes_in(None, "spoof"):
+            raise TypeError

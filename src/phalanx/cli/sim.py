@@ -80,6 +80,8 @@ def run(
         print_json(ended.summary())
     else:
         show(chosen, ended.summary())
+    if own and ended.summary()["correct_in_safe_mode"]:
+        click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {controller}", err=True)
     if record:
         click.echo(f"recorded: {record}", err=True)
     return 0

@@ -18,7 +18,7 @@ from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_T, Work
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
-from phalanx.errors import PeerError, UsageError
+from phalanx.errors import PeerError
 from phalanx.wire import table
 from phalanx.wire.fields import Row, get_u32
 
@@ -27,9 +27,11 @@ from .controllers.mission.evidence import EvidenceController
 from .controllers.python_controller import (
     Act,
     Controller,
+    OwnMistake,
     Send,
     checked_outputs,
     checked_state,
+    kind_of,
     pack_outputs,
     unpack_outputs,
 )
@@ -115,7 +117,7 @@ class CNode:
         n = node.sense(self.f, self.i, self.w, now_ms, row(reading), len(reading))
         if n <= 0:
             return []
-        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)]
+        return self.carry_out(now_ms, n)
 
     def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
         """A frame has arrived at the a-node."""
@@ -150,6 +152,21 @@ class CNode:
 
     # --- what lying robots do differently ---
 
+    def carry_out(self, now_ms: int, n: int) -> list[Action]:
+        """The controller acts on the INPUT in `work.entry[:n]`, and its outputs go out."""
+        told = (self.put_out(now_ms, output) for output in self.decide(n))
+        return [action for actions in told for action in self.checked("put_out", actions)]
+
+    def checked(self, method: str, told: object) -> list[Action]:
+        """What a method returned, if that is actions: a liar's may be a researcher's own.
+
+        Raises: OwnMistake: it is not.
+        """
+        wrong = [told] if not isinstance(told, list) else [each for each in told if not isinstance(each, Action)]
+        if wrong:
+            raise OwnMistake(f"{method} returned {kind_of(wrong[0])}", "a list of actions, empty for nothing", self)
+        return list(told)  # type: ignore[call-overload]
+
     def decide(self, entry_len: int) -> list[Send | Act]:
         """The controller's outputs for the INPUT in `work.entry`."""
         if self.controller:
@@ -164,7 +181,7 @@ class CNode:
                 outputs = self.controller.on_input(step, t_ms, reading)
             r.step += 1
             self.keep_state()
-            return checked_outputs(outputs, int(self.f.settings[0].frame_max))
+            return checked_outputs(outputs, int(self.f.settings[0].frame_max), self.controller)
         n = node.think(self.f, self.i, self.w, entry_len)
         return unpack_outputs(self.w.out[:n].tobytes())
 
@@ -199,9 +216,10 @@ class CNode:
         n = node.send(self.f, self.i, self.w, now_ms, row(frame), len(frame))
         if n == trusted.E_AIRTIME and self.is_own and not frame[0] & request.AUDIT:
             # Else it would be stopped for an output that its log lacks, and nobody would know why.
-            raise UsageError(
+            raise OwnMistake(
                 f"robot {self.id}: its a-node has no airtime left for a frame of {len(frame)} bytes",
                 "shorter frames, or fewer: in each state period as much airtime as four of 27 bytes",
+                self.controller,
             )
         return [Transmit(self.w.entry[ENTRY_HEAD_BYTES:n].tobytes(), to)] if n > 0 else []
 
@@ -228,7 +246,7 @@ class CNode:
         # A mission's is long, and nobody asks for it where nobody audits.
         unasked = self.f.settings[0].profile == PLAIN and isinstance(self.controller, EvidenceController)
         if self.controller and not unasked:
-            state = checked_state(self.controller.encode(), self.f.state.shape[1])
+            state = checked_state(self.controller.encode(), self.f.state.shape[1], self.controller)
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
             self.f.robot[self.i].state_len = len(state)
 

@@ -134,7 +134,8 @@ class Liar(CNode):
         reading = self.read(now_ms, reading)
         self.sensed_ms = now_ms
         self.me = Motion(*MOTION.unpack(reading)[3:]) if len(reading) == SENSOR.size else self.me
-        due = checked_outputs(self._honest.on_input(self._steps, now_ms, reading), int(self.f.settings[0].frame_max))
+        told = self._honest.on_input(self._steps, now_ms, reading)
+        due = checked_outputs(told, int(self.f.settings[0].frame_max), self._honest)
         self._steps += 1
         self._put_out = []
         actions = self.sensed(now_ms, reading) if self.lies(now_ms) else super().on_sensor(now_ms, reading)
@@ -263,10 +264,6 @@ class Liar(CNode):
         """The entry in `work.entry` is in the log, whatever it is."""
         if int(self.f.settings[0].profile) != PLAIN:
             log.append(self.f, self.i, self.w.entry, n)
-
-    def carry_out(self, now_ms: int, n: int) -> list[Action]:
-        """The controller acts on the INPUT in `work.entry[:n]`, and its outputs go out."""
-        return [action for output in self.decide(n) for action in self.put_out(now_ms, output)]
 
     def entry(self, n: int) -> bytes:
         """The payload of the entry in `work.entry[:n]`."""

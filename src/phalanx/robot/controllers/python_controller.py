@@ -53,6 +53,19 @@ class Act:
 Output = Send | Act
 
 
+class OwnMistake(UsageError):
+    """A researcher's class did what it must not.
+
+    Args:
+        message, hint: as of every `UsageError`.
+        whose: the object that did it.
+    """
+
+    def __init__(self, message: str, hint: str, whose: object) -> None:
+        super().__init__(message, hint)
+        self.whose = whose
+
+
 class Controller(ABC):
     """What decides for one robot. A new one is in its boot state.
 
@@ -135,50 +148,55 @@ def _row(raw: bytes) -> Row:
     return np.frombuffer(bytearray(raw), np.uint8)
 
 
-def checked_outputs(told: object, room: int) -> list[Output]:
+def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
     """What a researcher's controller put out, if it can be put out at all.
 
     Args:
         told: what `on_input` returned.
         room: longest frame or command, bytes.
-    Raises: UsageError: no outputs, or one that no a-node lets out.
+        whose: the controller.
+    Raises: OwnMistake: no outputs, or one that no a-node lets out.
     Source: docs/own-controller.md.
     """
     if not isinstance(told, Iterable) or isinstance(told, str | bytes):
-        raise UsageError(f"on_input returned {_kind(told)}", "a list of Act and Send, empty for nothing")
+        raise OwnMistake(f"on_input returned {kind_of(told)}", "a list of Act and Send, empty for nothing", whose)
     outputs = list(told)
     for output in outputs:
         if not isinstance(output, Send | Act):
-            raise UsageError(f"on_input put out {_kind(output)}", "a list of Act and Send, empty for nothing")
-        what = f"{type(output).__name__} of {_kind(output.payload)}"
+            raise OwnMistake(f"on_input put out {kind_of(output)}", "a list of Act and Send, empty for nothing", whose)
+        what = f"{type(output).__name__} of {kind_of(output.payload)}"
         if not isinstance(output.payload, bytes):
-            raise UsageError(f"on_input put out {what}", "bytes, as struct packs them")
+            raise OwnMistake(f"on_input put out {what}", "bytes, as struct packs them", whose)
         if not 1 <= len(output.payload) <= room:
-            raise UsageError(f"on_input put out {what}, {len(output.payload)} long", f"1 to {room} bytes")
+            raise OwnMistake(f"on_input put out {what}, {len(output.payload)} long", f"1 to {room} bytes", whose)
         if isinstance(output, Send) and output.payload[0] & KIND_AUDIT:
-            raise UsageError("on_input sends a frame that begins like one of the audits", "a first byte below 0x80")
+            raise OwnMistake(
+                "on_input sends a frame that begins like one of the audits", "a first byte below 0x80", whose
+            )
     return outputs
 
 
-def checked_state(told: object, room: int) -> bytes:
+def checked_state(told: object, room: int, whose: object) -> bytes:
     """What a researcher's controller remembers, if there is room for it.
 
     Args:
         told: what `encode` returned.
         room: longest state, bytes.
-    Raises: UsageError: not bytes, or too many.
+        whose: the controller.
+    Raises: OwnMistake: not bytes, or too many.
     Source: docs/own-controller.md.
     """
     if not isinstance(told, bytes):
-        raise UsageError(f"encode returned {_kind(told)}", "bytes, as struct packs them; b'' for nothing")
+        raise OwnMistake(f"encode returned {kind_of(told)}", "bytes, as struct packs them; b'' for nothing", whose)
     if len(told) > room:
-        raise UsageError(
-            f"encode returned {len(told)} bytes", f"at most {room}, or state_bytes = {len(told)} in its class"
+        raise OwnMistake(
+            f"encode returned {len(told)} bytes", f"at most {room}, or state_bytes = {len(told)} in its class", whose
         )
     return told
 
 
-def _kind(told: object) -> str:
+def kind_of(told: object) -> str:
+    """What was given instead, for people."""
     return "None" if told is None else type(told).__name__
 
 

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
-from phalanx.errors import UsageError
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict, row
+from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16
 
 from . import body, loop
 from .events import push
 from .world import World
+
+# What hears of each kind of event.
+METHODS = {
+    loop.CONTROL: "on_sensor",
+    loop.MESSAGE: "on_message",
+    loop.ROUND: "on_round",
+    loop.RETRY: "on_retry",
+    loop.SENT: "on_sent",
+    loop.WAKE: "on_wake",
+}
 
 
 def handle(world: World, robots: dict[int, CNode]) -> None:
@@ -21,22 +31,24 @@ def handle(world: World, robots: dict[int, CNode]) -> None:
     i, kind = int(clock.robot), int(clock.kind)
     cnode = robots[i]
     now_ms = loop.clock_ms(world, i)
-    actions = _actions(world, cnode, kind, now_ms)
+    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms))
     if cnode.is_own:
-        _check_commands(world, cnode.id, actions)
+        _check_commands(world, cnode, actions)
     perform(world, i, actions)
     if kind == loop.WAKE and isinstance(cnode, Liar):
         wake(world, i, cnode)
 
 
-def _check_commands(world: World, rob_id: int, actions: list[Action]) -> None:
+def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:
     # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
     known = body.COMMANDS[int(world.clock[0].body)]
     for action in actions:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
-            raise UsageError(
-                f"robot {rob_id}: no command of its body's: {len(action.command)} bytes, the first {action.command[0]}",
+            raise OwnMistake(
+                f"robot {cnode.id}: no command of its body's: "
+                f"{len(action.command)} bytes, the first {action.command[0]}",
                 f"{known.size} bytes, the first {known.tag}: docs/own-controller.md has the layout",
+                cnode.controller,
             )
 
 

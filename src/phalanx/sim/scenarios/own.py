@@ -20,11 +20,13 @@ from typing import Any
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 
 from .scenario import CONTROLLERS, AttackSpec, Scenario, parse_attack
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
+# Raised where no line of a researcher's file runs, these say nothing of it.
+OURS = (AssertionError, OSError, MemoryError, SystemExit)
 logger = logging.getLogger(__name__)
 
 
@@ -96,7 +98,7 @@ def find_class(words: str, kind: type[Any]) -> Any:
     if not name:
         if len(own) != 1:
             raise UsageError(f"{path} has {len(own)} classes derived from {kind.__name__}", f"{path}:CLASS names one")
-        return next(iter(own.values()))
+        name = next(iter(own))
     found = getattr(module, name, None)
     if found is None:
         near = difflib.get_close_matches(name, own, 1, 0.3) or list(own)
@@ -108,34 +110,59 @@ def find_class(words: str, kind: type[Any]) -> Any:
         raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
     if left := sorted(getattr(found, "__abstractmethods__", ())):
         raise UsageError(f"{name} in {path} has no {', '.join(left)}", f"{kind.__name__} says what they do")
+    for number in ("state_bytes", "period_ms"):
+        value = getattr(found, number, 0)
+        if not isinstance(value, int) or value < 0:
+            raise UsageError(f"{number} of {name} in {path} is {value!r}", "a whole number, 0 or more")
     return found
 
 
 @contextlib.contextmanager
 def mistakes_in(*named: str | None) -> Iterator[None]:
-    """What the files in these "FILE.py:CLASS" raise is a `UsageError` that names file and line.
+    """What the files in these "FILE.py:CLASS" do wrong is a `UsageError` that names file and line.
 
-    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing.
+    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What others
+    in a file's folder raise counts as well; and what is raised where we call a class and no line of its file runs, as
+    with a method that takes other arguments: then there is no line to name.
     """
     files = [Path(words.partition(":")[0]) for words in named if words and _is_file(words)]
     try:
         yield
+    except OwnMistake as error:
+        kind = type(error.whose)
+        file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+        shown = _shown(file, files) if file else ""
+        if not shown and len(files) != 1:
+            raise
+        # One that is not from there is made or held by what is.
+        whose = f"{shown}:{kind.__name__}" if shown else files[0]
+        raise UsageError(f"{whose}: {error}", error.hint) from error
     except (PhalanxError, KeyboardInterrupt):
         raise
     except (Exception, SystemExit) as error:
-        known = {str(file.resolve()) for file in files}
         frames = traceback.extract_tb(error.__traceback__)
-        place = next((frame for frame in reversed(frames) if str(Path(frame.filename).resolve()) in known), None)
-        where, line = (place.filename, place.lineno) if place else ("", None)
-        if isinstance(error, SyntaxError) and str(Path(error.filename or "").resolve()) in known:
-            where, line = error.filename or "", error.lineno
+        places = [(frame.filename, frame.lineno) for frame in reversed(frames)]
+        if isinstance(error, SyntaxError) and error.filename:
+            places.insert(0, (error.filename, error.lineno))
+        found = (f"{shown}:{line}" for name, line in places if (shown := _shown(name, files)))
+        where = next(found, "" if isinstance(error, OURS) else " or ".join(map(str, files)))
         if not where:
             raise
-        logger.debug("%s:%s", where, line, exc_info=error)
+        logger.debug("%s", where, exc_info=error)
         said = error.msg if isinstance(error, SyntaxError) else str(error)
-        shown = next((file for file in files if str(file.resolve()) == str(Path(where).resolve())), where)
-        words = f"{shown}:{line}: {type(error).__name__}" + (f": {said}" if said else "")
+        words = f"{where}: {type(error).__name__}" + (f": {said}" if said else "")
         raise UsageError(words.splitlines()[0], TRACEBACK_HINT) from error
+
+
+def _shown(name: str, files: Sequence[Path]) -> str:
+    """How a source file is called for people; "" if it is neither one of these nor in the folder of one."""
+    path = Path(name).resolve()
+    for file in files:
+        if path == file.resolve():
+            return str(file)
+        if path.parent == file.resolve().parent:
+            return str(file.with_name(path.name))
+    return ""
 
 
 def _is_file(words: str) -> bool:
