@@ -16,6 +16,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
 from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.library import ATTACKS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 from phalanx.sim.scenarios.play import play
@@ -177,6 +178,7 @@ class TestRun:
         "words, complaint, hint",
         [
             (["bti-fig7"], "no scenario 'bti-fig7'", "did you mean bti-fig"),
+            (["."], ". is a folder", "phalanx sim list"),
             (["none.yaml"], "no file none.yaml", "phalanx sim list"),
             (["bti-fig8", "--attack", "spoff"], "no attack 'spoff'", "did you mean spoof?"),
             (["bti-fig8", "--attack", "spoof:robot=26"], "spoof in robot 26", "robots are 1 to 25"),
@@ -234,7 +236,9 @@ class TestRun:
         finally:
             process.kill()
         assert process.returncode == 1
-        assert err.splitlines()[-1] == f"stopped; recorded until then: {path}"
+        *_, told, stopped = err.splitlines()
+        assert stopped == f"stopped; recorded until then: {path}"
+        assert told.endswith("Ctrl-C again ends it at once") == (number == signal.SIGINT)
         with path.open("rb") as file:
             assert make_reader(file).get_summary().statistics.message_count > 0
 
@@ -278,6 +282,29 @@ class TestAttack:
         (line,) = (line for line in out.splitlines() if line.startswith(f"robot {stop['robot']} "))
         began, stopped = (f"{stop[name]:.2f} s" for name in ("first_deviation_s", "safe_mode_s"))
         assert f"deviated at {began}, in Safe Mode at {stopped}" in line
+        rows = {row[:22].strip(): row[23:] for row in out.splitlines()}
+        assert rows["swarm"] == "9 robots, 18 s, seed 0, goal (500, 500)"
+        assert "counts" not in rows["harm until stopped"]
+        assert rows["stopped by"] == ATTACKS["spoof"].stopped_by
+
+    def test_a_bound_that_the_run_does_not_reach_is_not_called_kept(self, phalanx):
+        code, out, _ = phalanx("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "9")
+        assert code == 0
+        assert "more where an output was missing: not tested: the run ended before it" in out
+        code, out, _ = phalanx("attack", "run", "omit-sends:at=1.999", "--duration", "2", "--robots", "9")
+        assert code == 0
+        assert "not tested: nobody deviated" in out
+
+    def test_an_attack_that_begins_after_the_end_is_refused(self, phalanx):
+        code, out, err = phalanx("attack", "run", "hijack", "--duration", "12")
+        assert (code, out) == (2, "")
+        assert "hijack begins at 15 s, when the run of 12 s is over" in err
+        assert "a longer --duration, or hijack:at=T" in err
+
+    def test_undefended_nothing_stops_it(self, phalanx):
+        _, out, _ = phalanx("attack", "run", "spoof:at=1", "--duration", "2", "--robots", "9", "--defence", "none")
+        assert "stopped by" not in out
+        assert "on it counts)" in out
 
     def test_who_leaves_something_out_has_its_own_bound(self, said):
         (stop,) = said("attack", "run", "omit-sends:at=5", "--duration", "18", "--robots", "9")["stops"]
@@ -286,7 +313,7 @@ class TestAttack:
 
     def test_safe_mode_is_told_even_of_a_robot_that_did_nothing_wrong(self, phalanx):
         """Two robots are too few for f_max + 1 tokens."""
-        code, out, _ = phalanx("attack", "run", "gps-spoof:at=20,robot=1", "--duration", "12", "--robots", "2")
+        code, out, _ = phalanx("attack", "run", "gps-spoof:at=11,robot=1", "--duration", "12", "--robots", "2")
         assert code == 0
         assert "never deviated, in Safe Mode at 10." in out
         assert "none is promised" in out

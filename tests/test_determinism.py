@@ -11,7 +11,10 @@ import pytest
 
 from conftest import PHALANX, ROOT
 from phalanx.errors import UsageError
+from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.sim.determinism import calls
 from phalanx.sim.determinism.check import Report, check_controller
+from phalanx.sim.determinism.trace import live
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
@@ -180,8 +183,25 @@ def test_it_says_in_which_of_the_two_what_is(checked):
 def test_what_fails_without_liars_is_told_with_its_line(checked):
     with pytest.raises(UsageError, match=r"mine.py:\d+: KeyError: 3"):
         checked({ACTED: "return {}[3]"})
-    with pytest.raises(UsageError, match="on_input returned None"):
+    with pytest.raises(UsageError, match=r"mine.py: on_input returned None"):
         checked({ACTED: "return None"})
+
+
+def test_what_does_not_return_is_told(checked, monkeypatch):
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
+    with pytest.raises(UsageError, match=r"mine.py:Mine: on_input has not returned for 0.3 s \(reading 0, "):
+        checked({ACTED: "while True: pass"})
+
+
+def test_nor_is_that_noted_as_something_raised(monkeypatch):
+    class Endless:
+        def on_recv(self, t_ms, frame):
+            while True:
+                pass
+
+    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
+    with pytest.raises(OwnMistake, match="on_recv has not returned"):
+        live(lambda _: Endless(), 1, [calls.Call(-1, 0, b"hello")])
 
 
 class TestCommand:

@@ -67,5 +67,6 @@ def check() -> None:
     An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So it lives
     through the same calls in four processes with other clocks, time zones and orders of sets; compiled and not; beside
     another robot's controller; and from each of its checkpoints on; also with frames and readings that liars and broken
-    sensors make. Ends with 1 if any byte differs, or something is raised.
+    sensors make. Ends with 1 if any byte differs, or something is raised; a call
+    that takes 10 s of processor time ends it too.
     """

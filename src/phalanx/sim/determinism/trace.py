@@ -16,9 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from phalanx.robot.controllers.python_controller import Controller, Send
+from phalanx.robot.controllers.python_controller import Controller, OwnMistake, Send
 
-from .calls import Call, Make, maker
+from .calls import Call, Make, maker, returning
 
 # What a controller did at one call: type and bytes of each output, what it remembers then, and what it raised.
 Step = tuple[list[tuple[str, str]], str, str]
@@ -86,11 +86,14 @@ def _step(controller: Controller, call: Call) -> Step:
     outputs: list[tuple[str, str]] = []
     raised = ""
     try:
-        if call.step < 0:
-            controller.on_recv(call.t_ms, call.payload)
-        else:
-            told = controller.on_input(call.step, call.t_ms, call.payload)
-            outputs = [("Send" if isinstance(output, Send) else "Act", output.payload.hex()) for output in told]
+        with returning(controller, call):
+            if call.step < 0:
+                controller.on_recv(call.t_ms, call.payload)
+            else:
+                told = controller.on_input(call.step, call.t_ms, call.payload)
+                outputs = [("Send" if isinstance(output, Send) else "Act", output.payload.hex()) for output in told]
+    except OwnMistake:  # it does not return: nor will it at the next call
+        raise
     except Exception as error:  # noqa: BLE001 - it is told
         raised = _told(error)
     try:

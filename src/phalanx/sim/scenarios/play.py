@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +19,8 @@ from .scenario import Scenario
 
 # As often as the robots act.
 STEP_S = 0.25
+# Told at once, and by no file object: a signal may come in the middle of its writing.
+STOPPING = b"\nphalanx: stopping after this step; Ctrl-C again ends it at once\n"
 TINY = 1e-9  # a step is not followed by one of nothing because 0.3 / 0.1 is more than 3
 
 
@@ -34,6 +37,8 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         if waiting:
             signal.default_int_handler(number, frame)
         waiting.append(number)
+        if number == signal.SIGINT:
+            os.write(2, STOPPING)
 
     def check() -> None:
         if waiting:
