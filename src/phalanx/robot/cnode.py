@@ -162,10 +162,10 @@ class CNode:
 
         Raises: OwnMistake: it is not.
         """
-        wrong = [told] if not isinstance(told, list) else [each for each in told if not isinstance(each, Action)]
-        if wrong:
-            raise OwnMistake(f"{method} returned {kind_of(wrong[0])}", "a list of actions, empty for nothing", self)
-        return list(told)  # type: ignore[call-overload]
+        if isinstance(told, list) and all(isinstance(each, Action) for each in told):
+            return told
+        wrong = next(each for each in told if not isinstance(each, Action)) if isinstance(told, list) else told
+        raise OwnMistake(f"{method} returned {kind_of(wrong)}", "a list of actions, empty for nothing", self)
 
     def decide(self, entry_len: int) -> list[Send | Act]:
         """The controller's outputs for the INPUT in `work.entry`."""

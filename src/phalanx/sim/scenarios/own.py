@@ -160,7 +160,7 @@ def _shown(name: str, files: Sequence[Path]) -> str:
     for file in files:
         if path == file.resolve():
             return str(file)
-        if path.parent == file.resolve().parent:
+        if path.parent == file.resolve().parent and path.is_file():  # and not "<string>"
             return str(file.with_name(path.name))
     return ""
 
