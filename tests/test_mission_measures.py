@@ -64,7 +64,7 @@ def test_landmarks_are_drawn_of_a_scan_of_many_scans_and_of_a_map(source: object
     out = tmp_path / "out.png"
     done = subprocess.run(
         [sys.executable, "scripts/plot_landmarks.py", str(source), str(out)],
-        cwd=ROOT, capture_output=True, text=True, check=False, timeout=120,
+        cwd=ROOT, capture_output=True, text=True, check=False, timeout=280,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert out.read_bytes().startswith(b"\x89PNG")
