@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import os
+import socket
 import sys
 import time
 from pathlib import Path
@@ -26,8 +27,9 @@ from conftest import (
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.io import ANY, Client, Login, Server
+from phalanx.io.broker import open_broker
 from phalanx.io.listeners import Listeners
-from phalanx.io.mosquitto import mosquitto
+from phalanx.io.mosquitto import mosquitto, serves
 from phalanx.io.ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -244,6 +246,22 @@ class TestBrokersThatComeAndGo:
                 raise ZeroDivisionError
         assert children.read_text() == before
         gc.collect()  # a pipe left open would say so here
+
+    @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])
+    async def test_brokers_that_start_together_take_ports_of_their_own(self, kind):
+        async with contextlib.AsyncExitStack() as stack:
+            # None of them listens when the others look for a free port.
+            at = await asyncio.gather(*(stack.enter_async_context(open_broker(kind)) for _ in range(3)))
+            assert len({broker.url.port for broker in at}) == 3
+            assert all(await asyncio.gather(*(serves(broker.gateway) for broker in at)))
+
+    @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])
+    async def test_a_port_that_was_asked_for_and_is_taken_is_told(self, kind):
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            port = taken.getsockname()[1]
+            with pytest.raises(Unavailable, match=f"{kind} does not start"):
+                async with open_broker(kind, tcp_port=port, ws_port=free_port()):
+                    pass
 
     async def test_a_broker_of_the_older_protocol_is_found_out(self):
         async with a_broker("amqtt") as broker:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hmac
 import logging
 from collections.abc import AsyncIterator
@@ -19,7 +20,7 @@ from phalanx.errors import Unavailable
 
 from .listeners import Listeners
 from .packets import MAX_PACKET_BYTES, MAX_TOPIC_BYTES
-from .ports import LOOPBACK
+from .ports import LOOPBACK, PortTaken
 
 # Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.
 STALLED_BYTES = 32 * 1024
@@ -127,7 +128,12 @@ async def amqtt(at: Listeners) -> AsyncIterator[None]:
     try:
         await broker.start()
     except (BrokerError, OSError) as error:
-        raise Unavailable(f"amqtt does not start: {error}", "phalanx doctor") from error
+        for server in broker._servers.values():  # noqa: SLF001  # the listeners that it had opened by then
+            await server.close_instance()
+        cause = error.__cause__ or error
+        taken = isinstance(cause, OSError) and cause.errno == errno.EADDRINUSE
+        failure = PortTaken if taken else Unavailable
+        raise failure(f"amqtt does not start: {error}", "phalanx doctor") from error
     watch = asyncio.create_task(broker.hang_up_on_stalled_readers())
     try:
         yield

@@ -9,20 +9,21 @@ import logging
 import secrets
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phalanx.errors import Unavailable, UsageError
 
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
-from .ports import EVERYWHERE, LOOPBACK, free_port
+from .ports import EVERYWHERE, LOOPBACK, PortTaken, free_port
 
 log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
 PROBE_S = 2.0
+PORT_TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +95,36 @@ async def open_broker(
         )
     if name != kind:
         log.debug("broker: %s", name)
-    tcp_port = tcp_port or free_port(1883)
-    # amqtt tells the gateway by its login, on any listener.
-    gateway_port = tcp_port if name == "amqtt" else free_port()
-    login = Login("gateway", secrets.token_hex(16))
-    at = Listeners(tcp_port, gateway_port, ws_host, ws_port or free_port(9001, ws_host), login, root)
-    async with _run(name, at):
-        reached_at = LOOPBACK if ws_host in EVERYWHERE else ws_host
-        ws = str(BrokerUrl("ws", reached_at, at.ws_port, "/mqtt"))
-        yield RunningBroker(name, BrokerUrl("mqtt", LOOPBACK, tcp_port), at.gateway, ws, 4 if name == "amqtt" else 5)
+    async with contextlib.AsyncExitStack() as stack:
+        at = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, _own_login(), root))
+        visitors = BrokerUrl("mqtt", LOOPBACK, at.visitors_port)
+        ws = str(BrokerUrl("ws", LOOPBACK if ws_host in EVERYWHERE else ws_host, at.ws_port, "/mqtt"))
+        yield RunningBroker(name, visitors, at.gateway, ws, 4 if name == "amqtt" else 5)
+
+
+def _own_login() -> Login:
+    return Login("gateway", secrets.token_hex(16))
+
+
+async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> Listeners:
+    """Where it listens; a port 0 that was asked for is a free one.
+
+    A port that was free can be taken by the time the broker listens, by a gateway that starts beside this one, say.
+    """
+    for tries_left in reversed(range(PORT_TRIES)):
+        port = asked.visitors_port or free_port(1883)
+        # amqtt tells the gateway by its login, on any listener.
+        gateway_port = port if name == "amqtt" else free_port()
+        ws_port = asked.ws_port or free_port(9001, asked.ws_host)
+        at = replace(asked, visitors_port=port, gateway_port=gateway_port, ws_port=ws_port)
+        try:
+            await stack.enter_async_context(_run(name, at))
+        except PortTaken:
+            if not tries_left:
+                raise
+        else:
+            return at
+    raise AssertionError
 
 
 def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import errno
 import hashlib
 import logging
 import os
@@ -19,7 +20,7 @@ from phalanx.errors import Unavailable
 from .broker_url import BrokerUrl, Login
 from .children import die_with_parent
 from .listeners import READ, WRITE, Listeners
-from .ports import LOOPBACK
+from .ports import LOOPBACK, PortTaken
 from .private_folder import private_folder
 
 log = logging.getLogger(__name__)
@@ -152,7 +153,7 @@ async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future
     while True:
         try:
             async with _child(program, path) as process:
-                await _until_it_listens(process, at.gateway_port)
+                await _until_it_serves(process, at.gateway)
                 if not listens.done():
                     listens.set_result(None)
                 watching = asyncio.create_task(_kill_if_it_does_not_serve(process, at.gateway))
@@ -253,18 +254,16 @@ async def _child(program: str, path: Path) -> AsyncIterator[asyncio.subprocess.P
             await process.communicate()
 
 
-async def _until_it_listens(process: asyncio.subprocess.Process, tcp_port: int) -> None:
+async def _until_it_serves(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
+    """Listening is not enough: it listens at one port, finds the next one taken, and ends."""
     deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
-        try:
-            _, writer = await asyncio.open_connection(LOOPBACK, tcp_port)
-        except OSError:
-            await asyncio.sleep(0.02)
-            continue
-        writer.close()
-        return
+        if await serves(url):
+            return
+        await asyncio.sleep(0.02)
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     assert process.stderr is not None
     said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
-    raise Unavailable(f"mosquitto does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")
+    failure = PortTaken if said and said[-1].endswith(os.strerror(errno.EADDRINUSE)) else Unavailable
+    raise failure(f"mosquitto does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")

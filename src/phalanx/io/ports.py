@@ -12,6 +12,10 @@ LOOPBACK = "127.0.0.1"
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
 
 
+class PortTaken(Unavailable):
+    """Somebody else listens there."""
+
+
 def is_free(port: int, host: str = LOOPBACK) -> bool:
     """Whether `port` can be listened on at `host` just now.
 
