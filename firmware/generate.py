@@ -1,6 +1,6 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
-That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md and docs/spec/rebound.md between
+That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md, rebound.md and mission.md between
 `<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
 """
 
@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from phalanx.wire import Record, table
+from phalanx.wire import Record, missions, table
 
 HERE = Path(__file__).parent
 HEADER = HERE / "include" / "phx_wire.h"
@@ -51,7 +51,7 @@ def markdown(records: Iterable[Record]) -> str:
             f"{field.name} {field.type}" + ("" if field.value is None else f" = {field.value:#04x}")
             for field in record.all_fields
         ]
-        grows = "+" if any(field.type in {"v16", "rest"} for field in record.fields) else ""
+        grows = "+" if any(field.type in {"v8", "v16", "rest"} for field in record.fields) else ""
         rows.append(f"| {record.name} | `{' ‖ '.join(fields)}` | {record.size}{grows} | {record.doc} |")
     return "\n".join(rows)
 
@@ -75,6 +75,14 @@ BLOCKS = {
         "logged": markdown(table.LOGGED),
         "shown": markdown(table.SHOWN),
         "remembered": markdown(table.REMEMBERED),
+    },
+    "mission.md": {
+        "hashed": markdown(missions.HASHED),
+        "file": markdown(missions.FILE),
+        "sealed": markdown(missions.SEALED),
+        "key": markdown(missions.KEY),
+        "claim": markdown([missions.CLAIM]),
+        "walked": markdown(missions.WALKED),
     },
 }
 

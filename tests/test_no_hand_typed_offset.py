@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
-FLOORS = ("bti", "robot", "sim", "gateway")
+FLOORS = ("bti", "mission", "robot", "sim", "gateway")
 # Which arguments of the calls that take bytes apart say where.
 PLACES = {
     **dict.fromkeys(("get_u16", "get_u32", "get_u64", "get_f32", "get_i8"), (1,)),
     **dict.fromkeys(("put_u16", "put_u32", "put_u64", "put_f32"), (1,)),
     **dict.fromkeys(("copy", "same"), (1, 3, 4)),
     "are_fine": (1, 2),
+    **dict.fromkeys(("take", "number", "behind"), (0,)),
 }
 # Names that bytes go by, beside parameters that are declared as such.
 BYTES = {"frame", "reading", "command", "payload", "treq", "auth_s", "auth_a", "state", "checkpoint"}
@@ -55,6 +56,9 @@ def typed_by_hand(tree: ast.AST, held: frozenset[str] = frozenset(BYTES)) -> Ite
                 yield node.lineno, f"struct.{called}"
             if isinstance(node.func, ast.Attribute) and called in {"from_bytes", "to_bytes"} and len(node.args) == 2:
                 yield node.lineno, called
+            # A length or a count of one byte.
+            if called == "bytes" and node.args and isinstance(node.args[0], ast.List) and "len(" in ast.unparse(node):
+                yield node.lineno, called
         elif isinstance(node, ast.Subscript) and name_of(node.value) in held:
             parts = (node.slice.lower, node.slice.upper) if isinstance(node.slice, ast.Slice) else (node.slice,)
             if ast.unparse(node.slice) != FIRST_BYTE and any(literals(part) for part in parts):
@@ -86,6 +90,9 @@ def test_offsets_come_from_the_table(floor):
         "def take(q: Row) -> int:\n    return q[5]",
         'COMMAND = struct.Struct("<BHQff")',
         'src = int.from_bytes(frame[a:b], "little")',
+        "mission_id = reader.take(16)",
+        "nodes = reader.number(4)",
+        "out.append(bytes([len(text)]) + text)",
     ],
 )
 def test_an_offset_that_is_typed_by_hand_is_found(line):

@@ -23,16 +23,16 @@ VALUES = {
     "u32": st.integers(0, 2**32 - 1),
     "u64": st.integers(0, 2**64 - 1),
     "f32": NUMBERS,
+    "v8": st.binary(max_size=255),
     "v16": st.binary(max_size=300),
     "rest": st.binary(max_size=300),
-    "b8": st.binary(min_size=8, max_size=8),
-    "b20": st.binary(min_size=20, max_size=20),
-    "b32": st.binary(min_size=32, max_size=32),
+    **{f"b{size}": st.binary(min_size=size, max_size=size) for size in (4, 8, 16, 20, 32, 48, 64)},
     "i8": st.integers(-(2**7), 2**7 - 1),
     "i16": st.integers(-(2**15), 2**15 - 1),
     "i32": st.integers(-(2**31), 2**31 - 1),
     "i64": st.integers(-(2**63), 2**63 - 1),
     "f64": st.floats(allow_nan=False),
+    "f64?": st.floats(allow_nan=False),
 }
 
 

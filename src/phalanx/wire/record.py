@@ -16,7 +16,8 @@ from phalanx.errors import PeerError, UsageError
 Value = int | float | bytes
 
 INTEGERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
-FLOATS = {"f32": "f", "f64": "d"}
+FLOATS = {"f32": "f", "f64": "d", "f64?": "d"}
+LENGTHS = {"v8": "B", "v16": "H"}
 LARGEST_NUMBER = 1e6  # of an f32: one NaN or infinity in a broadcast would make every neighbour's sums worthless
 
 
@@ -33,7 +34,8 @@ class Field:
     Args:
         name: as in code.
         type: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in size); f64 (not
-            NaN); bN: N bytes; v16: u16 length, then as many bytes; rest: all that follows, last in its record.
+            NaN); f64? (NaN is none); bN: N bytes; v8, v16: a length, then as many bytes; rest: all that follows,
+            last in its record.
         doc: what it is, with its unit.
         value: what an integer field always is; such a field is written by the codec and checked by it.
     """
@@ -51,7 +53,7 @@ class Field:
     @property
     def form(self) -> str:
         """That part as `struct` writes it."""
-        known = {**INTEGERS, **FLOATS, "v16": "H", "rest": ""}
+        known = {**INTEGERS, **FLOATS, **LENGTHS, "rest": ""}
         return known[self.type] if self.type in known else f"{self.type[1:]}s"
 
 
@@ -79,7 +81,7 @@ class Record:
 
     @cached_property
     def size(self) -> int:
-        """Bytes of the record; without the contents of a v16 or rest."""
+        """Bytes of the record; without the contents of a v8, v16 or rest."""
         return sum(field.size for field in self.all_fields)
 
     @cached_property
@@ -148,8 +150,8 @@ def _encode(field: Field, value: Any) -> bytes:
             raise ValueError(f"{field.name} is {value}")
         return struct.pack(f"<{field.form}", value)
     raw = bytes(memoryview(value))
-    if field.type == "v16":
-        return len(raw).to_bytes(2, "little") + raw
+    if field.type in LENGTHS:
+        return len(raw).to_bytes(field.size, "little") + raw
     if field.type != "rest" and len(raw) != field.size:
         raise ValueError(f"{field.name} has {len(raw)} bytes, not {field.size}")
     return raw
@@ -157,8 +159,8 @@ def _encode(field: Field, value: Any) -> bytes:
 
 def _read(record: str, field: Field, raw: bytes, at: int) -> tuple[Value, int]:
     size = field.size
-    if field.type == "v16":
-        size = 2 + int.from_bytes(raw[at : at + 2], "little")
+    if field.type in LENGTHS:
+        size += int.from_bytes(raw[at : at + size], "little")
     elif field.type == "rest":
         size = len(raw) - at
     if at + max(size, field.size) > len(raw):
@@ -171,8 +173,8 @@ def _read(record: str, field: Field, raw: bytes, at: int) -> tuple[Value, int]:
         if not _fits(number, field.type):
             raise MalformedRecord(f"{record}: {field.name} is {number}")
         return number, at + size
-    return bytes(piece[2:] if field.type == "v16" else piece), at + size
+    return bytes(piece[field.size :] if field.type in LENGTHS else piece), at + size
 
 
 def _fits(number: float, kind: str) -> bool:
-    return not math.isnan(number) if kind == "f64" else abs(number) <= LARGEST_NUMBER
+    return kind == "f64?" or (not math.isnan(number) if kind == "f64" else abs(number) <= LARGEST_NUMBER)

@@ -6,7 +6,6 @@ Texts and readings go in as their SHA3-256, so that the bytes of one shape alway
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,20 +25,17 @@ from phalanx.mission.observable import (
     Time,
 )
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import missions as table
 
 from .reader import Reader, text_of
 
 LARGEST_ARGUMENT = 1e12
-VERSION = 1
 LANDMARK, POSITION, SENSOR, ACTION, TIME, MESSAGE, PREVIOUS, DIRECTION = range(1, 9)
 AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
 ARG_LIMIT, NAME_LIMIT = 16, 200
+NUMBER, TEXT = 0, 1  # kinds of arguments
 MILLI = 1000
-_TLV = struct.Struct("<BH")
-_LANDMARK = struct.Struct("<Biihi")
-_CELL = struct.Struct("<ii")
-_I64 = struct.Struct("<q")
-_DIRECTION = struct.Struct("<HH")
+_BEGIN = table.CANONICAL.encode(observables=b"")
 
 
 class Shape(NamedTuple):
@@ -122,7 +118,7 @@ def shape_of(observables: Sequence[Observable]) -> Shape:
 
 
 def _tlv(tag: int, content: bytes) -> bytes:
-    return _TLV.pack(tag, len(content)) + content
+    return table.OBSERVABLE.form.pack(tag, len(content)) + content
 
 
 def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
@@ -130,14 +126,15 @@ def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
     if not shape.place:
         return b""
     if shape.place == AT_POSITION:
-        return _tlv(POSITION, _CELL.pack(cell.x, cell.y))
-    content = _LANDMARK.pack(shape.place - 1, cell.x, cell.y, cell.bin, cell.area)
+        return _tlv(POSITION, table.POSITION.form.pack(cell.x, cell.y))
+    content = table.LANDMARK.form.pack(shape.place - 1, cell.x, cell.y, cell.bin, cell.area)
     return _tlv(LANDMARK, content + (sha3_256((text or "").encode()) if shape.text else b""))
 
 
 def cell_at(shape: Shape) -> int:
     """Where in the canonical bytes of a shape the eight bytes of x and y stand."""
-    return 1 + _TLV.size + (0 if shape.place == AT_POSITION else 1)
+    content = table.POSITION if shape.place == AT_POSITION else table.LANDMARK
+    return table.CANONICAL.size + table.OBSERVABLE.size + content.at("x")
 
 
 def action_bytes(action: Action) -> bytes:
@@ -150,9 +147,9 @@ def action_bytes(action: Action) -> bytes:
     out = [_short(action.name)]
     for name, value in sorted(action.args):
         if isinstance(value, str):
-            out += [_short(name), b"\x01", _short(value)]
+            out += [_short(name), table.ARGUMENT.form.pack(TEXT), _short(value)]
         elif abs(value) < LARGEST_ARGUMENT:
-            out += [_short(name), b"\x00", _I64.pack(round(value * MILLI))]
+            out += [_short(name), table.ARGUMENT.form.pack(NUMBER), table.NUMBER.form.pack(round(value * MILLI))]
         else:
             raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
     return b"".join(out)
@@ -167,18 +164,18 @@ def parse_action(raw: bytes) -> Action:
     name = _name(reader)
     args: list[tuple[str, float | str]] = []
     while reader.left:
-        key, kind = _name(reader), reader.number(1)
-        if kind > 1 or len(args) == ARG_LIMIT:
+        key, kind = _name(reader), reader.number(table.ARGUMENT)
+        if kind > TEXT or len(args) == ARG_LIMIT:
             raise MalformedMission("not an action's argument")
-        value: float | str = _name(reader) if kind else _I64.unpack(reader.take(8))[0] / MILLI
-        if not kind and not abs(float(value)) < LARGEST_ARGUMENT:
+        value: float | str = _name(reader) if kind == TEXT else reader.number(table.NUMBER) / MILLI
+        if kind == NUMBER and not abs(float(value)) < LARGEST_ARGUMENT:
             raise MalformedMission("a number in an action that cannot be said")
         args.append((key, value))
     return Action(name, tuple(args))
 
 
 def _name(reader: Reader) -> str:
-    raw = reader.short()
+    raw = reader.behind(table.NAME)
     if not 0 < len(raw) <= NAME_LIMIT:
         raise MalformedMission("a name or text of an action has no possible length")
     return text_of(raw)
@@ -188,7 +185,7 @@ def _short(text: str) -> bytes:
     raw = text.encode("utf-8", "surrogatepass")
     if not 0 < len(raw) <= NAME_LIMIT or text != text.encode("utf-8", "ignore").decode():
         raise UsageError(f"{text[:40]!r} as a name or value of an action", f"1 to {NAME_LIMIT} bytes of text")
-    return bytes([len(raw)]) + raw
+    return table.NAME.form.pack(len(raw)) + raw
 
 
 def canonical(
@@ -213,12 +210,12 @@ def canonical(
         direction: of a way.
     Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
     """
-    out = [bytes([VERSION]), place]
+    out = [_BEGIN, place]
     out += [_tlv(SENSOR, digest) for digest in sorted(sha3_256(value) for value in sensors)]
     if action is not None:
         out.append(_tlv(ACTION, action_bytes(action)))
     if window is not None:
-        out.append(_tlv(TIME, _I64.pack(window)))
+        out.append(_tlv(TIME, table.WINDOW.form.pack(window)))
     out += [_tlv(MESSAGE, digest) for digest in sorted(sha3_256(value) for value in messages)]
     if previous is not None:
         out.append(_tlv(PREVIOUS, previous))
@@ -227,4 +224,4 @@ def canonical(
 
 def with_direction(node: bytes, direction: Direction) -> bytes:
     """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
-    return node + _tlv(DIRECTION, _DIRECTION.pack(direction.sector, direction.of))
+    return node + _tlv(DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))

@@ -7,10 +7,9 @@ which is changed anywhere does not decode there, signed or not.
 
 from __future__ import annotations
 
-import struct
-
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.observable import Action, Direction
+from phalanx.wire.missions import BOUND
 
 from .canonical import canonical, with_direction
 from .records import Header, NodeRecord, Profile
@@ -51,4 +50,4 @@ def message_of(observed: bytes, index: int) -> bytes:
 def binding(header: Header, node: int, record: NodeRecord, observed: bytes) -> bytes:
     """What ties a node's record, its number and the header to what is observed there."""
     core = record.core(Profile.PAPER)
-    return sha3_256(b"\x11bind" + header.digest + struct.pack("<IH", node, len(observed)) + observed + core)
+    return sha3_256(b"\x11bind" + header.digest + BOUND.form.pack(node, len(observed)) + observed + core)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import struct
+from typing import Any
 
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import Record
 
 
 class Reader:
@@ -26,21 +27,18 @@ class Reader:
         self.at += count
         return self.raw[self.at - count : self.at]
 
-    def unpack(self, form: struct.Struct) -> tuple[int, ...]:
-        """The next fields of a struct of integers."""
-        return form.unpack(self.take(form.size))
+    def unpack(self, record: Record) -> tuple[Any, ...]:
+        """The next record's fixed part."""
+        return record.form.unpack(self.take(record.size))
 
-    def number(self, size: int) -> int:
-        """The next unsigned number of `size` bytes."""
-        return int.from_bytes(self.take(size), "little")
+    def number(self, record: Record) -> int:
+        """The next record's one number: a count, or what begins with it."""
+        (number,) = self.unpack(record)
+        return int(number)
 
-    def short(self) -> bytes:
-        """Bytes behind a length of one byte."""
-        return self.take(self.number(1))
-
-    def long(self) -> bytes:
-        """Bytes behind a length of two bytes."""
-        return self.take(self.number(2))
+    def behind(self, length: Record) -> bytes:
+        """Bytes behind a length."""
+        return self.take(self.number(length))
 
     def end(self) -> None:
         """Nothing may follow."""

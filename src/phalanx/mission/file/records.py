@@ -7,7 +7,7 @@ bytes again. The layout is tabled in docs/spec/mission.md.
 
 from __future__ import annotations
 
-import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -16,6 +16,7 @@ from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
 from phalanx.errors import TooLarge, UsageError
 from phalanx.mission.observable import Offset
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import missions as table
 
 from .canonical import Shape, parse_shape
 from .reader import Reader
@@ -26,15 +27,10 @@ FILE_LIMIT = 64 << 20
 FOREVER_S = (1 << 64) - 1
 TAG_BYTES = 16
 SECRET_BYTES = 32
-SEALED_SECRET_BYTES = SECRET_BYTES + TAG_BYTES
 PAYLOAD_LIMIT = 60_000
 REPEATABLE, ROAM, OPEN_START = 1, 2, 4  # header flags
 START, FINAL, JOIN = 1, 2, 4  # node flags
 _FLAGS = 7
-_HEADER = struct.Struct("<4sBBB16sQQHHHIIBB")
-_NODE = struct.Struct("<BHBBBH")
-_OFFSET = struct.Struct("<hhhh")
-_WAY = struct.Struct("<IB")
 
 
 class Profile(IntEnum):
@@ -78,7 +74,7 @@ class Header:
     def encode(self) -> bytes:
         """As stored."""
         coding = self.coding
-        fixed = _HEADER.pack(
+        fixed = table.HEADER.form.pack(
             MAGIC,
             VERSION,
             self.profile,
@@ -94,9 +90,8 @@ class Header:
             coding.kdf_log2_n,
             coding.kdf_r,
         )
-        robots = struct.pack(f"<B{len(self.robots)}H", len(self.robots), *self.robots)
-        shapes = struct.pack(f"<B{len(self.shapes)}H", len(self.shapes), *(shape.code for shape in self.shapes))
-        return fixed + robots + shapes + struct.pack("<I", self.nodes)
+        rising = _rising(self.robots) + _rising([shape.code for shape in self.shapes])
+        return fixed + rising + table.COUNT_U32.form.pack(self.nodes)
 
     @property
     def digest(self) -> bytes:
@@ -161,13 +156,14 @@ class NodeRecord:
 
     def core(self, profile: Profile) -> bytes:
         """Everything but the payload or the bindings, which cover it."""
-        out = [_NODE.pack(self.flags, self.timeout_s, self.reach_dm, self.sends, len(self.aliases), len(self.ways))]
+        fixed = (self.flags, self.timeout_s, self.reach_dm, self.sends, len(self.aliases), len(self.ways))
+        out = [table.NODE.form.pack(*fixed)]
         if profile is Profile.PAPER:
-            out += [alias.mark + _OFFSET.pack(*alias.offset) for alias in self.aliases]
-            out += [_WAY.pack(way.target, way.kind) + b"".join(way.hashes) for way in self.ways]
+            out += [table.PAPER_ALIAS.form.pack(alias.mark, *alias.offset) for alias in self.aliases]
+            out += [table.PAPER_WAY.form.pack(way.target, way.kind) + b"".join(way.hashes) for way in self.ways]
         else:
-            out += [alias.mark + alias.secret for alias in self.aliases]
-            out += [way.target.to_bytes(4, "little") + way.hashes[0] for way in self.ways]
+            out += [table.SEALED_ALIAS.form.pack(alias.mark, alias.secret) for alias in self.aliases]
+            out += [table.SEALED_WAY.form.pack(way.target, way.hashes[0]) for way in self.ways]
             out.append(self.visited)
         return b"".join(out)
 
@@ -175,7 +171,7 @@ class NodeRecord:
         """As stored."""
         if profile is Profile.PAPER:
             return self.core(profile) + b"".join(self.bindings)
-        return self.core(profile) + struct.pack("<H", len(self.payload)) + self.payload
+        return self.core(profile) + table.COUNT_U16.form.pack(len(self.payload)) + self.payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,13 +188,17 @@ class EncodedMission:
         """All that a signature covers."""
         out = [self.header.encode(), *(node.encode(self.header.profile) for node in self.nodes)]
         if self.header.flags & OPEN_START:
-            out.append(struct.pack("<I", len(self.start)) + self.start)
+            out.append(table.COUNT_U32.form.pack(len(self.start)) + self.start)
         return b"".join(out)
 
     def encode(self) -> bytes:
         """The file."""
-        trailer = b"\x01" + self.signer + self.signature if self.signer else b"\x00"
-        return self.signed_part() + trailer
+        by = table.SIGNATURE.form.pack(self.signer, self.signature) if self.signer else b""
+        return self.signed_part() + table.SIGNED.form.pack(bool(self.signer)) + by
+
+
+def _rising(numbers: Sequence[int]) -> bytes:
+    return table.COUNT_U8.form.pack(len(numbers)) + b"".join(map(table.RISING.form.pack, numbers))
 
 
 def parse_mission(raw: bytes) -> EncodedMission:
@@ -213,19 +213,19 @@ def parse_mission(raw: bytes) -> EncodedMission:
     reader = Reader(raw)
     header = _header(reader)
     nodes = tuple(_node(reader, header) for _ in range(header.nodes))
-    start = reader.take(reader.number(4)) if header.flags & OPEN_START else b""
+    start = reader.behind(table.COUNT_U32) if header.flags & OPEN_START else b""
     signer = signature = b""
-    signed = reader.number(1)
+    signed = reader.number(table.SIGNED)
     if signed > 1:
         raise MalformedMission("neither signed nor unsigned")
     if signed:
-        signer, signature = reader.take(32), reader.take(64)
+        signer, signature = reader.unpack(table.SIGNATURE)
     reader.end()
     return EncodedMission(header, nodes, start, signer, signature)
 
 
 def _header(reader: Reader) -> Header:
-    magic, version, profile, flags, mission_id, begin, end, *coding = _HEADER.unpack(reader.take(_HEADER.size))
+    magic, version, profile, flags, mission_id, begin, end, *coding = reader.unpack(table.HEADER)
     if magic != MAGIC or version != VERSION:
         raise MalformedMission("not a mission file of this version")
     if profile > Profile.SEALED or flags > _FLAGS or begin >= end:
@@ -235,47 +235,47 @@ def _header(reader: Reader) -> Header:
         config = CodingConfig(**dict(zip(names, coding, strict=True)))
     except UsageError as error:
         raise MalformedMission(str(error)) from error
-    robots = struct.unpack(f"<{(count := reader.number(1))}H", reader.take(2 * count))
-    codes = struct.unpack(f"<{(count := reader.number(1))}H", reader.take(2 * count))
+    robots, codes = (tuple(reader.number(table.RISING) for _ in range(reader.number(table.COUNT_U8))) for _ in range(2))
     if list(robots) != sorted(set(robots)) or list(codes) != sorted(set(codes)):
         raise MalformedMission("robots or shapes are not in order")
     if (profile == Profile.PAPER) != bool(codes) or (profile == Profile.PAPER and flags & OPEN_START):
         raise MalformedMission("shapes belong to the paper profile, a start key to the sealed one")
-    nodes = reader.number(4)
+    nodes = reader.number(table.COUNT_U32)
     # Before anything is made for them: a node takes at least so many bytes, and there is at least one.
-    if not 0 < nodes <= reader.left // (_NODE.size + DIGEST_BYTES):
+    if not 0 < nodes <= reader.left // (table.NODE.size + DIGEST_BYTES):
         raise MalformedMission(f"{nodes} nodes in {reader.left} bytes")
     shapes = tuple(parse_shape(code) for code in codes)
     return Header(Profile(profile), mission_id, config, nodes, flags, begin, end, robots, shapes)
 
 
 def _node(reader: Reader, header: Header) -> NodeRecord:
-    flags, timeout_s, reach_dm, sends, alias_count, way_count = reader.unpack(_NODE)
+    flags, timeout_s, reach_dm, sends, alias_count, way_count = reader.unpack(table.NODE)
     if flags > _FLAGS or not alias_count:
         raise MalformedMission("a node with unknown flags or without a way to experience it")
     aliases: list[Alias] = []
     ways: list[Way] = []
     paper = header.profile is Profile.PAPER
     for _ in range(alias_count):
-        mark = reader.take(DIGEST_BYTES)
         if paper:
-            aliases.append(Alias(mark, Offset(*reader.unpack(_OFFSET))))
+            mark, *offset = reader.unpack(table.PAPER_ALIAS)
+            aliases.append(Alias(mark, Offset(*offset)))
         else:
-            aliases.append(Alias(mark, secret=reader.take(SEALED_SECRET_BYTES)))
+            mark, secret = reader.unpack(table.SEALED_ALIAS)
+            aliases.append(Alias(mark, secret=secret))
     before = -1
     for _ in range(way_count):
-        target = reader.number(4)
-        kind = reader.number(1) if paper else WayKind.DIRECTION
+        target, told = reader.unpack(table.PAPER_WAY if paper else table.SEALED_WAY)
+        kind = told if paper else WayKind.DIRECTION
         if not before < target < header.nodes or kind > WayKind.ACTION:
             raise MalformedMission("a way to nowhere, out of order or of no kind")
         before = target
-        hashes = tuple(reader.take(DIGEST_BYTES) for _ in aliases) if paper else (reader.take(TAG_BYTES),)
+        hashes = tuple(reader.take(DIGEST_BYTES) for _ in aliases) if paper else (told,)
         ways.append(Way(target, hashes, WayKind(kind)))
     common = (flags, timeout_s, reach_dm, sends, tuple(aliases), tuple(ways))
     if paper:
         return NodeRecord(*common, bindings=tuple(reader.take(DIGEST_BYTES) for _ in aliases))
     visited = reader.take(DIGEST_BYTES)
-    payload = reader.long()
+    payload = reader.behind(table.COUNT_U16)
     if not TAG_BYTES < len(payload) <= PAYLOAD_LIMIT:
         raise MalformedMission("a payload of no possible length")
     return NodeRecord(*common, visited, payload)

@@ -8,7 +8,6 @@ message, so the nonce is zero. Only this file derives or opens anything of a sea
 from __future__ import annotations
 
 import hmac
-import struct
 from dataclasses import dataclass
 
 from cryptography.exceptions import InvalidTag
@@ -20,6 +19,7 @@ from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.observable import MM_PER_M, Action
 from phalanx.mission.refused import Altered, MalformedMission
 from phalanx.mission.walk.gate import Gate, Hint, parse_gate
+from phalanx.wire import missions as table
 
 from .canonical import action_bytes, parse_action
 from .reader import Reader, text_of
@@ -27,7 +27,6 @@ from .records import SECRET_BYTES, TAG_BYTES, Header, NodeRecord, Profile
 
 NONCE = bytes(12)
 PAD = 64  # payloads grow in such steps, so that their length tells little
-_PLACE = struct.Struct("<Bii")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,7 @@ class Payload:
 
 def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: int, alias: int) -> bytes:
     """The salt of one alias: nobody without the gate, and the messages, can begin to try."""
-    info = b"phalanx mission gate" + header.mission_id + struct.pack("<IB", node, alias)
+    info = b"phalanx mission gate" + header.mission_id + table.OF_ALIAS.form.pack(node, alias)
     return hkdf_sha256(gate + b"".join(sorted(messages)), info, SECRET_BYTES)
 
 
@@ -69,7 +68,7 @@ def onward(gate: bytes, share: bytes, header: Header, node: int, target: int) ->
     An auditor of a decode makes the same scrypt as the robot and opens the payload. It has the salt, which is made of
     the gate, and not the gate.
     """
-    info = b"phalanx mission onward" + header.mission_id + struct.pack("<II", node, target)
+    info = b"phalanx mission onward" + header.mission_id + table.OF_WAY.form.pack(node, target)
     pad = hkdf_sha256(gate, info, SECRET_BYTES)
     return bytes(a ^ b for a, b in zip(share, pad, strict=True))
 
@@ -86,7 +85,7 @@ def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -
 
 
 def _bound_to(header: Header, node: int, rest: bytes) -> bytes:
-    return header.digest + struct.pack("<I", node) + rest
+    return header.digest + table.OF_NODE.form.pack(node) + rest
 
 
 def seal_secret(header: Header, node: int, alias: int, key: bytes, secret: bytes) -> bytes:
@@ -123,7 +122,7 @@ def open_payload(header: Header, node: int, record: NodeRecord, secret: bytes) -
 
 def direction_tag(secret: bytes, target: int, sector: int) -> bytes:
     """What is stored for the direction of a way; searched by trying the sectors."""
-    message = b"dir" + struct.pack("<IH", target, sector)
+    message = b"dir" + table.OF_SECTOR.form.pack(target, sector)
     return hmac.digest(secret, message, "sha256")[:TAG_BYTES]
 
 
@@ -138,8 +137,7 @@ def visited_hash(proof: bytes) -> bytes:
 
 
 def _action(action: Action | None) -> bytes:
-    raw = b"" if action is None else action_bytes(action)
-    return struct.pack("<H", len(raw)) + raw
+    return table.DO.encode(action=b"" if action is None else action_bytes(action))
 
 
 def encode_payload(payload: Payload) -> bytes:
@@ -148,11 +146,13 @@ def encode_payload(payload: Payload) -> bytes:
     place = (0, 0, 0)
     if payload.place_m is not None:
         place = (1, round(payload.place_m[0] * MM_PER_M), round(payload.place_m[1] * MM_PER_M))
-    out = [bytes([len(name)]), name, _action(payload.do), _PLACE.pack(*place)]
-    out += [bytes([len(payload.sends)]), *payload.sends, struct.pack("<H", len(payload.ways))]
+    out = [table.COUNT_U8.form.pack(len(name)), name, _action(payload.do), table.PLACE.form.pack(*place)]
+    out += [table.COUNT_U8.form.pack(len(payload.sends)), *payload.sends]
+    out.append(table.COUNT_U16.form.pack(len(payload.ways)))
     out += [_action(way.do) + way.gate.encode() for way in payload.ways]
     content = b"".join(out)
-    return (struct.pack("<I", len(content)) + content).ljust(-(-(len(content) + 4) // PAD) * PAD, b"\x00")
+    told = table.COUNT_U32.form.pack(len(content)) + content
+    return told.ljust(-(-len(told) // PAD) * PAD, b"\x00")
 
 
 def parse_payload(raw: bytes) -> Payload:
@@ -161,15 +161,15 @@ def parse_payload(raw: bytes) -> Payload:
     Raises: MalformedMission.
     """
     outer = Reader(raw)
-    reader = Reader(outer.take(outer.number(4)))
+    reader = Reader(outer.behind(table.COUNT_U32))
     if outer.left >= PAD or any(outer.take(outer.left)):
         raise MalformedMission("a payload is not padded with zeros")
-    name, do = text_of(reader.short()), _parse_action(reader)
-    given, x_mm, y_mm = reader.unpack(_PLACE)
+    name, do = text_of(reader.behind(table.COUNT_U8)), _parse_action(reader)
+    given, x_mm, y_mm = reader.unpack(table.PLACE)
     place = (x_mm / MM_PER_M, y_mm / MM_PER_M) if given else None
-    sends = tuple(reader.take(SECRET_BYTES) for _ in range(reader.number(1)))
+    sends = tuple(reader.take(SECRET_BYTES) for _ in range(reader.number(table.COUNT_U8)))
     ways = []
-    for _ in range(reader.number(2)):
+    for _ in range(reader.number(table.COUNT_U16)):
         way_do = _parse_action(reader)
         ways.append(WayOut(parse_gate(reader), way_do))
     reader.end()
@@ -177,5 +177,5 @@ def parse_payload(raw: bytes) -> Payload:
 
 
 def _parse_action(reader: Reader) -> Action | None:
-    raw = reader.long()
+    raw = reader.behind(table.DO)
     return parse_action(raw) if raw else None

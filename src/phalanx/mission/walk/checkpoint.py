@@ -7,7 +7,6 @@ from there, and what it is about. One state has one spelling. The layout is tabl
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator
 from types import MappingProxyType
 
@@ -20,6 +19,7 @@ from phalanx.mission.file.reader import Reader, text_of
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Profile
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, sector_of
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import missions as table
 
 from .opening import Known, OpenWay
 from .state import State
@@ -30,11 +30,7 @@ NOBODY = 0xFFFFFFFF
 NO_SECTOR = 0xFFFF
 NO_LANDMARK = 0xFF
 _PHASES = tuple(Phase)
-_HEAD = struct.Struct("<BIIdddddd")
-_KNOWN = struct.Struct("<IBddB")
-_LANDMARK = struct.Struct("<ddd")
-_LENGTH = struct.Struct("<IId")
-_PAIR = struct.Struct("<II")
+_MANY, _FEW = table.COUNT_U32.form, table.COUNT_U8.form
 _MOST_MAP_M, _MOST = 1e6, 1e9
 
 
@@ -45,16 +41,13 @@ def encode_state(mission: EncodedMission, state: State) -> bytes:
     """
     since = math.nan if state.since_s is None else state.since_s
     along = (state.t_s, since, state.fixed_at_m, state.left_at_m, *state.pulled_m)
-    out = [_HEAD.pack(_PHASES.index(state.phase), _number(state.at), _number(state.target), *along)]
-    out.append(struct.pack("<I", len(state.opened)))
-    out += [_known(mission, node, known) for node, known in state.opened.items()]
-    out.append(struct.pack("<I", len(state.lengths_m)))
-    out += [_LENGTH.pack(*way, metres) for way, metres in state.lengths_m.items()]
-    out.append(struct.pack("<I", len(state.blocked)))
-    out += [_PAIR.pack(*way) for way in sorted(state.blocked)]
-    out.append(struct.pack(f"<I{len(state.others)}I", len(state.others), *sorted(state.others)))
-    out.append(bytes([len(state.heard)]))
-    out += [bytes([len(message)]) + message for message in state.heard]
+    out = [table.WALK.form.pack(_PHASES.index(state.phase), _number(state.at), _number(state.target), *along)]
+    out += [_MANY.pack(len(state.opened)), *(_known(mission, *item) for item in state.opened.items())]
+    lengths = (table.WALK_LENGTH.form.pack(*way, metres) for way, metres in state.lengths_m.items())
+    out += [_MANY.pack(len(state.lengths_m)), *lengths]
+    out += [_MANY.pack(len(state.blocked)), *(table.WALK_BLOCKED.form.pack(*way) for way in sorted(state.blocked))]
+    out += [_MANY.pack(len(state.others)), *(table.OF_NODE.form.pack(node) for node in sorted(state.others))]
+    out += [_FEW.pack(len(state.heard)), *(_FEW.pack(len(message)) + message for message in state.heard)]
     return b"".join(out)
 
 
@@ -63,7 +56,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
 
     Raises: MalformedMission: no walk of this mission can be in it.
     """
-    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m = reader.unpack(_HEAD)
+    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m = reader.unpack(table.WALK)
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
         raise MalformedMission("a walk in no phase, or at no time")
     _finite(fixed_at_m, left_at_m, *pulled_m)
@@ -73,12 +66,12 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
     ways = sum(len(node.ways) for node in mission.nodes)
     lengths = {}
     for _ in range(_count(reader, ways)):
-        source, goal, metres = reader.unpack(_LENGTH)
+        source, goal, metres = reader.unpack(table.WALK_LENGTH)
         _finite(metres)
         lengths[_way(mission, source, goal)] = float(metres)
-    blocked = [_way(mission, *reader.unpack(_PAIR)) for _ in range(_count(reader, ways))]
-    others = [_node(mission, reader.number(4)) for _ in range(_count(reader, count))]
-    heard = tuple(reader.short() for _ in range(reader.number(1)))
+    blocked = [_way(mission, *reader.unpack(table.WALK_BLOCKED)) for _ in range(_count(reader, ways))]
+    others = [_node(mission, reader.number(table.OF_NODE)) for _ in range(_count(reader, count))]
+    heard = tuple(reader.behind(table.COUNT_U8) for _ in range(reader.number(table.COUNT_U8)))
     if any(len(message) > DIGEST_BYTES for message in heard):
         raise MalformedMission("a message longer than any that is kept")
     state = State(
@@ -114,11 +107,11 @@ def state_capacity(mission: EncodedMission, config: MissionConfig, pool: tuple[A
     def node_bytes(node: NodeRecord) -> int:
         # What is told of the ways fits into the sealed payload that tells it.
         actions = longest * len(node.ways) if mission.header.profile is Profile.PAPER else len(node.payload)
-        ways = (_LENGTH.size + _PAIR.size + 4) * len(node.ways)
-        return _KNOWN.size + _LANDMARK.size + 2 + ways + actions
+        ways = (table.WALK_LENGTH.size + table.WALK_BLOCKED.size + table.WALK_WAY.size) * len(node.ways)
+        return table.WALK_NODE.size + table.WALK_LANDMARK.size + ways + actions
 
-    heard = 1 + config.messages_kept * (1 + DIGEST_BYTES)
-    return _HEAD.size + 16 + sum(node_bytes(node) for node in mission.nodes) + heard
+    heard = _FEW.size + config.messages_kept * (_FEW.size + DIGEST_BYTES)
+    return table.WALK.size + 4 * _MANY.size + sum(node_bytes(node) for node in mission.nodes) + heard
 
 
 def _number(node: int | None) -> int:
@@ -129,23 +122,23 @@ def _known(mission: EncodedMission, node: int, known: Known) -> bytes:
     place = (math.nan, math.nan) if known.place_m is None else known.place_m
     landmark = known.landmark
     kind = NO_LANDMARK if landmark is None else LANDMARK_TYPES.index(landmark.type)
-    out = [_KNOWN.pack(node, known.alias, *place, kind)]
+    out = [table.WALK_NODE.form.pack(node, known.alias, *place, kind)]
     if landmark is not None:
         turn = math.nan if landmark.orientation_rad is None else landmark.orientation_rad
         text = (landmark.text or "").encode()
         if len(text) > 0xFFFF:
             raise UsageError("a code of more than 65535 bytes", "a shorter one")
-        out.append(_LANDMARK.pack(landmark.x_m, landmark.y_m, turn) + struct.pack("<H", len(text)) + text)
+        out.append(table.WALK_LANDMARK.form.pack(landmark.x_m, landmark.y_m, turn, len(text)) + text)
     for way in known.ways:
         sectors = mission.header.coding.sectors
         sector = NO_SECTOR if way.direction_rad is None else sector_of(way.direction_rad, sectors)
         action = b"" if way.do is None else action_bytes(way.do)
-        out.append(struct.pack("<HH", sector, len(action)) + action)
+        out.append(table.WALK_WAY.form.pack(sector, len(action)) + action)
     return b"".join(out)
 
 
 def _parse_known(mission: EncodedMission, reader: Reader) -> tuple[int, Known]:
-    node, alias, x_m, y_m, kind = reader.unpack(_KNOWN)
+    node, alias, x_m, y_m, kind = reader.unpack(table.WALK_NODE)
     record = mission.nodes[_node(mission, node)]
     if alias >= len(record.aliases):
         raise MalformedMission("an alias that is not there")
@@ -159,16 +152,17 @@ def _parse_known(mission: EncodedMission, reader: Reader) -> tuple[int, Known]:
 def _parse_landmark(kind: int, reader: Reader) -> Landmark:
     if kind >= len(LANDMARK_TYPES):
         raise MalformedMission("a landmark of no type")
-    x_m, y_m, turn = reader.unpack(_LANDMARK)
+    x_m, y_m, turn, length = reader.unpack(table.WALK_LANDMARK)
     _finite(x_m, y_m, *([] if math.isnan(turn) else [turn]), below=_MOST_MAP_M)
-    text = text_of(reader.long())
+    text = text_of(reader.take(length))
     return Landmark(LANDMARK_TYPES[kind], x_m, y_m, None if math.isnan(turn) else turn, None, text or None)
 
 
 def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> Iterator[OpenWay]:
     sectors = mission.header.coding.sectors
     for way in record.ways:
-        sector, action = reader.number(2), reader.long()
+        sector, length = reader.unpack(table.WALK_WAY)
+        action = reader.take(length)
         if sector >= sectors and sector != NO_SECTOR:
             raise MalformedMission("a direction in no sector")
         direction = None if sector == NO_SECTOR else wrap_rad(sector * TWO_PI / sectors)
@@ -176,7 +170,7 @@ def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> 
 
 
 def _count(reader: Reader, limit: int) -> int:
-    count = reader.number(4)
+    count = reader.number(table.COUNT_U32)
     if count > limit:
         raise MalformedMission(f"{count} of what there are {limit}")
     return count

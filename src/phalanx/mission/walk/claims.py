@@ -8,7 +8,6 @@ pretend not to have seen a landmark; it cannot pretend to have seen one.
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass
 
 from phalanx.config.mission import CodingConfig, MissionConfig
@@ -19,12 +18,12 @@ from phalanx.mission.file.reader import Reader
 from phalanx.mission.file.records import EncodedMission, Profile
 from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Cell, Experience, Offset
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire.missions import CLAIM
 
 from .gate import Hint
 from .search import Found, as_seen, cell_seen, distance_m, rings_of, turns_of, variants
 
 CLAIM_LIMIT = 16_384
-_FIXED = struct.Struct("<IBHhhhhiihid")
 
 
 class Unshown(PeerError):
@@ -56,8 +55,8 @@ class Claim:
 
     def encode(self) -> bytes:
         """As sent to an auditor."""
-        fixed = _FIXED.pack(self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad)
-        return fixed + bytes([len(self.salt)]) + self.salt + self.observed
+        head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad, len(self.salt))
+        return CLAIM.form.pack(*head) + self.salt + self.observed
 
 
 def parse_claim(raw: bytes) -> Claim:
@@ -68,12 +67,11 @@ def parse_claim(raw: bytes) -> Claim:
     if len(raw) > CLAIM_LIMIT:
         raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
     reader = Reader(raw)
-    node, alias, code, *rest, turn_rad = reader.unpack(_FIXED)
+    node, alias, code, *rest, turn_rad, salt = reader.unpack(CLAIM)
     if not abs(turn_rad) <= math.pi:
         raise MalformedMission("a claim that turns too far")
-    salt = reader.short()
-    observed = reader.take(reader.left)
-    return Claim(node, alias, parse_shape(code), Offset(*rest[:4]), Cell(*rest[4:]), observed, salt, turn_rad)
+    offset, cell, salt = Offset(*rest[: len(Offset())]), Cell(*rest[len(Offset()) :]), reader.take(salt)
+    return Claim(node, alias, parse_shape(code), offset, cell, reader.take(reader.left), salt, turn_rad)
 
 
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:

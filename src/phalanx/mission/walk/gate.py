@@ -6,17 +6,19 @@ goes to the robot over the link and is not in the file.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
+from functools import reduce
+from operator import xor
 
 from phalanx.mission.file.canonical import Shape, parse_shape
 from phalanx.mission.file.reader import Reader, text_of
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.observable import Offset
 from phalanx.mission.refused import MalformedMission
+from phalanx.wire import missions as table
 
-KEY_MAGIC = b"PHXK\x01"
-_HINT = struct.Struct("<Hhhhh")
+KEY_MAGIC = b"PHXK"
+KEY_VERSION = 1
 MESSAGE_LIMIT = 1024
 
 
@@ -29,7 +31,7 @@ class Hint:
 
     def encode(self) -> bytes:
         """As stored, and as what it opens is bound to."""
-        return _HINT.pack(self.shape.code, *self.offset)
+        return table.HINT.form.pack(self.shape.code, *self.offset)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -41,8 +43,7 @@ class Gate:
 
     def encode(self) -> bytes:
         """As stored, always of the same length for the same number of aliases."""
-        hints = b"".join(hint.encode() for hint in self.hints)
-        return self.share + bytes([len(self.hints)]) + hints
+        return table.GATE.form.pack(self.share, len(self.hints)) + b"".join(hint.encode() for hint in self.hints)
 
     def __repr__(self) -> str:
         return "<Gate>"
@@ -53,20 +54,17 @@ def parse_gate(reader: Reader) -> Gate:
 
     Raises: MalformedMission.
     """
-    share = reader.take(SECRET_BYTES)
+    share, count = reader.unpack(table.GATE)
     hints = []
-    for _ in range(reader.number(1)):
-        code, *offset = reader.unpack(_HINT)
+    for _ in range(count):
+        code, *offset = reader.unpack(table.HINT)
         hints.append(Hint(parse_shape(code), Offset(*offset)))
     return Gate(share, tuple(hints))
 
 
 def join_shares(shares: list[bytes]) -> bytes:
     """The gate whose shares these are: their exclusive or."""
-    joined = 0
-    for share in shares:
-        joined ^= int.from_bytes(share, "little")
-    return joined.to_bytes(SECRET_BYTES, "little")
+    return bytes(reduce(xor, each) for each in zip(*shares, strict=True))
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -85,12 +83,10 @@ class StartKey:
 
     def encode(self) -> bytes:
         """The key file."""
-        out = [KEY_MAGIC, self.mission_id, struct.pack("<I", len(self.gates))]
-        out += [struct.pack("<I", node) + gate.encode() for node, gate in sorted(self.gates.items())]
-        out.append(struct.pack("<H", len(self.messages)))
-        for name, value in sorted(self.messages.items()):
-            raw = name.encode()
-            out.append(bytes([len(raw)]) + raw + value)
+        out = [table.START_KEY.form.pack(KEY_MAGIC, KEY_VERSION, self.mission_id, len(self.gates))]
+        out += [table.OF_NODE.form.pack(node) + gate.encode() for node, gate in sorted(self.gates.items())]
+        out.append(table.COUNT_U16.form.pack(len(self.messages)))
+        out += [table.KEY_MESSAGE.encode(name=name.encode()) + value for name, value in sorted(self.messages.items())]
         return b"".join(out)
 
     def __repr__(self) -> str:
@@ -103,18 +99,18 @@ def parse_start_key(raw: bytes) -> StartKey:
     Raises: MalformedMission.
     """
     reader = Reader(raw)
-    if reader.take(len(KEY_MAGIC)) != KEY_MAGIC:
+    magic, version, mission_id, count = reader.unpack(table.START_KEY)
+    if (magic, version) != (KEY_MAGIC, KEY_VERSION):
         raise MalformedMission("not a start key of this version")
-    mission_id = reader.take(16)
     gates: dict[int, Gate] = {}
     messages: dict[str, bytes] = {}
-    for _ in range(reader.number(4)):
-        node = reader.number(4)
+    for _ in range(count):
+        node = reader.number(table.OF_NODE)
         if gates and node <= next(reversed(gates)):
             raise MalformedMission("gates are not in order")
         gates[node] = parse_gate(reader)
-    for _ in range(reader.number(2)):
-        name = text_of(reader.short())
+    for _ in range(reader.number(table.COUNT_U16)):
+        name = text_of(reader.behind(table.KEY_MESSAGE))
         messages[name] = reader.take(SECRET_BYTES)
     reader.end()
     return StartKey(mission_id, gates, messages)

@@ -325,7 +325,7 @@ class MissionController(EvidenceController):
         Raises: MalformedMission.
         """
         reader = Reader(encoding)
-        begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY.form)
+        begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY)
         passed, tries, best_m, best_s, turning, blocked, said, crumbs = rest
         placed = all(abs(value) < _MOST for value in (x_m, y_m, heading_rad))
         if not (placed and abs(best_s) < LONGEST_S and abs(best_m) <= math.inf):
@@ -335,7 +335,7 @@ class MissionController(EvidenceController):
         if said > SAID_MAX or crumbs > TRAIL_MAX:
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
-        trail = tuple((x, y) for x, y in (reader.unpack(CRUMB.form) for _ in range(crumbs)))
+        trail = tuple((x, y) for x, y in (reader.unpack(CRUMB) for _ in range(crumbs)))
         leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s, trail, turning)
         walk = parse_state(self.given.mission, reader)
         reader.end()

@@ -78,10 +78,10 @@ def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:
     Raises: BadEvidence, or what `parse_claim` raises.
     """
     reader = Reader(raw)
-    count = reader.number(1)
+    count = reader.number(KEPT)
     if count > CLAIMS_MAX:
         raise BadEvidence(f"{count} claims at once")
-    claims = tuple(parse_claim(reader.long()) for _ in range(count))
+    claims = tuple(parse_claim(reader.behind(KEPT_CLAIM)) for _ in range(count))
     return claims, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
 
 
