@@ -128,7 +128,7 @@ radio: {exponent: 2.5}
             ("bti:\n  n_max: 9\n", 2, "no 'n_max'", "allowed: f_max"),
             ("bti:\n  state_bytes: 9\n", 2, "no 'state_bytes'", "allowed: f_max"),
             ("flock:\n\n  d_m: 9\n", 3, "no 'd_m'", "allowed: kappa"),
-            ("radio:\n  tries: 3\n  mcs: 40\n", 3, "mcs is 40", "0 and 11"),
+            ("radio:\n  tries: 3\n  mcs: 40\n", 3, "mcs is 40", "0 to 11"),
             ("radio:\n  tries: 3\n  sensitivity_dbm: 150\n  mcs: 3\n", 3, "radio range is", "check gain and loss"),
             ("bti:\n  f_max: 3\n  t_audit_ms: 9000\n  delta_ms: 9\n", 3, "tokens count for 10000 ms", "1.5 times"),
             ("seed: 1\nrobots: 65535\ngrid_step_m: 1e4\nd_m: 5\n", 3, "the grid's edge", "0 to 1e+06"),

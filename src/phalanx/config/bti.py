@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 
+from .parameter import check_limits, check_within, within
+
 REQUEST_OVERHEAD_BYTES = 300
 CHECKPOINT_BYTES = 66
 NEIGHBOUR_BYTES = 26
@@ -24,75 +26,40 @@ MOST_CHECKPOINT_BYTES = 65_535
 class BtiConfig:
     """Parameters of the audits; the paper's values where it gives one.
 
-    Args:
-        f_max: compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive.
-        t_audit_ms: a round of audits is asked for so often.
-        t_val_ms: how long a token counts.
-        t_control_ms: period of the sensors' grid.
-        steps_per_state: control periods from one state broadcast to the next (1.5 s).
-        p_check_ms: period of the a-node's CheckTokens.
-        delta_ms: an output comes within so much of its cause, a sensor reading within so much of its grid.
-        skew_ms: the log departs from the order of time by at most so much.
-        retry_ms: after so long without enough tokens, further robots are asked.
-        batch_size: entries that go into one link of a hash chain.
-        n_max: neighbours that storage and airtime are provided for.
-        frame_max_bytes: longest radio frame.
-        reading_bytes: of a sensor reading as it is chained.
-        command_bytes: of what goes to the actuators each control period.
-        state_bytes: longest state of the controller; 0: what a flock's takes with n_max neighbours.
-        evidence_max_bytes: longest piece of evidence that a log may hold beside a reading; 0: none.
-        evidence_bytes_per_s: what the log has room for of it, on the mean.
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §4, §5.2; docs/spec/rebound.md.
     """
 
-    f_max: int = 3
-    t_audit_ms: int = 4000
-    t_val_ms: int = 10_000
-    t_control_ms: int = 250
-    steps_per_state: int = 6
-    p_check_ms: int = 100
-    delta_ms: int = 100
-    skew_ms: int = 50
-    retry_ms: int = 50
-    batch_size: int = 10
-    n_max: int = 24
-    frame_max_bytes: int = 2048
-    reading_bytes: int = 27
-    command_bytes: int = 19
-    state_bytes: int = 0
-    evidence_max_bytes: int = 0
-    evidence_bytes_per_s: int = 0
+    f_max: int = within(3, 1, 15, "compromised robots that are tolerated; f_max + 1 fresh tokens keep a robot alive")
+    t_audit_ms: int = within(4000, 500, 600_000, "a round of audits is asked for so often")
+    t_val_ms: int = within(10_000, 1000, 3_600_000, "how long a token counts")
+    t_control_ms: int = within(250, 20, 10_000, "period of the sensors' grid")
+    steps_per_state: int = within(6, 1, 1000, "control periods from one state broadcast to the next (1.5 s)")
+    p_check_ms: int = within(100, 1, 100, "period of the a-node's CheckTokens")
+    delta_ms: int = within(
+        100, 1, 1000, "an output comes within so much of its cause, a sensor reading within so much of its grid"
+    )
+    skew_ms: int = within(50, 1, 1000, "the log departs from the order of time by at most so much")
+    retry_ms: int = within(50, 5, 10_000, "after so long without enough tokens, further robots are asked")
+    batch_size: int = within(10, 1, 255, "entries that go into one link of a hash chain")
+    n_max: int = within(24, 1, 400, "neighbours that storage and airtime are provided for; more than f_max")
+    frame_max_bytes: int = within(2048, 256, 2048, "longest radio frame")
+    reading_bytes: int = within(27, 1, 2048, "of a sensor reading as it is chained")
+    command_bytes: int = within(19, 1, 2048, "of what goes to the actuators each control period")
+    state_bytes: int = within(
+        0, 0, MOST_CHECKPOINT_BYTES - CHECKPOINT_BYTES, "of the controller at most; 0: a flock's with n_max neighbours"
+    )
+    evidence_max_bytes: int = within(0, 0, 65_535, "longest piece that a log may hold beside a reading; 0: none")
+    evidence_bytes_per_s: int = within(0, 0, 1_000_000, "what the log has room for of it, on the mean")
 
     def __post_init__(self) -> None:
-        limits = {
-            "f_max": (1, 15),
-            "t_audit_ms": (500, 600_000),
-            "t_val_ms": (1000, 3_600_000),
-            "t_control_ms": (20, 10_000),
-            "steps_per_state": (1, 1000),
-            "p_check_ms": (1, 100),
-            "delta_ms": (1, 1000),
-            "skew_ms": (1, 1000),
-            "retry_ms": (5, 10_000),
-            "batch_size": (1, 255),
-            "n_max": (self.f_max + 1, 400),
-            "frame_max_bytes": (256, 2048),
-            "reading_bytes": (1, 2048),
-            "command_bytes": (1, 2048),
-            "state_bytes": (0, MOST_CHECKPOINT_BYTES - CHECKPOINT_BYTES),
-            "evidence_max_bytes": (0, 65_535),
-            "evidence_bytes_per_s": (0, 1_000_000),
-        }
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise UsageError(f"{name} is {getattr(self, name)}", f"{low} to {high}")
+        check_limits(self)
+        check_within("n_max", self.n_max, self.f_max + 1, 400)
         if self.t_val_ms < self.t_audit_ms * 3 // 2:
             raise UsageError(
                 f"tokens count for {self.t_val_ms} ms and a round of audits comes every {self.t_audit_ms} ms",
                 "t_val at least 1.5 times t_audit, or honest robots starve",
             )
-
         fragments = -(-self.request_capacity_bytes // (self.frame_max_bytes - FRAGMENT_HEAD_BYTES))
         if fragments > MOST_FRAGMENTS:
             raise UsageError(

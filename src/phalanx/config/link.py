@@ -17,32 +17,22 @@ _ROOT = re.compile(r"/[0-9A-Za-z_-]{1,64}(/[0-9A-Za-z_-]{1,64}){0,7}")
 class LinkConfig:
     """Parameters of the link in mode qrkey; the paper's values, but for the longer pin.
 
-    Args:
-        root: first part of every topic, with its leading slash.
-        pin_digits: digits of the pins that a server makes; the paper's 12 can be searched offline.
-        rotate_s: seconds between two pins.
-        overlap_s: seconds for which both are accepted.
-        tolerance_s: largest distance between a message's timestamp and the receiver's clock.
-        max_to_server_bytes: longest plaintext that a server reads.
-        max_to_client_bytes: longest plaintext that a client reads.
-        part_bytes: longest MQTT packet for messages that can be split. mosquitto 2.0 sends longer ones to browsers at a
-            few kilobytes per 100 ms.
-        replay_capacity: messages that the replay cache remembers at once, per receiver.
-        knock_gap_s: at most one pin message per so many seconds for late phones.
     Raises: UsageError: a value is out of range.
     Source: Qrkey §III-D; docs/spec/link.md.
     """
 
-    root: str = "/qrkey"
-    pin_digits: int = 39
-    rotate_s: float = 900.0
-    overlap_s: float = 120.0
-    tolerance_s: float = 30.0
-    max_to_server_bytes: int = 48 * 1024
-    max_to_client_bytes: int = 1024 * 1024
+    root: str = "/qrkey"  # first part of every topic, with its leading slash
+    pin_digits: int = 39  # of the pins that a server makes; the paper's 12 can be searched offline
+    rotate_s: float = 900.0  # between two pins
+    overlap_s: float = 120.0  # for which both are accepted
+    tolerance_s: float = 30.0  # largest distance between a message's timestamp and the receiver's clock
+    max_to_server_bytes: int = 48 * 1024  # longest plaintext that a server reads
+    max_to_client_bytes: int = 1024 * 1024  # longest plaintext that a client reads
+    # Longest MQTT packet for messages that can be split: mosquitto 2.0 sends longer ones to browsers at a few kilobytes
+    # per 100 ms.
     part_bytes: int = 4000
-    replay_capacity: int = 200_000
-    knock_gap_s: float = 1.0
+    replay_capacity: int = 200_000  # messages that the replay cache remembers at once, per receiver
+    knock_gap_s: float = 1.0  # at most one pin message per so many seconds for late phones
 
     def __post_init__(self) -> None:
         if not _ROOT.fullmatch(self.root):
@@ -58,11 +48,10 @@ class LinkConfig:
                 f"overlap of {self.overlap_s:g} s is not shorter than the {self.rotate_s:g} s between pins",
                 "choose a shorter overlap or a longer rotation",
             )
-        for name in ("max_to_server_bytes", "max_to_client_bytes", "replay_capacity"):
-            if getattr(self, name) < 1:
-                raise UsageError(f"{name} is {getattr(self, name)}", "at least 1")
-        if self.part_bytes < 1024:
-            raise UsageError(f"part_bytes is {self.part_bytes}", "at least 1024")
+        least = {"max_to_server_bytes": 1, "max_to_client_bytes": 1, "replay_capacity": 1, "part_bytes": 1024}
+        for name, low in least.items():
+            if getattr(self, name) < low:
+                raise UsageError(f"{name} is {getattr(self, name)}", f"at least {low}")
 
     @property
     def part_plaintext_bytes(self) -> int:

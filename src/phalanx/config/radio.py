@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from phalanx.errors import UsageError
+
+from .parameter import check_limits, told, within
 
 # Data bits of one OFDM symbol of 20 MHz: legacy rates by Mb/s (802.11-2020 table 17-4), HE by MCS (table 27-56).
 LEGACY_BITS = {6: 24, 9: 36, 12: 48, 18: 72, 24: 96, 36: 144, 48: 192, 54: 216}
@@ -22,50 +24,32 @@ class RadioConfig:
     Reception is a disc: `range_m` follows from the path loss and the sensitivity. At MCS 3 the weakest frame that is
     detected at all still has 12 dB of SNR; whoever sets a faster MCS sets the sensitivity to match it.
 
-    Args:
-        tx_gain_dbm: transmit power.
-        loss_1m_db: path loss at one metre.
-        exponent: of the path loss, log-distance; a multiple of one half.
-        sensitivity_dbm: weakest preamble that is detected; carrier sense ends there too.
-        broadcast_mbps: legacy rate of broadcasts, whatever the data mode.
-        control_mbps: legacy rate of acknowledgements.
-        mcs: HE MCS of unicast data, 20 MHz, one stream.
-        guard_us: HE guard interval. The paper names 1.6 µs; ns-3's latencies fit its default, 3.2 µs.
-        capture_db: how much stronger than all that overlaps it a broadcast must be to survive.
-        data_capture_db: the same for unicast frames and acknowledgements. 300 for both: every overlap loses both.
-        tries: transmissions of a unicast frame before it is given up.
-        long_bytes: longest frame; each robot's NIC holds one of more than 64 bytes.
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §4; docs/adr/0011-radio-model.md.
     """
 
-    tx_gain_dbm: float = 16.02
-    loss_1m_db: float = 36.05
-    exponent: float = 3.0
-    sensitivity_dbm: float = -82.0
-    broadcast_mbps: int = 6
-    control_mbps: int = 24
-    mcs: int = 3
-    guard_us: float = 3.2
-    capture_db: float = 4.0
-    data_capture_db: float = 12.0
-    tries: int = 7
-    long_bytes: int = 2048
+    tx_gain_dbm: float = within(16.02, -200, 200, "transmit power")
+    loss_1m_db: float = within(36.05, -200, 200, "path loss at one metre")
+    exponent: float = field(default=3.0, metadata=told("of the path loss, log-distance; a multiple of one half"))
+    sensitivity_dbm: float = within(-82.0, -200, 200, "weakest preamble that is detected; carrier sense ends there too")
+    broadcast_mbps: int = field(default=6, metadata=told("legacy rate of broadcasts, whatever the data mode"))
+    control_mbps: int = field(default=24, metadata=told("legacy rate of acknowledgements"))
+    mcs: int = within(3, 0, len(HE_BITS) - 1, "HE MCS of unicast data, 20 MHz, one stream")
+    guard_us: float = field(
+        default=3.2,
+        metadata=told("HE guard interval. The paper names 1.6 µs; ns-3's latencies fit its default, 3.2 µs"),
+    )
+    capture_db: float = within(
+        4.0, 0, 300, "how much stronger than all that overlaps it a broadcast must be to survive"
+    )
+    data_capture_db: float = within(
+        12.0, 0, 300, "the same for unicast frames and acknowledgements. 300 for both: every overlap loses both"
+    )
+    tries: int = within(7, 1, 255, "transmissions of a unicast frame before it is given up")
+    long_bytes: int = within(2048, 64, 8192, "longest frame; each robot's NIC holds one of more than 64 bytes")
 
     def __post_init__(self) -> None:
-        limits = {
-            "tx_gain_dbm": (-200, 200),
-            "loss_1m_db": (-200, 200),
-            "sensitivity_dbm": (-200, 200),
-            "mcs": (0, len(HE_BITS) - 1),
-            "capture_db": (0, 300),
-            "data_capture_db": (0, 300),
-            "tries": (1, 255),
-            "long_bytes": (64, 8192),
-        }
-        for name, (low, high) in limits.items():
-            if not low <= getattr(self, name) <= high:
-                raise UsageError(f"{name} is {getattr(self, name)}", f"between {low} and {high}")
+        check_limits(self)
         choices = {
             "broadcast_mbps": tuple(LEGACY_BITS),
             "control_mbps": tuple(LEGACY_BITS),

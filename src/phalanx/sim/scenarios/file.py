@@ -296,28 +296,14 @@ def _schema(kind: Any) -> dict[str, Any]:
         return {"type": "array", "items": _schema(arguments[0]), "minItems": len(arguments), "maxItems": len(arguments)}
     if not dataclasses.is_dataclass(kind):
         return {"type": "object", "additionalProperties": _schema(arguments[1])}
-    hints, said = typing.get_type_hints(kind), _descriptions(kind)
+    hints = typing.get_type_hints(kind)
     properties = {}
     for key, field in _keys(kind).items():
-        properties[key] = _schema(hints[key]) | ({"description": said[key]} if key in said else {})
+        words = field.metadata.get("told")
+        properties[key] = _schema(hints[key]) | ({"description": f"{words}."} if words else {})
         if isinstance(field.default, int | float | str):
             properties[key]["default"] = field.default
     required = _needed(kind)
     return {"type": "object", "properties": properties, "additionalProperties": False} | (
         {"required": required} if required else {}
     )
-
-
-def _descriptions(kind: Any) -> dict[str, str]:
-    """What the docstring's Args say of each field; one line there may be about several."""
-    _, _, rest = (kind.__doc__ or "").partition("Args:\n")
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in rest.splitlines():
-        if not line.startswith(" " * 8):
-            break
-        begun = re.match(r" {8}([a-z]\w*(?:, \w+)*): (.*)", line)
-        names = begun[1].split(", ") if begun else names
-        for name in names:
-            found[name] = begun[2] if begun else f"{found[name]} {line.strip()}"
-    return found

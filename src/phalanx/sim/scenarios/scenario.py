@@ -6,11 +6,12 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from numbers import Integral, Real
+from numbers import Integral
 
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
+from phalanx.config.parameter import check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.attack import Attack, meant
@@ -30,23 +31,18 @@ CLOSER, SPARE = 1.5, 4
 class AttackSpec:
     """Who lies how, from when to when.
 
-    Args:
-        name: of one of the attacks in robot/attacks.
-        robot: id of the robot that is compromised; None for one that the seed chooses.
-        at_s: when it begins to lie.
-        until_s: when it is honest again; None for never.
-        options: the attack's own, by name.
-        own: an attack that is not in the library, whatever `name` says.
     Raises: UsageError: a value is out of range.
     Source: RoboRebound §5.3 (from 15 s).
     """
 
-    name: str
-    robot: int | None = None
-    at_s: float = 15.0
-    until_s: float | None = None
-    options: Mapping[str, float | str] = field(default_factory=dict, hash=False)
-    own: Attack | None = field(default=None, hash=False)
+    name: str = field(metadata=told("of one of the attacks in robot/attacks"))
+    robot: int | None = field(default=None, metadata=told("id of who is compromised; None: the seed chooses"))
+    at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
+    until_s: float | None = field(default=None, metadata=told("when it is honest again; None for never"))
+    options: Mapping[str, float | str] = field(
+        default_factory=dict, hash=False, metadata=told("the attack's own, by name")
+    )
+    own: Attack | None = field(default=None, hash=False)  # an attack that is not in the library, whatever `name` says
 
     @property
     def attack(self) -> Attack:
@@ -54,7 +50,7 @@ class AttackSpec:
         return self.own or ATTACKS[self.name]
 
     def __post_init__(self) -> None:
-        _within("at_s", self.at_s, 0.0, LONGEST_S)
+        check_limits(self)
         if self.until_s is not None and not self.at_s < self.until_s < math.inf:
             raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
         if self.own or self.name in ATTACKS:  # for others a scenario has words of its own
@@ -68,43 +64,36 @@ class Scenario:
     `flock` and `bti` are kept in agreement with the rest: a scenario's goal, spacing and obstacles are its flock's, and
     both provide for `n_max` neighbours.
 
-    Args:
-        name: what it is called.
-        about: what it shows, in a line.
-        robots: on a square grid, ids 1.. row by row from the corner at the origin.
-        grid_step_m: between two robots of the grid.
-        d_m: spacing that the flock keeps.
-        goal_m: where it goes.
-        duration_s: simulated time.
-        defence: none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md.
-        controller: what honest robots run.
-        seed: chooses broadcasts' phases, back-offs, and robots to compromise.
-        attacks: at most one a robot.
-        obstacles: on the ground; the flock must be told to avoid them (c1_beta, c2_beta).
-        contact_m: two robots as near as that touch.
-        n_max: neighbours provided for; None for what the grid and the radio's range come to.
-        bti, flock, radio: parameters of the audits, of the controller, of the radio.
     Raises: UsageError: a value is out of range, or two contradict each other.
     Source: RoboRebound §4, §5.2, §5.3; docs/scenarios.md.
     """
 
-    name: str = ""
-    about: str = ""
-    robots: int = 25
-    grid_step_m: float = 25.0
-    d_m: float = 20.0
-    goal_m: tuple[float, float] = (500.0, 500.0)
-    duration_s: float = 150.0
-    defence: Defence = "bound"
-    controller: str = "flock"
-    seed: int = 0
-    attacks: tuple[AttackSpec, ...] = ()
-    obstacles: tuple[Disc | Box, ...] = ()
-    contact_m: float = 1.0
-    n_max: int | None = None
-    bti: BtiConfig = field(default_factory=BtiConfig)
-    flock: FlockConfig = field(default_factory=FlockConfig)
-    radio: RadioConfig = field(default_factory=RadioConfig)
+    name: str = field(default="", metadata=told("what it is called"))
+    about: str = field(default="", metadata=told("what it shows, in a line"))
+    robots: int = field(default=25, metadata=told("on a square grid, ids 1.. row by row from the corner at the origin"))
+    grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid")
+    d_m: float = field(default=20.0, metadata=told("spacing that the flock keeps"))
+    goal_m: tuple[float, float] = field(default=(500.0, 500.0), metadata=told("where it goes"))
+    duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
+    defence: Defence = field(
+        default="bound",
+        metadata=told(
+            "none: robots are alone with the liar; paper: RoboRebound as printed; bound: as docs/spec/rebound.md"
+        ),
+    )
+    controller: str = field(default="flock", metadata=told("what honest robots run"))
+    seed: int = field(default=0, metadata=told("chooses broadcasts' phases, back-offs, and robots to compromise"))
+    attacks: tuple[AttackSpec, ...] = field(default=(), metadata=told("at most one a robot"))
+    obstacles: tuple[Disc | Box, ...] = field(
+        default=(), metadata=told("on the ground; the flock must be told to avoid them (c1_beta, c2_beta)")
+    )
+    contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
+    n_max: int | None = field(
+        default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")
+    )
+    bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
+    flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
+    radio: RadioConfig = field(default_factory=RadioConfig, metadata=told("parameters of the radio"))
 
     def __post_init__(self) -> None:
         for name in ("robots", "seed"):
@@ -114,10 +103,8 @@ class Scenario:
             raise UsageError(f"attacks are {self.attacks!r}", "a tuple of AttackSpec")
         if not 1 <= self.robots <= MOST_ROBOTS:
             raise UsageError(f"{self.robots} robots", f"1 to {MOST_ROBOTS}")
-        _within("grid_step_m", self.grid_step_m, 0.01, 1e4)
-        _within("duration_s", self.duration_s, 0.1, LONGEST_S)
-        _within("contact_m", self.contact_m, 0.0, 1e3)
-        _within("the grid's edge", self.grid_step_m * (self.robots_per_edge - 1), 0.0, FARTHEST_M)
+        check_limits(self)
+        check_within("the grid's edge", self.grid_step_m * (self.robots_per_edge - 1), 0.0, FARTHEST_M)
         if self.defence not in DEFENCES:
             raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
         if self.controller not in CONTROLLERS:
@@ -181,7 +168,7 @@ class Scenario:
         """
         for name, value in (("t_audit_s", t_audit_s), ("t_val_s", t_val_s)):
             if value is not None:
-                _within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
+                check_within(name, value, 0.0, LONGEST_S)  # what is not a number has no milliseconds
         changes: dict[str, object] = {
             "robots": robots,
             "grid_step_m": spacing_m,
@@ -288,10 +275,3 @@ def _number(words: str) -> float | str:
     except ValueError:
         return words
     return value if math.isfinite(value) else words
-
-
-def _within(name: str, value: float, low: float, high: float) -> None:
-    if not isinstance(value, Real):
-        raise UsageError(f"{name} is {value!r}", "a number")
-    if not low <= value <= high:  # NaN too
-        raise UsageError(f"{name} is {value:g}", f"{low:g} to {high:g}")

@@ -1,0 +1,42 @@
+"""A parameter is declared once: its default, its limits, and what the schema of scenario files says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, fields
+from numbers import Real
+from typing import Any, TypeVar
+
+from phalanx.errors import UsageError
+
+Number = TypeVar("Number", int, float)
+
+
+def told(words: str) -> Mapping[str, Any]:
+    """Metadata of a dataclass's field: what the schema of scenario files says of it."""
+    return {"told": words}
+
+
+def within(default: Number, low: float, high: float, words: str = "") -> Number:
+    """A field that holds a number from `low` to `high`; see `check_limits`."""
+    limited: Number = field(default=default, metadata={"within": (low, high), **told(words)})
+    return limited
+
+
+def check_limits(config: Any) -> None:
+    """Nothing, if each field of a dataclass is `within` its limits. Raises: UsageError: one is not."""
+    for each in fields(config):
+        if "within" in each.metadata:
+            check_within(each.name, getattr(config, each.name), *each.metadata["within"])
+
+
+def check_within(name: str, value: float, low: float, high: float) -> None:
+    """Nothing, if a number is from `low` to `high`. Raises: UsageError: it is not, or is none."""
+    if not isinstance(value, Real):
+        raise UsageError(f"{name} is {value!r}", "a number")
+    if not low <= value <= high:  # NaN too
+        raise UsageError(f"{name} is {_words(value)}", f"{_words(low)} to {_words(high)}")
+
+
+def _words(value: float) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
