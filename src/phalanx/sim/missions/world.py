@@ -206,9 +206,8 @@ class MissionWorld:
                     self._meet() if what == MEET else self._say()
 
     def _advance(self, until_us: int) -> None:
-        cnodes = self._cnodes
+        cnodes, clock = self._cnodes, self.world.clock[0]
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-            clock = self.world.clock[0]
             if int(clock.kind) == loop.CONTROL:
                 self._control(int(clock.robot))
             else:

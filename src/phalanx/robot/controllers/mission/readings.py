@@ -27,6 +27,11 @@ CLEAR_STEP_M = 0.02
 CLEAR = 255
 SILENT, MISS = 0, 0xFFFF
 MOST_M, MOST_RAD = 200_000.0, 2000.0
+# What a beam's word says, by that word: metres, and steps of room.
+_RANGES_M = np.arange(MISS + 1) / float(MM_PER_M)
+_RANGES_M[[SILENT, MISS]] = np.nan, np.inf
+_STEPS = np.minimum(np.arange(MISS + 1) // round(CLEAR_STEP_M * MM_PER_M), CLEAR).astype(np.uint8)
+_STEPS[SILENT] = CLEAR
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +96,8 @@ class Sensors:
         """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
         words = np.frombuffer(raw, "<u2")
         assert len(words) == self.lidar.beams, "whoever unpacks a scan looks at its length"
-        ranges = words / float(MM_PER_M)
-        ranges[words == SILENT], ranges[words == MISS] = np.nan, np.inf
         lidar = self.lidar
-        return LaserScan(ranges, lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+        return LaserScan(_RANGES_M[words], lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
 
     def parse(self, raw: bytes) -> Reading:
         """The reading in these bytes.
@@ -111,9 +114,9 @@ class Sensors:
 
     def raw_of(self, scan: LaserScan) -> bytes:
         """The scan's bytes."""
-        words = np.rint(np.nan_to_num(scan.ranges_m, nan=0.0, posinf=0.0) * MM_PER_M).astype("<u2")
-        words[np.isposinf(scan.ranges_m)] = MISS
-        return words.tobytes()
+        words = np.minimum(np.rint(scan.ranges_m * MM_PER_M), MISS)
+        words[np.isnan(words)] = SILENT
+        return words.astype("<u2").tobytes()
 
     def make(
         self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
@@ -141,9 +144,5 @@ class Sensors:
             round(travelled_m * MM_PER_M),
             scan_sha1(raw),
         )
-        hits = np.frombuffer(raw, "<u2").astype(np.int64)
-        hits[hits == SILENT] = MISS
-        nearest = hits.reshape(self.sectors, self.beams_per_sector).min(axis=1)
-        steps = nearest // round(CLEAR_STEP_M * MM_PER_M)
-        clear: bytes = np.minimum(steps, CLEAR).astype(np.uint8).tobytes()
-        return head + clear
+        steps = _STEPS[np.frombuffer(raw, "<u2")]
+        return head + np.minimum.reduceat(steps, range(0, len(steps), self.beams_per_sector)).tobytes()
