@@ -31,9 +31,6 @@ class Node:
     Args:
         name: for people; sealed into the payload, absent from the paper profile.
         see: the ways to experience it, each a conjunction of observables; one is enough.
-        do: what the robot shall do once it is there.
-        start: the robot may begin here.
-        final: the mission is complete here.
         join: every predecessor must have been decoded before.
         chained: what the node before released is part of the conjunction (sealed nodes always are).
         within_m: a landmark counts only from so near; 0 from anywhere.

@@ -53,11 +53,7 @@ class _Job:
 
 
 class MissionDesk:
-    """One desk for one fleet.
-
-    Args:
-        swarm: the robots, and their building.
-    """
+    """One desk for one fleet."""
 
     def __init__(self, swarm: OnMission) -> None:
         self._swarm = swarm

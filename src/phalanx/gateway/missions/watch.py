@@ -17,7 +17,6 @@ class MissionWatch:
     """Compares the mission with what visitors were told last.
 
     Args:
-        swarm: the robots.
         say: told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
     """
 

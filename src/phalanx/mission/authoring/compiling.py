@@ -14,8 +14,6 @@ def build(mission: Mission, options: BuildOptions, random: Random, spread: Sprea
     """The encoded mission: one file for every part.
 
     Args:
-        mission: plain.
-        options: for whom, and in which profile.
         random: so many unpredictable bytes.
         spread: like `map`; a thread pool's, to try several slow hashes at once.
     Raises: UsageError: the mission cannot be said in this profile.

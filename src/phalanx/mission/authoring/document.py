@@ -29,8 +29,6 @@ TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
 def plain_mission(words: Any) -> Mission:
     """The mission that a file's words describe.
 
-    Args:
-        words: what a YAML (or JSON) reader made of it.
     Raises: UsageError: something is missing, unknown or of another kind; the message says where.
     """
     top = _mapping(words, "the file", TOP)

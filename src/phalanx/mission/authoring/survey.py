@@ -40,9 +40,6 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
     warning, what no way leads to from where robots begin: a mission with such nodes is never done.
 
-    Args:
-        plan: with the pose where robots begin, see `begun_at` and `roomiest`.
-        coding: None is the profile's default.
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
     """

@@ -57,7 +57,6 @@ class Header:
         valid_from_s, valid_to_s: seconds on the mission's clock; FOREVER_S is no end.
         robots: ids that may run it; empty is any.
         shapes: that occur in it (paper profile; sealed tells them one node at a time).
-        nodes: how many.
         flags: REPEATABLE, ROAM, OPEN_START.
     """
 
@@ -204,8 +203,6 @@ def _rising(numbers: Sequence[int]) -> bytes:
 def parse_mission(raw: bytes) -> EncodedMission:
     """The mission in a file.
 
-    Args:
-        raw: untrusted bytes, any number of them.
     Raises: TooLarge, MalformedMission.
     """
     if len(raw) > FILE_LIMIT:

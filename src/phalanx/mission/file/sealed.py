@@ -42,8 +42,6 @@ class Payload:
     """What a sealed node tells whoever opened it.
 
     Args:
-        name: the author's.
-        do: what to do here.
         place_m: where the node is, map frame, to the mm.
         sends: messages of 32 bytes to give out.
         ways: in the order of the record's ways.

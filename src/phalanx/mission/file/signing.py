@@ -35,7 +35,6 @@ def check_signature(mission: EncodedMission, trusted: Collection[bytes] | None) 
     """Nothing, if the mission was signed by somebody trusted and is unaltered.
 
     Args:
-        mission: parsed.
         trusted: public keys, 32 bytes each; None takes whoever signed, and proves only that nothing was altered since.
     Raises: Unsigned, NotAuthentic.
     """
@@ -53,8 +52,6 @@ def admit(mission: EncodedMission, robot: int, now_s: float, started: Collection
     """Nothing, if this robot may start the mission now.
 
     Args:
-        mission: whose signature was checked.
-        robot: its id.
         now_s: on the mission's clock.
         started: ids of missions that it has started before; a robot keeps them where it forgets nothing.
     Raises: NotForUs, OutsideWindow, AlreadyStarted.

@@ -32,9 +32,6 @@ class Intrinsics:
     """A pinhole camera with radial distortion, in pixels.
 
     Args:
-        fx, fy: focal lengths.
-        cx, cy: where the optical axis meets the picture.
-        width, height: of the picture.
         k1, k2: radial distortion, in units of the focal length.
     Raises: UsageError: a value is out of range.
     """
@@ -99,8 +96,6 @@ def code_pose(corners_px: NDArray[np.float64], size_m: float, camera: Intrinsics
 
     Args:
         corners_px: (4, 2) pixels: top left, top right, bottom right, bottom left, as the code is read.
-        size_m: edge of the square.
-        camera: that took the picture.
     """
     corners = np.ascontiguousarray(corners_px, np.float64).reshape(4, 2)
     if not np.all(np.abs(corners) < 1e6):

@@ -29,7 +29,6 @@ class SeenCode:
     """A code in a picture.
 
     Args:
-        text: what it says.
         corners_px: (4, 2) top left, top right, bottom right, bottom left, as the code is read; whole PART_PX.
     """
 

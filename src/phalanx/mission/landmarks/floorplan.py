@@ -36,7 +36,6 @@ class WallCode:
     """A square QR code on a wall.
 
     Args:
-        text: what it says.
         x_m, y_m, z_m: its middle, map frame; z above the floor.
         facing_rad: direction that it is read from, away from the wall.
         size_m: its edge, without the quiet zone.
@@ -55,7 +54,6 @@ class FloorPlan:
     """Walls, and what follows from them.
 
     Args:
-        name: of the map.
         walls: (n, 4) ends of segments, metres, map frame.
         outlines: the walls as a robot inside passes them, free space on the left.
         bounds: x and y of the lower left and the upper right corner, metres.
@@ -138,7 +136,6 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     """The floor plan that a YAML file describes.
 
     Args:
-        data: the file.
         name: if the file does not tell one.
     Raises: UsageError: it does not describe one; the message says where.
     """
@@ -182,10 +179,6 @@ def not_yaml(error: Exception, name: str, hint: str) -> UsageError:
 def read_yaml(data: bytes, name: str, hint: str = "docs/maps.md shows a map") -> dict[Any, Any]:
     """A YAML file's mapping.
 
-    Args:
-        data: the file.
-        name: of the file, for errors.
-        hint: for whoever gave another one.
     Raises: UsageError: it is none.
     """
     if len(data) > FILE_MAX_BYTES:

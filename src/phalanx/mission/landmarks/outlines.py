@@ -50,7 +50,6 @@ def outlines_of(
     Args:
         walls: (n, 4) ends of segments.
         bounds: walls are not seen from beyond these.
-        start: a free place.
     """
     ways = [np.array(way) for way in _faces(_cut(walls))]
     if start is not None:

@@ -32,9 +32,6 @@ class Groups(NamedTuple):
 
     Args:
         rows: (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0.
-        steps: of the cells.
-        bins: in a turn.
-        rings: of cells around each.
     """
 
     rows: Floats
@@ -56,10 +53,6 @@ def numbers_of(
     """(x, y, bin, area) of the cell of a thing; -1 where it has no orientation or no area, which is NaN.
 
     Args:
-        x_m: of the thing.
-        y_m: of the thing.
-        turn_rad: its orientation.
-        area_m2: its area.
         offset: of the cells: metres, metres, radians, square metres.
         steps: from one cell to the next: metres, metres, radians, square metres.
         bins: in a full turn, or in half of one.
@@ -179,11 +172,7 @@ class Searched:
         Args:
             first: pair to begin with; pair k is thing k // groups and group k % groups.
             things: (n, 4) x, y, orientation and area, NaN where there is none.
-            eye: where the robot is.
-            turn_rad: by which all things are turned about it.
-            groups: m of them.
             lane: of the first group; the others' follow.
-            left: tries.
         Returns: pair -1 where no tries are left, n * m where no pair is.
         """
         return _next_unsearched(first, things, eye, turn_rad, groups, self._table, lane, left)

@@ -98,8 +98,6 @@ def state_capacity(mission: EncodedMission, config: MissionConfig, pool: tuple[A
     """The longest that a state of this mission gets, in bytes; without what other robots report, and codes' texts.
 
     Args:
-        mission: that is walked.
-        config: of the robot.
         pool: actions it can do, of which a way may need one.
     """
     longest = max([len(action_bytes(action)) for action in pool], default=0)

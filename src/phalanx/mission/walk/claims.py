@@ -38,7 +38,6 @@ class Claim:
 
     Args:
         offset: of the cells; another than the compiler's opens nothing.
-        cell: that matched.
         observed: the canonical bytes that were hashed.
         salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
         turn_rad: by which the heading had to be turned for the match.
@@ -102,9 +101,6 @@ def shows(
     """The match, without its key, that a search in this experience would have come upon; None if it would not.
 
     Args:
-        mission: that is walked.
-        config: of the robot.
-        claim: by the robot.
         seen: made from the reading that the robot kept.
         heard: messages that had come (paper profile).
         released: H of the node before, for chained nodes (paper profile).

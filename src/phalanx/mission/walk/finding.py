@@ -36,7 +36,6 @@ class Find:
         keys: with what was tried; a new node's gates are not among them yet.
         opened: what was found, or None; then `reason` says why not.
         second: the match that a turned heading needs beside it, if it did.
-        fix: the pose that a landmark found tells.
         trials: hashes or KDFs.
     """
 
@@ -59,9 +58,7 @@ class Finder:
     """The search of one mission.
 
     Args:
-        mission: parsed.
         key: the start key, or None: of a sealed mission without an open start nothing is found, only checked.
-        config: how hard to try.
     Raises: Altered: the key is another mission's. MalformedMission: it makes no sense.
     """
 
@@ -115,8 +112,6 @@ class Finder:
         """What the search comes upon.
 
         Args:
-            state: so far.
-            seen: now.
             turning: try turned headings too; they cost nine times as much, and are not tried more often than
                 `heading_retry_s`.
         """
@@ -145,7 +140,6 @@ class Finder:
         """The node that a robot in this state says it found, opened, with its fix: a hash or a KDF for each claim.
 
         Args:
-            state: of the robot.
             seen: made from the reading that it kept.
             claims: one; or two, where the heading was turned and nothing known was in sight.
         Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.

@@ -22,7 +22,6 @@ class Fix:
     Args:
         x_m, y_m, heading_rad: map frame.
         moved_m: between the estimate and the fix: the drift since the last one.
-        turned_rad: likewise.
     """
 
     x_m: float
@@ -55,9 +54,7 @@ def fix_from(seen: Experience, observed: Landmark, truth: Landmark, turn_rad: fl
     """The pose from which `observed` would have been seen where `truth` is.
 
     Args:
-        seen: when it was observed.
         observed: as the estimated pose puts it.
-        truth: where it is.
         turn_rad: by which the search turned the heading; the landmark's orientation, if it has one, says it better.
     """
     turn = turn_between(truth, observed)
@@ -76,15 +73,7 @@ def allowed_m(config: MissionConfig, travelled_m: float) -> float:
 def nearest(
     known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float
 ) -> tuple[float, Landmark] | None:
-    """(distance, landmark) of the known landmark of the same type and text that is nearest to a point, if it is near.
-
-    Args:
-        known: to choose from.
-        landmark: that is like it.
-        x_m: of the point.
-        y_m: of the point.
-        within_m: farther off is not near.
-    """
+    """(distance, landmark) of the known one of the same type and text that is nearest to a point, if within reach."""
     best: tuple[float, Landmark] | None = None
     for other in known:
         dx = other.x_m - x_m

@@ -72,7 +72,6 @@ class StartKey:
     """What is not in the file: the gates of the first nodes, and the messages that a controller sends.
 
     Args:
-        mission_id: the mission it belongs to.
         gates: by node; none in the paper profile.
         messages: by name, 32 bytes each.
     """

@@ -25,7 +25,6 @@ class OpenWay:
 
     Args:
         direction_rad: map frame, from the node's place; None if none is encoded.
-        do: an action that leads there.
         gate: of the next node, or a share of it; of use only with the gate of this node (sealed profile).
     """
 
@@ -60,8 +59,6 @@ class Opened:
         name: the author's ("" in the paper profile).
         place_m: where it is, map frame, or None.
         landmark: what was recognised, where it truly is; None for nodes of other things.
-        do: what to do here.
-        sends: messages to give out now.
         proof: that this robot was here, to show to another.
         claim: what an auditor needs to check with one hash or KDF that this was experienced.
     """

@@ -47,7 +47,6 @@ class Order:
         place_m: of the last validated node: where the direction begins.
         direction_rad: map frame.
         toward_m: where the target is, if it was decoded before.
-        do: the action.
     """
 
     kind: Kind
@@ -63,12 +62,10 @@ class Outcome:
     """What a step came to.
 
     Args:
-        order: what to do now.
         decoded: the node that was validated in this step, or None; then `reason` says why not.
         reason: also beside a node that was decoded, if no way is left from there.
         fix: the corrected pose, or None; also from landmarks decoded earlier and seen again.
         trials: hashes or KDFs that the search took: small is a sound odometry, the budget is a broken one.
-        event: what happened to the walk, if anything.
     """
 
     order: Order

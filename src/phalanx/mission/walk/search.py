@@ -64,12 +64,9 @@ class Found:
 
     Args:
         cell: of the landmark or the robot; the middle of it is where the thing truly is.
-        offset: of the cells.
         observed: the landmark as it was seen, before any turn.
         turn_rad: by which the heading was turned for the match.
-        canonical: the bytes that were hashed.
         salt: that went into the KDF (sealed profile).
-        key: what opens the node (sealed profile).
     """
 
     node: int
@@ -261,9 +258,6 @@ class PaperSearch:
         """Matches, best first.
 
         Args:
-            nodes: candidates.
-            seen: now.
-            heard: messages.
             released: H of the node before, for chained nodes.
             turns: of the heading, in the order to try them; 0 first.
             budget: is spent; when nothing is left the search ends.

@@ -40,11 +40,7 @@ def search_sealed(  # noqa: C901  # one nest of loops, in the order of likelihoo
     """Matches in the sealed profile: a few slow tries, the likeliest first, none of them twice.
 
     Args:
-        mission: sealed.
-        config: how far to search.
         candidates: whose gates are held, the likeliest first.
-        seen: now.
-        heard: messages.
         turns: of the heading, in the order to try them; 0 first.
         tried: digests of (gate, observation) that failed in earlier steps.
         newly_tried: gets those that fail now.

@@ -26,11 +26,8 @@ class State:
         t_s: of the last step; since_s: since when nothing was validated.
         fixed_at_m, left_at_m: way travelled at the last fix, and when `at` was validated.
         pulled_m: by how much landmarks seen again have moved the estimate since then, in all.
-        opened: nodes that were decoded.
-        lengths_m: of the ways that were walked.
         blocked: ways that timed out or were blocked.
         others: nodes that other robots proved to have decoded.
-        heard: encoded messages.
         keys: the robot's secrets; not in any encoding of the state.
     """
 

@@ -91,11 +91,7 @@ def audit(
     """What a captured file of this mission is worth, and what the author should look at.
 
     Args:
-        mission: plain.
-        profile: in which it is built.
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
-        config: of the robots.
-        rates: of the attacker.
     Source: docs/spec/mission.md; Encoded graphs §VI-G.
     """
     config, rates = config or MissionConfig(), rates or Rates()

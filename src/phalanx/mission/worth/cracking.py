@@ -135,10 +135,7 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
     """Every place in a box behind every gate that is held; each opened node hands out the next gates.
 
     Args:
-        mission: sealed.
         key: captured with the robot, or open in the file; without one there is nothing to try.
-        box: x0, y0, x1, y1 in metres.
-        spread: like `map`, over several cores.
     """
     waiting: list[tuple[int, Gate, Opened | None]] = [(node, gate, None) for node, gate in key.gates.items()]
     # A key that was tampered with could name nodes or aliases that are not in the file.

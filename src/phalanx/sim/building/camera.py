@@ -33,7 +33,6 @@ class CameraConfig:
 
     Args:
         intrinsics: of the lens; the default sees 60 degrees on 1280 x 720 pixels, as the paper's Logitech c270 does.
-        mount: where it sits.
         noise_grey: standard deviation of a pixel, of 255.
         exposure_s: while the robot turns, the picture is smeared over so long.
         light: brightness of the left and of the right border of the picture; 1 is daylight.
@@ -82,9 +81,7 @@ class Camera:
 
         Args:
             pose: of the robot: x, y in metres and heading in radians, map frame.
-            random: the noise is drawn from it.
             people: (m, 3) centre and radius of discs that hide what is behind them.
-            turn_radps: the robot turns so fast.
         """
         lens = self.config.intrinsics
         picture = np.full((lens.height, lens.width), WALL_GREY, np.float32)

@@ -17,8 +17,6 @@ class DiffDriveConfig:
 
     Args:
         radius_m: of the round body; the paper's robot is 0.35 m wide.
-        axle_m: from wheel to wheel.
-        wheel_max_mps: fastest speed of a wheel.
     Raises: UsageError: a value is out of range.
     Source: Encoded graphs §V-A (the radius); TurtleBot 3 Burger (the rest, but faster).
     """
@@ -36,7 +34,6 @@ class DiffDrive:
     """A robot that drives in a floor plan.
 
     Args:
-        plan: walls that stop it.
         pose: x, y in metres and heading in radians, map frame.
         left, right: share of a wheel's turn that moves the robot; 1 is a sound wheel, less one that slips or is broken.
     """

@@ -40,7 +40,6 @@ class Lidar:
 
         Args:
             pose: x, y in metres and heading in radians, map frame.
-            random: noise and drop-outs are drawn from it.
             people: (m, 3) centre and radius in metres.
         """
         config = self.config

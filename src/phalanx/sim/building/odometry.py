@@ -30,7 +30,6 @@ class OdometryNoise:
 
     Args:
         sigma_t, sigma_r: for way and for turns; the paper's (0.03, 0.05) and others.
-        model: which factor they make.
     Raises: UsageError: a sigma is negative or above 1.
     Source: Encoded graphs §VI-B, Fig. 8.
     """
@@ -63,13 +62,7 @@ class OdometryNoise:
 
 
 class Odometry:
-    """One robot's estimate of its pose, from the motion of its wheels alone.
-
-    Args:
-        start: the pose that it is told at the start.
-        noise: how wrong it is.
-        random: the factors are drawn from it.
-    """
+    """One robot's estimate of its pose, from the motion of its wheels alone."""
 
     def __init__(self, start: Pose, noise: OdometryNoise, random: np.random.Generator) -> None:
         self.pose = start

@@ -26,7 +26,6 @@ class Beams(NamedTuple):
         first_rad: bearing of the first, robot frame.
         step_rad: from one to the next.
         cosines, sines: (b,) of their bearings.
-        range_max_m: what is farther is missed.
     """
 
     first_rad: float
@@ -93,8 +92,6 @@ def cast(pose: tuple[float, float, float], walls: Floats, discs: Floats, beams: 
         pose: x, y, heading of the sensor, map frame.
         walls: (n, 4) ends of segments, map frame.
         discs: (m, 3) centre and radius, map frame.
-        beams: b of them.
-        ranges: (b,), overwritten.
     """
     x, y, heading = pose
     ranges[:] = np.inf

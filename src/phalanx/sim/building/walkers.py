@@ -22,10 +22,6 @@ _TRIES = 10_000
 class Walkers:
     """People at random places of a floor plan, each walking straight on until a wall comes.
 
-    Args:
-        plan: where they walk.
-        count: how many.
-        random: places, directions and speeds are drawn from it.
     Raises: UsageError: there is no room for so many.
     """
 

@@ -26,13 +26,7 @@ MILLI = 1000
 
 
 class Building:
-    """What robots in one building share: its walls and codes, who walks about, and how sensors see them.
-
-    Args:
-        plan: walls and codes.
-        lidar: of the robots.
-        crowd: who walks about, or None.
-    """
+    """What robots in one building share: its walls and codes, who walks about, and how sensors see them."""
 
     def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, crowd: Walkers | None = None) -> None:
         self.plan = plan
@@ -56,11 +50,7 @@ class MissionBody:
 
     Args:
         rob_id: 1..65535, as its readings say.
-        building: where it is.
-        sensors: how it sees.
         start: x, y and heading, map frame.
-        noise: of its odometry.
-        seed: of all that is drawn for it.
     """
 
     def __init__(
@@ -107,11 +97,7 @@ class MissionBody:
         return False
 
     def sense(self, t_ms: int) -> tuple[bytes, bytes]:
-        """(what the s-node chains, the scan whose hash is in it).
-
-        Args:
-            t_ms: of the s-node's clock.
-        """
+        """(what the s-node chains, the scan whose hash is in it)."""
         building, odometry = self.building, self.odometry
         self._readings += 1
         raw = self.sensors.raw_of(building.lidar.sweep(self.wheels.pose, self._random, building.people))

@@ -39,7 +39,6 @@ class Standing:
 
     Args:
         vouchers: numbers of its auditors, each with the seconds for which its token still counts, the longest first.
-        safe_mode: it has been stopped.
         attack: that it runs, or "".
     """
 
@@ -138,7 +137,6 @@ def live(pipe: Connection, plan: FloorPlan, defence: str) -> None:
     Args:
         pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
         plan: the building, for a rehearsal: what is to be compiled is, before the first word.
-        defence: of the runs.
     """
     os.nice(NICE)
     _rehearse(plan, defence)

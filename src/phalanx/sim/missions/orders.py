@@ -26,10 +26,8 @@ class Orders:
     """What a fleet is given.
 
     Args:
-        name: for people.
         plan: the building, with the codes that the mission's author hung on its walls.
         parts: robot i gets part i modulo their number.
-        pool: actions that the robots can do.
         controller: messages that a controller sends when the robots start.
         unauditable: what robots must sense for it and no audit can show, "" as far as anybody here knows.
     """
@@ -44,8 +42,6 @@ class Orders:
     def run(self, **how: Any) -> MissionRun:
         """The run in which robots live it; one for each part if nothing else is said.
 
-        Args:
-            how: the rest of MissionRun's arguments.
         Raises: UsageError: one is out of range, or robots shall audit each other on what no audit can show.
         """
         if self.unauditable and how.get("defence", "none") != "none":
@@ -58,9 +54,7 @@ def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan, start: Po
     """What robots are given of a mission whose author is asked.
 
     Args:
-        plain: the mission.
         built: a file and a key for each of its parts, in their order.
-        plan: the building.
         start: where all robots are put; None is where each part begins.
     Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
     """
@@ -73,9 +67,7 @@ def orders_of_files(
     """What robots are given of encoded missions.
 
     Args:
-        name: for people.
         files: one for each part, with its start key.
-        plan: the building.
         plain: what the files were built from, in the order of its parts: it says where robots begin, what hangs on the
             walls and what robots can do. Without it nobody here knows more than the files say.
         start: where all robots are put; None is where each part begins, or where the building says.

@@ -48,8 +48,6 @@ def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
     """Put a run into a file.
 
     Args:
-        path: written anew.
-        plan: the building.
         reports: with their traces.
     Raises: UsageError: no such folder. Unavailable: it cannot be written.
     Source: mcap.dev; Foxglove's schemas.

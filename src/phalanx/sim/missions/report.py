@@ -29,7 +29,6 @@ class Report:
     """What became of a robot.
 
     Args:
-        done: its mission is completed.
         decoded: (t_s, node), in the order in which they were decoded; first times alone.
         places: of decoded nodes, map frame, metres.
         hashes_tried: hashes or KDFs.
@@ -37,7 +36,6 @@ class Report:
         search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest.
         pose_error_m, odometry_error_m: of each step, with fixes and without.
         not_validated: (t_s, reason).
-        actions: (t_s, action) that it carried out.
         trace: (t_s, true pose, estimate, odometry alone) of each step, if it is kept.
         lacks: what nodes that it could have decoded next are made of, and its world does not have.
         safe_mode_s: when it was stopped by those who audit it, or None.

@@ -25,7 +25,6 @@ def run_mission(
     """What became of each robot.
 
     Args:
-        run: what to run.
         workers: processes that share robots which cannot hear each other.
         on_progress: called with the share of the work that is done; of the first process's robots.
     """

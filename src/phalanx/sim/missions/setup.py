@@ -40,15 +40,12 @@ class MissionRun:
     Args:
         plan: the building; its walls do not stop radio.
         parts: of the mission; robot i gets part i modulo their number.
-        robots: how many.
         defence: "none", "paper" or "bound": whether, and by which protocol, robots audit each other.
         f_max: compromised robots that audits tolerate.
         noise: of their odometry.
-        seed: of all that is drawn.
         begin_s: the mission's clock when it starts.
         apart_s: from one robot's setting out to the next's, on the same part.
         duration_s: robots that are not done by then have not completed.
-        pool: actions that the robots can do.
         controller: messages that a controller sends when the robots start, from a station in the middle.
         meet_m: robots so near that see each other exchange what they decoded; 0 is never.
         keep_trace: keep where robots were at every step.

@@ -52,10 +52,6 @@ class MissionRobot:
 
     Args:
         number: of the robot; with the seed it decides all that is drawn for it.
-        body: its wheels and sensors.
-        cnode: its c-node, which may lie.
-        walker: of its mission.
-        keep_trace: keep where it was at every step.
 
     Attributes:
         rests: it is left where it stands for now.
@@ -108,7 +104,6 @@ class MissionWorld:
     """A run, being lived.
 
     Args:
-        run: what runs.
         numbers: robots that live here; None is all.
         building: where; None is the run's.
         walker: of all robots; None is that of each one's part.

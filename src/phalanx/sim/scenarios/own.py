@@ -35,7 +35,6 @@ def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Ca
 
     Args:
         words: "FILE.py:CLASS", the name of a bundled controller, or None for the scenario's.
-        scenario: what will run.
     Raises: as `find_class`. UsageError: no such name.
     """
     if words is None:

@@ -58,7 +58,6 @@ def play(
     """The run, at the end of the scenario.
 
     Args:
-        scenario: what runs.
         record: MCAP file to write, or None.
         on_step: called each `step_s` from 0 on, and at the end; what it raises ends the run, the recording complete.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.

@@ -85,9 +85,6 @@ SHIELDS_SCHEMA = {
 class Recording:
     """An MCAP file that grows. Use as `with`; at its end, however that comes, the file gets its index.
 
-    Args:
-        path: written anew.
-        scenario: what is recorded.
     Raises: on entering, UsageError: no such folder. Unavailable: it cannot be written, then or later.
     Source: mcap.dev; Foxglove's schemas.
     """

@@ -28,7 +28,6 @@ class Sent:
         plain: what a robot without the shield gets.
         file: what one with it gets; the paper's or ours.
         key: the start key's bytes, which travel apart.
-        said: the messages of its controller.
     """
 
     plain: Mission
@@ -43,11 +42,9 @@ class MissionPlan:
 
     Args:
         start_s: from when on it lies, seconds from the robot's start.
-        chance: its dice.
         yesterday: what the operator sent to this robot a day ago, recorded.
         others: what the operator sent to another robot today, recorded.
         wanted: what the adversary would have the robot do.
-        options: what was asked for beside that.
     """
 
     start_s: float
@@ -94,12 +91,7 @@ class Between:
         return plan
 
     def scan(self, pose: Pose, look: Look) -> LaserScan:
-        """What the lidar says.
-
-        Args:
-            pose: where the robot truly is.
-            look: the scan that is true from a pose.
-        """
+        """What the lidar says."""
         return look(pose)
 
     def wheels(self) -> tuple[float, float]:

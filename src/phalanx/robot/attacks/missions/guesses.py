@@ -42,7 +42,6 @@ class Guess(Between, ABC):
         """Batches of tries, for as long as the caller asks for more.
 
         Args:
-            sent: captured.
             box: where the places are, metres.
         """
 

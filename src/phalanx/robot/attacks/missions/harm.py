@@ -17,14 +17,12 @@ class Walked:
         held: it has stopped for good, or never started.
         decoded: nodes that it took for reached, in this order.
         false_nodes: those of them that it took for reached more than a metre from where it believed to be.
-        actions: that it did.
         wrong_actions: those of them that nobody ordered, or not there.
         false_fixes: fixes that left it 0.3 m or 6 degrees off.
         worst_fix_m: so far off did the worst of them leave it; 0 without one.
         not_validated: reasons that it gave, in this order.
         from_last_m: at the end, from the place of its last validated node; None if that is no place.
         pose_error_m: at the end, between where it is and where it believes to be.
-        t_s: when it ended.
     """
 
     refused: str = ""
@@ -47,10 +45,8 @@ class Guessed:
     """What came of trying to read a captured mission: a part of it really run, the rest from its rate.
 
     Args:
-        nodes: of the mission.
         read: those of them that were read.
         tries: really made.
-        seconds: that they took.
         tries_per_s: measured; 0 where nothing had to be tried.
         candidates: to be tried in the worst case, as far as is known now.
         whole_s: what all of them take at that rate.

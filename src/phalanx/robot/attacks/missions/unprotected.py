@@ -42,7 +42,6 @@ class PlainWalker(Walker):
     """A plain mission, followed; messages are their names, in clear.
 
     Args:
-        plain: what to do, of one part.
         config: of the robot; its time-out holds at nodes without one.
     """
 

@@ -64,9 +64,7 @@ class Assignment:
     """What every robot knows of one robot's mission: nothing that decodes anything.
 
     Args:
-        mission: the encoded file.
         start: x, y in metres and heading in radians at which the robot is put, map frame.
-        pool: actions that it can do.
         begin_s: the mission's clock at the robot's first reading.
         wait_s: so long after that reading the robot sets out.
     """
@@ -96,9 +94,7 @@ class Missions:
     """All robots' assignments, and how they sense: the same for whoever drives and whoever audits.
 
     Args:
-        assigned: by robot id.
         sensors: lidar and sectors.
-        config: of the walker.
         say_every: control periods from one message to the next.
         audited: decisions rest on what auditors are shown, and on nothing else.
     """
@@ -115,7 +111,6 @@ class Missions:
         """What makes controllers inside one robot: its own, and others' to replay.
 
         Args:
-            rob_id: the robot's.
             own: its walker, which has its start key.
             kind: of its own controller; None is MissionController.
         """
@@ -151,10 +146,7 @@ class Memory:
     Args:
         origin: x, y, heading of the odometry's frame in the map's: fixes change it.
         begun_ms: of the s-node's clock, at the first reading; 0 before.
-        leg: the instruction in hand.
         blocked: the way was given up at the last step.
-        said: encoded messages that it gives out.
-        walk: the mission's.
     """
 
     origin: Pose
@@ -169,8 +161,6 @@ class MissionController(EvidenceController):
     """One robot's mission, driven or replayed.
 
     Args:
-        rob_id: whose.
-        missions: all that is public.
         walker: with the robot's start key, or one that replays.
 
     Attributes:

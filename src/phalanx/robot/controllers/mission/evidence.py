@@ -73,7 +73,6 @@ def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:
     """(claims, scan) of what another robot's log holds.
 
     Args:
-        raw: any bytes.
         beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
     Raises: BadEvidence, or what `parse_claim` raises.
     """

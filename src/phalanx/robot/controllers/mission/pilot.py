@@ -79,8 +79,6 @@ class Sectors:
 
     Args:
         first_rad: where the field of view begins.
-        step_rad: width of a sector.
-        count: of them.
     """
 
     def __init__(self, first_rad: float, step_rad: float, count: int) -> None:
@@ -96,13 +94,9 @@ def drive(
     """The next command for an instruction.
 
     Args:
-        leg: as the last call left it.
-        order: in force.
         begin: the node at which it begins.
         pose: x, y, heading as the robot estimates it, map frame.
         clear: (sectors,) as in a reading.
-        sectors: their directions.
-        t_s: now.
     """
     if order.kind not in (Kind.GO, Kind.BACK):
         return Leg(), Drive()

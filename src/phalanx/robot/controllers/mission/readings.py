@@ -41,7 +41,6 @@ class Reading:
     Args:
         x_m, y_m, heading_rad: odometry, its own frame.
         travelled_m: way since the start, forwards and backwards.
-        scan_sha1: of the scan's bytes.
         clear: (sectors,) uint8, see the table.
     """
 
@@ -97,7 +96,9 @@ class Sensors:
         words = np.frombuffer(raw, "<u2")
         assert len(words) == self.lidar.beams, "whoever unpacks a scan looks at its length"
         lidar = self.lidar
-        return LaserScan(_RANGES_M[words], lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+        return LaserScan(
+            _RANGES_M[words], lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m
+        )
 
     def parse(self, raw: bytes) -> Reading:
         """The reading in these bytes.
@@ -124,11 +125,8 @@ class Sensors:
         """The reading that goes into the chain.
 
         Args:
-            rob_id: 1..65535.
             t_ms: of the s-node's clock.
             odometry: x and y in metres and heading in radians, its own frame.
-            travelled_m: since the start.
-            raw: the scan's bytes.
         Raises: UsageError: the robot has gone further than numbers go.
         """
         x_m, y_m, heading_rad = odometry
