@@ -14,6 +14,10 @@ COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell npr
 WAITS := -m "waits and not alone and not long" --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long"
 DEMO ?=
+# Tests start hundreds of processes, each of which would compile our modules again.
+unexport PYTHONDONTWRITEBYTECODE
+# Several targets at a time; what each says comes in one piece when it ends.
+TOGETHER := $(MAKE) --no-print-directory --keep-going --output-sync=target --jobs
 
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
@@ -25,7 +29,7 @@ NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
-.PHONY: help setup setup-dev tools-dev ready ready-dev ready-tools-dev demo test lint test-firmware test-web test-python test-computes test-waits \
+.PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint test-firmware test-web test-python test-computes test-waits \
 	test-alone check-long coverage bench docs release clean
 
 help:
@@ -41,15 +45,12 @@ setup:
 setup-dev:
 	@$(MAKE) --no-print-directory --jobs=8 ready-dev
 
-# All that lint needs, and the tests of TypeScript and C: these can go on while robots' code is compiled.
-tools-dev:
-	@$(MAKE) --no-print-directory --jobs=8 ready-tools-dev
-
 FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
 ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
-ready-tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
-ready-dev: ready ready-tools-dev
-ready ready-dev ready-tools-dev:
+# All that lint needs, and the tests of TypeScript and C: these go on while robots' code is compiled.
+tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
+ready-dev: ready tools-dev
+ready ready-dev tools-dev:
 	@: # make would say of each that there is nothing to be done
 
 $(NEEDED):
@@ -98,9 +99,9 @@ $(PEER)/dist/peer.cjs: $(PEER)/package-lock.json $(wildcard $(PEER)/*.js $(PEER)
 demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
-test: tools-dev
-	@$(BIN)/python scripts/side_by_side.py setup-dev lint docs test-firmware test-web
-	@$(BIN)/python scripts/side_by_side.py test-computes test-waits
+test:
+	@$(TOGETHER)=8 ready-dev lint docs test-firmware test-web
+	@$(TOGETHER)=2 test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
 lint: tools-dev
@@ -117,13 +118,13 @@ test-firmware: tools-dev
 	nice $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
-	@$(BIN)/python scripts/side_by_side.py test-computes test-waits
+	@$(TOGETHER)=2 test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
-test-computes: setup-dev
+test-computes: ready-dev
 	nice $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
-test-waits: setup-dev
+test-waits: ready-dev
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
 
 test-alone: setup-dev

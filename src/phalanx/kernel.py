@@ -14,11 +14,11 @@ Many arrays go to kernels together (bundle.py).
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import fcntl
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -50,31 +50,27 @@ def _cache_somewhere() -> None:
         _CONFIG.CACHE_DIR = str(Path(tempfile.gettempdir()) / f"phalanx-kernels-{os.getuid()}")
 
 
+# As text: a parser would take a tenth of a second at every start. What looks like an import and is none does no harm.
+_IMPORT = re.compile(rb"^[ \t]*(?:from +(\.*)([\w.]*) +)?import +(\([^)]*\)|.*)", re.MULTILINE)
+# Whatever lies there is imported (robot/controllers/declaration.py).
+_NAME = re.compile(r"[\w.]+")
+_GLOB = re.compile(rb"\.glob\(\"([^\"]+)\"")
+
+
 @cache
 def _imported(path: Path) -> tuple[Path, ...]:
     """The modules of ours that a module imports, by their files."""
     here = ["phalanx", *path.relative_to(_ROOT).parts[:-1]]
-    found = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = here[: len(here) - node.level + 1] if node.level else []
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            names = [module, *(f"{module}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "glob":
-            # Whatever lies there is imported (robot/controllers/declaration.py).
-            patterns = [str(each.value) for each in node.args if isinstance(each, ast.Constant)]
-            found += [file for pattern in patterns for file in path.parent.glob(pattern)]
-            continue
-        else:
-            continue
-        for name in names:
-            first, *rest = name.split(".")
+    text = path.read_bytes()
+    found = {file for pattern in _GLOB.findall(text) for file in path.parent.glob(pattern.decode())}
+    for dots, module, named in _IMPORT.findall(text):
+        base = [*here[: len(here) - len(dots) + 1 if dots else 0], *filter(None, module.decode().split("."))]
+        for name in ["", *_NAME.findall(named.decode())]:
+            first, *rest = [*base, *filter(None, name.split("."))] or [""]
             file = _ROOT.joinpath(*rest).with_suffix(".py") if rest else _ROOT
             if first == "phalanx" and file.is_file():
-                found.append(file)
-    return tuple(sorted(set(found)))
+                found.add(file)
+    return tuple(sorted(found))
 
 
 @cache

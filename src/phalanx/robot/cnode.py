@@ -81,6 +81,8 @@ class CNode:
         make_controller: makes a plain-Python controller for a robot's id, or None for the fleet's bundled one.
 
     Attributes:
+        id: the robot's, 1..65535.
+        profile: of the trusted nodes.
         raw: what the next reading carries only a hash of; whoever polls the sensors sets it before `on_sensor`.
 
     Source: docs/spec/rebound.md.
@@ -91,13 +93,10 @@ class CNode:
     ) -> None:
         self.f, self.i, self.w = fleet, i, work
         self.make_controller = make_controller
+        # Asked for at every event: reading a record's field takes a microsecond.
+        self.id, self.profile = int(fleet.robot[i].id), int(fleet.settings[0].profile)
         self.controller = make_controller(self.id) if make_controller else None
         self.raw = b""
-
-    @property
-    def id(self) -> int:
-        """The robot's id, 1..65535."""
-        return int(self.f.robot[self.i].id)
 
     @property
     def is_own(self) -> bool:
@@ -191,11 +190,11 @@ class CNode:
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         room = self.f.log.shape[1] // 2 - int(self.f.robot[self.i].log_len)
         fits = log.EVIDENCE_HEAD_BYTES + len(kept) <= room and len(kept) <= self.w.evidence.shape[0]
-        return kept if fits or self.f.settings[0].profile == PLAIN else b""
+        return kept if fits or self.profile == PLAIN else b""
 
     def keep_evidence(self, evidence: bytes) -> None:
         """The evidence is in the log, right behind its INPUT."""
-        if evidence and self.f.settings[0].profile != PLAIN:
+        if evidence and self.profile != PLAIN:
             marked = table.EVIDENCE.encode(bytes=evidence)
             log.append(self.f, self.i, row(marked), len(marked))
 
@@ -244,7 +243,7 @@ class CNode:
     def keep_state(self) -> None:
         """What a plain-Python controller remembers is where checkpoints are made from."""
         # A mission's is long, and nobody asks for it where nobody audits.
-        unasked = self.f.settings[0].profile == PLAIN and isinstance(self.controller, EvidenceController)
+        unasked = self.profile == PLAIN and isinstance(self.controller, EvidenceController)
         if self.controller and not unasked:
             state = checked_state(self.controller.encode(), self.f.state.shape[1], self.controller)
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)

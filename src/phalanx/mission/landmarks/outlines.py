@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ TOUCH_M = 0.005
 STRAIGHT_SINE = 0.02
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Outline:
     """A closed way along walls.
 
@@ -31,7 +32,7 @@ class Outline:
     points: NDArray[np.float64]
     seen: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def area_m2(self) -> float:
         """Positive around free space, negative around an island of walls."""
         return area_of(self.points)
@@ -150,7 +151,7 @@ def area_of(points: NDArray[np.float64]) -> float:
 
 def _encloses(points: NDArray[np.float64], place: Point) -> bool:
     x, y = points[:, 0], points[:, 1]
-    x2, y2 = np.roll(x, -1), np.roll(y, -1)
+    x2, y2 = np.append(x[1:], x[:1]), np.append(y[1:], y[:1])
     crosses = (y > place[1]) != (y2 > place[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         at = x + (place[1] - y) / (y2 - y) * (x2 - x)

@@ -47,7 +47,7 @@ class WrongCheckpoint(Liar):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """A request is read as if its claim were its start."""
-        if int(self.f.settings[0].profile) == PLAIN or not self.is_request(frame):
+        if self.profile == PLAIN or not self.is_request(frame):
             return super().heard(now_ms, frame)
         if (place := self.whole_request(now_ms, frame)) < 0:
             return []
@@ -82,7 +82,7 @@ class Drain(RefuseToAudit):
         """The next one that is due; never to those whom it asks for audits of its own."""
         f, i, s = self.f, self.i, self.f.settings[0]
         r = f.robot[i]
-        if int(s.profile) == PLAIN or r.request_len > 0:
+        if self.profile == PLAIN or r.request_len > 0:
             return []
         for peer in f.peer[i, : int(r.peers)]:
             tor = int(peer.id)
@@ -101,7 +101,7 @@ class Drain(RefuseToAudit):
 
     def _make(self, now_ms: int, tor: int) -> bool:
         """A true token request, in a request that shows an empty log since boot; its own log shows the flush."""
-        profile, spare_ms = int(self.f.settings[0].profile), int(self.f.settings[0].t_audit) * 2 // 5
+        profile, spare_ms = self.profile, int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
             return False

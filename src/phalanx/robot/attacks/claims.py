@@ -54,7 +54,7 @@ class Equivocate(FalseState):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """To each its own."""
-        alone = int(self.f.settings[0].profile) == PLAIN
+        alone = self.profile == PLAIN
         actions: list[Action] = []
         for victim, motion in sorted(self.seen.items()):
             state = _in_the_way(self.id, now_ms, motion, self.plan.goal_m)

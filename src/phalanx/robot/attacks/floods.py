@@ -29,7 +29,8 @@ class Flood(Liar, ABC):
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
-        self._round_ms = 0
+        self._round_ms, settings = 0, self.f.settings[0]
+        self._t_audit_ms, self._f_max = int(settings.t_audit), int(settings.f_max)
 
     def on_round(self, now_ms: int) -> list[Action]:
         """The moment is remembered."""
@@ -38,14 +39,14 @@ class Flood(Liar, ABC):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """More, unless its own audits are due."""
-        s, (before_ms, after_ms) = self.f.settings[0], self.QUIET_MS
-        t_audit, profile = int(s.t_audit), int(s.profile)
-        shares = self.SHARES and profile == BOUND
+        before_ms, after_ms = self.QUIET_MS
+        shares = self.SHARES and self.profile == BOUND
         if shares:
-            before_ms = round((1 - self.POURED) * t_audit)
-        quiet = (now_ms - self._round_ms + before_ms) % t_audit < before_ms + after_ms
-        waits = shares and self.f.robot[self.i].got <= s.f_max
-        return [] if profile != PLAIN and (quiet or waits) else self.pour(now_ms)
+            before_ms = round((1 - self.POURED) * self._t_audit_ms)
+        quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
+        if self.profile != PLAIN and (quiet or (shares and self.f.robot[self.i].got <= self._f_max)):
+            return []
+        return self.pour(now_ms)
 
     @abstractmethod
     def pour(self, now_ms: int) -> list[Action]:
@@ -69,9 +70,9 @@ class RequestFlood(Flood):
         others = [rob_id for rob_id in self.plan.ids if rob_id != self.id]
         if len(others) < 2:
             return []
-        s, auditor = self.f.settings[0], others[self._turn % len(others)]
-        again_ms = self._asked_ms.get(auditor, 0) + int(s.t_audit) // 2
-        if s.profile == BOUND and now_ms < again_ms:
+        auditor = others[self._turn % len(others)]
+        again_ms = self._asked_ms.get(auditor, 0) + self._t_audit_ms // 2
+        if self.profile == BOUND and now_ms < again_ms:
             return []
         self._asked_ms[auditor] = now_ms
         self._turn += 1
@@ -93,13 +94,12 @@ class FrameFlood(Flood):
 
     def pour(self, now_ms: int) -> list[Action]:
         """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
-        s = self.f.settings[0]
-        bound = s.profile == BOUND
+        bound = self.profile == BOUND
         if bound and now_ms < self._sent_ms + self.TRIED_MS:
             return []
         self._sent_ms = now_ms
         nobody = max(self.plan.ids) + 1 if bound else 0
-        frame = audit_frame(self.id, nobody, 0x7F, bytes(int(s.frame_max) - request.AUDIT_HEAD_BYTES))
+        frame = audit_frame(self.id, nobody, 0x7F, bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES))
         return self.send(now_ms, frame, nobody or EVERYBODY)
 
 

@@ -164,7 +164,7 @@ class StaleLog(RequestForger):
     def make_request(self, now_ms: int) -> bool:
         """The kept request, with a fresh token request in it."""
         f, i, r = self.f, self.i, self.f.robot[self.i]
-        profile, treq = int(f.settings[0].profile), self.w.small[0]
+        profile, treq = self.profile, self.w.small[0]
         tor = int(rounds.next_candidate(f, i, now_ms))
         if not self._kept or r.quota <= 0 or tor == 0:
             return False

@@ -33,12 +33,11 @@ class TokenForger(Hijack, ABC):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """All tokens it has, offered once more."""
-        profile = int(self.f.settings[0].profile)
-        if profile != PLAIN:
+        if self.profile != PLAIN:
             for token in self.tokens(now_ms):
                 hckpt, mac = row(token.hckpt), row(token.mac)
                 anode = self.f.anode[self.i]
-                if trusted.anode_install_token(profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
+                if trusted.anode_install_token(self.profile, anode, now_ms, token.tor, token.t, hckpt, mac) >= 0:
                     self.gained += 1
         return []
 
@@ -109,7 +108,7 @@ class SelfIssue(TokenForger):
 
     def tokens(self, now_ms: int) -> list[Token]:
         """At most one, from itself."""
-        profile, anode = int(self.f.settings[0].profile), self.f.anode[self.i]
+        profile, anode = self.profile, self.f.anode[self.i]
         treq, mac, hckpt = row(bytes(TOKEN_REQUEST.size)), row(bytes(MAC_BYTES)), row(bytes(HASH_BYTES))
         if trusted.anode_token_request(profile, anode, now_ms, self.id, treq) < 0:
             return []
@@ -125,7 +124,7 @@ class Collude(Hijack):
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """An accomplice's request gets its token at once."""
         src = int(get_u16(row(frame), request.AT_SRC)) if self.is_request(frame) else 0
-        if int(self.f.settings[0].profile) == PLAIN or src not in self.plan.accomplices:
+        if self.profile == PLAIN or src not in self.plan.accomplices:
             return super().heard(now_ms, frame)
         place = self.whole_request(now_ms, frame)
         actions = self.vouch(now_ms, place) if place >= 0 else []

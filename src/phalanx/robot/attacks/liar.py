@@ -236,9 +236,8 @@ class Liar(CNode):
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        profile = int(self.f.settings[0].profile)
-        if profile != PLAIN:
-            trusted.anode_recv(profile, self.f.anode[self.i], now_ms, row(frame), len(frame), self.w.entry)
+        if self.profile != PLAIN:
+            trusted.anode_recv(self.profile, self.f.anode[self.i], now_ms, row(frame), len(frame), self.w.entry)
 
     def believe(self, t_ms: int, frame: bytes) -> None:
         """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
@@ -254,15 +253,14 @@ class Liar(CNode):
 
     def poll(self, now_ms: int, reading: bytes) -> int:
         """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        profile = int(self.f.settings[0].profile)
-        if profile == PLAIN:
+        if self.profile == PLAIN:
             return int(node.plain(self.w, INPUT, now_ms, row(reading), len(reading)))
         snode = self.f.snode[self.i]
-        return int(trusted.snode_poll(profile, snode, now_ms, row(reading), len(reading), self.w.entry))
+        return int(trusted.snode_poll(self.profile, snode, now_ms, row(reading), len(reading), self.w.entry))
 
     def record(self, n: int) -> None:
         """The entry in `work.entry` is in the log, whatever it is."""
-        if int(self.f.settings[0].profile) != PLAIN:
+        if self.profile != PLAIN:
             log.append(self.f, self.i, self.w.entry, n)
 
     def entry(self, n: int) -> bytes:

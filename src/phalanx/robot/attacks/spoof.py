@@ -28,7 +28,7 @@ class Spoof(Liar):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._turn = 0
-        self._strong = bool(self.plan.options.get("strong")) and int(self.f.settings[0].profile) == PLAIN
+        self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """The lies that are due."""
