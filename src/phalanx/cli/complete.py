@@ -16,11 +16,10 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
-    """Completes a word to one of `names`, or to a file with one of `endings`; where neither fits, to any file.
+    """Completes a word to one of `names`, or to a file with one of `endings` (".yaml"); where neither fits, to any
+    file.
 
-    Args:
-        names: asked for when somebody presses Tab.
-        endings: like ".yaml"; without any, no file is offered.
+    Names are asked for when somebody presses Tab. Without endings, no file is offered.
     """
 
     def complete(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:

@@ -102,9 +102,7 @@ def plain(text: object, longest: int = 60) -> str:
 class EventLines:
     """JSON lines on stdout from a thread: a reader that stalls loses lines, and holds up no robot's stop.
 
-    Args:
-        limit: lines that may wait.
-        limit_bytes: of all of them.
+    So many lines may wait, and so many bytes of all of them.
     """
 
     def __init__(self, limit: int = 10_000, limit_bytes: int = 16 * 1024 * 1024) -> None:

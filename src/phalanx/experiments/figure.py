@@ -19,19 +19,12 @@ MATPLOTLIB_HINT = "make setup, or pip install matplotlib"
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What can be asked of a figure.
+    """What can be asked of a figure."""
 
-    Args:
-        name: as typed, without the dashes.
-        default: of the type that it takes.
-        help: for people.
-        least, most: of a number.
-    """
-
-    name: str
-    default: float | str
+    name: str  # as typed, without the dashes
+    default: float | str  # of the type that it takes
     help: str
-    least: float = 0.0
+    least: float = 0.0  # of a number
     most: float = float("inf")
 
 
@@ -48,25 +41,15 @@ class Figure:
       one and what else is kept of it, or only the rows, and `compare(table)`, the statements; and `origin()`, if more
       than the version must agree for two measurements to share a file;
     - or `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)`, where it is measured otherwise.
-
-    Args:
-        name: as typed, and of its files.
-        about: what it shows, one line with its place in the paper.
-        made_by: a module of this package by its name, or whatever else has what is said above.
-        example: options that somebody may want.
-        options: what can be asked of it.
-        has_login: whether it asks for a broker's login.
-        counted: what is counted while it is measured.
-        size_in: of the picture.
     """
 
-    name: str
-    about: str
-    made_by: Any
-    example: str = "--seeds 5"
-    options: tuple[Option, ...] = (SEEDS,)
-    has_login: bool = False
-    counted: str = "cases"
+    name: str  # as typed, and of its files
+    about: str  # what it shows, one line with its place in the paper
+    made_by: Any  # a module of this package by its name, or whatever else has what is said above
+    example: str = "--seeds 5"  # options that somebody may want
+    options: tuple[Option, ...] = (SEEDS,)  # what can be asked of it
+    has_login: bool = False  # whether it asks for a broker's login
+    counted: str = "cases"  # what is counted while it is measured
     size_in: tuple[float, float] = (11.0, 5.5)
 
     @property

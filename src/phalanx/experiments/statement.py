@@ -16,38 +16,23 @@ LOW, HIGH = 0.05, 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """One thing that the paper or the reference says, and what we found.
+    """One thing that the paper or the reference says, and what we found."""
 
-    Args:
-        what: is compared, with its unit.
-        paper: what the paper says, in words.
-        reference: what the independent reference has, or "".
-        ours: what we measured.
-        agrees: whether they agree, by the tolerance named in `why`.
-        why: the tolerance, and where it comes from; of a disagreement, the reason.
-    """
-
-    what: str
-    paper: str
-    reference: str = ""
+    what: str  # what is compared, with its unit
+    paper: str  # what the paper says, in words
+    reference: str = ""  # what the independent reference has, or ""
     ours: str
-    agrees: bool
-    why: str
+    agrees: bool  # whether they agree, by the tolerance named in `why`
+    why: str  # the tolerance, and where it comes from; of a disagreement, the reason
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is told of a figure.
+    """What is told of a figure."""
 
-    Args:
-        rows: for JSON.
-        lines: for people.
-        more: what JSON says beside the rows.
-    """
-
-    rows: list[dict[str, Any]]
+    rows: list[dict[str, Any]]  # for JSON
     lines: list[str]
-    more: dict[str, Any]
+    more: dict[str, Any]  # what JSON says beside the rows
 
 
 def report(figure: Figure, table: Table) -> Report:

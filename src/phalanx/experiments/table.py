@@ -35,21 +35,14 @@ ELSEWHERE = "use another folder with --out, or move the file away"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """What a CSV begins with.
-
-    Args:
-        figure: its name.
-        columns: of the lines.
-        origin: with what it is measured, the version of the program among it. All of it must agree for two
-            measurements to share a file, but what is in `free`.
-        by_line: whether each line is a case; else cases have names, and their cells are numbers.
-        free: of `origin`.
-    """
+    """What a CSV begins with."""
 
     figure: str
-    columns: tuple[str, ...]
+    columns: tuple[str, ...]  # of the lines
+    # With what it is measured, the version of the program among it. For two measurements to share a file all of it must
+    # agree, but what is in `free`.
     origin: Mapping[str, Any]
-    by_line: bool = False
+    by_line: bool = False  # whether each line is a case; else cases have names, and their cells are numbers
     free: frozenset[str] = frozenset()
 
     @property
@@ -61,22 +54,14 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What a CSV holds.
-
-    Args:
-        figure: its name.
-        origin: with what it was measured.
-        columns: of the lines, without the case.
-        cases: (rows, columns) of each, in the order measured.
-        kept: what else was kept of a case.
-        lines: where each line is a case, their cells and their numbers in the file.
-    """
+    """What a CSV holds."""
 
     figure: str
-    origin: dict[str, Any]
-    columns: tuple[str, ...]
-    cases: dict[str, Rows] = field(default_factory=dict)
-    kept: dict[str, dict[str, Any]] = field(default_factory=dict)
+    origin: dict[str, Any]  # with what it was measured
+    columns: tuple[str, ...]  # of the lines, without the case
+    cases: dict[str, Rows] = field(default_factory=dict)  # (rows, columns) of each, in the order measured
+    kept: dict[str, dict[str, Any]] = field(default_factory=dict)  # what else was kept of a case
+    # Where each line is a case, their cells and their numbers in the file.
     lines: list[tuple[int, list[str]]] = field(default_factory=list)
 
     @property
@@ -91,11 +76,8 @@ class Table:
 
 
 def read_table(path: Path, figure: str = "") -> Table:
-    """The table in a CSV.
+    """The table in a CSV, of this figure or of any.
 
-    Args:
-        path: of the CSV.
-        figure: whose it must be; "" for any.
     Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
     """
     try:
@@ -110,14 +92,9 @@ def read_table(path: Path, figure: str = "") -> Table:
 class TableFile:
     """A CSV that grows. Use as `with`: entered, it is ours alone and ends with something whole.
 
-    Args:
-        path: made if it is not there, with its folder.
-        head: what it begins with.
-        check: raises UsageError on a table that was found and is none of the figure's.
+    Then `table` is what was there, and `done` names the cases that are there; `check` raises UsageError on a table that
+    is none of the figure's. The file is made if it is not there, with its folder.
 
-    Attributes:
-        table: what was there when it was entered.
-        done: names of the cases that are there.
     Raises: on entering, UsageError: the file is another measurement's, or another run writes to it; nothing was
         altered. Unavailable: it cannot be written, on entering or later.
     """
@@ -149,13 +126,7 @@ class TableFile:
         os.close(self._fd)
 
     def append(self, case: str, rows: Rows, kept: Mapping[str, Any] | None = None) -> None:
-        """Write a whole case, now.
-
-        Args:
-            case: its name, without a comma.
-            rows: (rows, columns).
-            kept: what else is kept of it.
-        """
+        """Write a whole case, now: its (rows, columns), and what else is kept of it. The name has no comma."""
         lines = [f"{case},{','.join(format(value, '.6g') for value in row)}\n" for row in rows.tolist()]
         end = f"{END}{case}{f' {json.dumps(dict(kept))}' if kept is not None else ''}\n"
         self._write("".join([*lines, end]))
@@ -211,11 +182,8 @@ def measure(
 ) -> Path:
     """The CSV in `folder` with all cases in it; goes on where an earlier measurement was stopped.
 
-    Args:
-        folder: made if it is not there.
-        figure: measured case by case.
-        seeds: so many runs of each case.
-        on_progress: called with how many cases are done, and of how many.
+    `on_progress` is told how many cases are done, and of how many.
+
     Raises: UsageError: a CSV of another measurement, or so many seeds. Unavailable: the disk is full.
     """
     figure.check({"seeds": seeds})

@@ -11,25 +11,16 @@ from phalanx.robot.attacks.attack import Attack
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """What an attack came to.
-
-    Args:
-        attack, defence: as named.
-        declared: what the attack says that this defence makes of it.
-        harm: what the attack measures of its damage, in `harm_unit`; None if nobody is left to be harmed.
-        harm_words: what is measured.
-        harm_bites_from: from so much on, the attack calls it a bite.
-        attacked, honest: what became of those that were attacked, and of the same that nobody attacks.
-    """
+    """What an attack came to."""
 
     attack: str
     defence: str
-    declared: str
-    harm: float | None
+    declared: str  # what the attack says that this defence makes of it
+    harm: float | None  # what the attack measures of its damage, in `harm_unit`; None if nobody is left to be harmed
     harm_unit: str
     harm_words: str
-    harm_bites_from: float
-    attacked: Any
+    harm_bites_from: float  # from so much on, the attack calls it a bite
+    attacked: Any  # what became of those that were attacked, and of the same that nobody attacks
     honest: Any
 
 

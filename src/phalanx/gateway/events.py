@@ -10,12 +10,7 @@ from phalanx.link.messages import Rejected
 
 
 def tell_event(said: Happening, qr_url: str) -> dict[str, Any] | None:
-    """The event in JSON's types; None for what is nobody's business. A rotation has the pin in it.
-
-    Args:
-        said: what the server reported.
-        qr_url: what the QR code says now.
-    """
+    """The event in JSON's types; None for what is nobody's business. A rotation has the pin in it."""
     if isinstance(said, Epoch):
         return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": qr_url}
     if isinstance(said, Command):

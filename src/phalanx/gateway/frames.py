@@ -36,11 +36,7 @@ class Tick:
 
 
 class Frames:
-    """Compares the swarm with what visitors were told last, and numbers its robots.
-
-    Args:
-        limit_bytes: longest frame, as JSON.
-    """
+    """Compares the swarm with what visitors were told last, in frames of at most so much JSON; numbers its robots."""
 
     def __init__(self, limit_bytes: int) -> None:
         self._limit_bytes = limit_bytes - FRAME_BYTES
@@ -64,11 +60,8 @@ class Frames:
     ) -> Tick | None:
         """The frames of this tick, or None if there is nothing to say and the last one is less than a second old.
 
-        Args:
-            robots: the swarm now.
-            now_s: seconds since 1970.
-            uptime_s: monotonic seconds; every robot's place comes once in `FULL_EVERY_S` of them.
-            more: further lists to be told, by their names.
+        Of `uptime_s`, which is monotonic, every robot's place comes once in `FULL_EVERY_S`; `more` are further lists to
+        be told, by their names.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
         rows = self._rows_of(robots)

@@ -38,13 +38,10 @@ ROUTE_POINTS_IN_ALL = 3000
 
 
 class Gateway:
-    """Serves one swarm over one link.
+    """Serves one swarm over one link, whose handlers are registered here.
 
-    Args:
-        swarm: the robots.
-        server: the link; its handlers are registered here.
-        say: told what happens to shields and on missions (see ShieldWatch, MissionWatch).
-        clock: seconds since 1970.
+    `say` is told what happens to shields and on missions (see ShieldWatch, MissionWatch); the clock is seconds since
+    1970.
     """
 
     def __init__(

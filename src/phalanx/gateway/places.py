@@ -61,8 +61,6 @@ class Places:
 def in_places(rows: NDArray[np.int64]) -> list[Places]:
     """The rows in as few `Places` as tell them well: a robot far from the others does not make their places coarse.
 
-    Args:
-        rows: as of `Places`.
     Source: docs/spec/vocabulary.md.
     """
     if not len(rows):

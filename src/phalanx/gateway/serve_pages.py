@@ -144,25 +144,16 @@ class _Site:
 
 
 class VisitorPages(_Site):
-    """The page that a QR code opens.
-
-    Args:
-        host: where to listen.
-        port: 0 for any; read it back once entered.
-    """
+    """The page that a QR code opens. Port 0 is any; read it back once entered."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__("visitor", VISITOR_POLICY, host, port)
 
 
 class OperatorPages(_Site):
-    """The operator's page, on loopback, and its data for whoever has the token.
+    """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
-    Args:
-        token: what `Authorization: Bearer` must carry.
-        state: called for each answer.
-        compromise: has a robot of this address run an attack of this name; raises Unknown.
-        desk: of robots that live missions, or None.
+    Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
     """
 
     def __init__(

@@ -34,9 +34,7 @@ class _Lie:
 class ShieldWatch:
     """Compares the shields with what visitors were told last, and keeps the newest refusals.
 
-    Args:
-        swarm: the robots.
-        say: told, as `--events` prints them, of refused audits, of robots in Safe Mode and of those compromised.
+    `say` is told, as `--events` prints them, of refused audits, of robots in Safe Mode and of those compromised.
     """
 
     def __init__(self, swarm: Shielded, say: Callable[[dict[str, Any]], None]) -> None:
@@ -50,12 +48,7 @@ class ShieldWatch:
         self._terms: dict[str, int] = {}
 
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
-        """`shields` and `audits` of the next frame.
-
-        Args:
-            number: what frames call a robot.
-            uptime_s: monotonic seconds.
-        """
+        """`shields` and `audits` of the next frame; `number` is what frames call a robot, the uptime monotonic."""
         audits = list(self._swarm.new_audits())
         for audit in audits:
             self._last[audit.auditee] = audit
@@ -122,11 +115,7 @@ class ShieldWatch:
         self._say({"event": "compromised", "address": address, "attack": attack})
 
     def state(self, name: Callable[[str], str]) -> dict[str, Any]:
-        """What the operator's page shows.
-
-        Args:
-            name: of a robot, for people.
-        """
+        """What the operator's page shows; `name` is a robot's, for people."""
         shields, now_s = self._swarm.shields(), time.monotonic()
         return {
             **self.in_area(),

@@ -52,28 +52,19 @@ Say = Callable[[dict[str, Any]], None]
 class UpOptions:
     """What to run.
 
-    Args:
-        broker: auto, mosquitto, amqtt or a URL.
-        broker_ws: websocket URL of a broker elsewhere, where it is not one port further.
-        login: for a broker elsewhere.
-        host: address to listen on for visitors; 0.0.0.0 for every one.
-        port: of the visitors' page; None for 8080 or any free one, 0 for any.
-        page_url: where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
-        frontend: page of the published form to send visitors to, instead of ours.
-        duration_s: end by itself after so long.
-        link: the link's parameters.
     Raises: UsageError: a page is none.
     """
 
-    broker: str = "auto"
-    broker_ws: str = ""
-    login: Login | None = None
-    host: str = LOOPBACK
-    port: int | None = None
+    broker: str = "auto"  # auto, mosquitto, amqtt or a URL
+    broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
+    login: Login | None = None  # for a broker elsewhere
+    host: str = LOOPBACK  # address to listen on for visitors; 0.0.0.0 for every one
+    port: int | None = None  # of the visitors' page; None for 8080 or any free one, 0 for any
+    # Where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
     page_url: str = ""
-    frontend: str = ""
-    duration_s: float | None = None
-    link: LinkConfig = field(default_factory=LinkConfig)
+    frontend: str = ""  # page of the published form to send visitors to, instead of ours
+    duration_s: float | None = None  # end by itself after so long
+    link: LinkConfig = field(default_factory=LinkConfig)  # the link's parameters
 
     def __post_init__(self) -> None:
         for page in (self.frontend, self.page_url):
@@ -260,11 +251,9 @@ async def up(
 ) -> None:
     """Run a gateway until cancelled, or for as long as the options say.
 
-    Args:
-        options: what to run.
-        say: called with every event; the first of a running gateway is "ready", before it perhaps "waiting".
-        started: called with the running gateway, just after "ready".
-        swarm: makes the robots; called after all that can be wrong.
+    `say` is told every event; the first of a running gateway is "ready", before it perhaps "waiting". Just after
+    "ready" `started` has the gateway. The robots are made after all that can be wrong.
+
     Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
     """
     loopback_only = options.host in (LOOPBACK, "localhost")

@@ -28,23 +28,14 @@ PORT_TRIES = 5
 
 @dataclass(frozen=True, slots=True)
 class RunningBroker:
-    """A broker to use.
+    """A broker to use."""
 
-    Args:
-        name: mosquitto, amqtt or external.
-        url: for visitors' programs on this machine.
-        gateway: for the gateway; the only one who may speak as the swarm, where the broker is ours.
-        websocket: for browsers, as seen from this machine.
-        mqtt: protocol version to begin with.
-        guessed: whether `websocket` is only where such brokers usually have theirs.
-    """
-
-    name: str
-    url: BrokerUrl
-    gateway: BrokerUrl
-    websocket: str
-    mqtt: int
-    guessed: bool = False
+    name: str  # mosquitto, amqtt or external
+    url: BrokerUrl  # for visitors' programs on this machine
+    gateway: BrokerUrl  # for the gateway; the only one who may speak as the swarm, where the broker is ours
+    websocket: str  # for browsers, as seen from this machine
+    mqtt: int  # protocol version to begin with
+    guessed: bool = False  # whether `websocket` is only where such brokers usually have theirs
 
 
 def has_amqtt() -> bool:
@@ -65,16 +56,12 @@ async def open_broker(
 ) -> AsyncIterator[RunningBroker]:
     """The broker that `kind` asks for: auto, mosquitto, amqtt, or a URL.
 
-    Args:
-        kind: what to run, or where one runs.
-        login: for a broker elsewhere.
-        websocket: its websocket URL, where it cannot be told from `kind`.
-        ws_host: address at which an embedded broker listens for browsers; loopback unless asked.
-        tcp_port: 0 for 1883 or any free one.
-        ws_port: 0 for 9001 or any free one.
-        root: first part of every topic that an embedded broker lets visitors use.
+    Of a broker elsewhere, `login` is for it and `websocket` its URL for browsers, where `kind` does not tell that. One
+    of ours listens for browsers at `ws_host`, loopback unless asked; ports of 0 are 1883 and 9001 or any free ones.
+    `root` is the first part of every topic that it lets visitors use.
+
     Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails, or
-            is not installed.
+        is not installed.
     """
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)

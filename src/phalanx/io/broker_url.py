@@ -21,21 +21,13 @@ class Login:
 
 @dataclass(frozen=True, slots=True)
 class BrokerUrl:
-    """A broker's address.
+    """A broker's address."""
 
-    Args:
-        scheme: mqtt, mqtts, ws or wss.
-        host: name or address, IPv6 without brackets.
-        port: TCP port.
-        path: of the websocket; "" for TCP.
-        login: or None for an anonymous broker.
-    """
-
-    scheme: str
-    host: str
+    scheme: str  # mqtt, mqtts, ws or wss
+    host: str  # name or address, IPv6 without brackets
     port: int
-    path: str = ""
-    login: Login | None = None
+    path: str = ""  # of the websocket; "" for TCP
+    login: Login | None = None  # or None for an anonymous broker
 
     @property
     def tls(self) -> bool:

@@ -52,12 +52,8 @@ class _DeniedError(aiomqtt.MqttError):
 class Incoming(asyncio.Queue[aiomqtt.Message]):
     """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
 
-    Args:
-        on_overrun: called for every message that is dropped.
-        emptied: tells since when a message that comes now may have waited.
-        on_read: called for every message that is read, with the seconds it has waited here.
-        maxsize: most messages.
-        max_bytes: most bytes.
+    `on_overrun` is called for every message that is dropped, `on_read` for every one that is read, with the seconds it
+    has waited here; `emptied` tells since when a message that comes now may have waited.
     """
 
     def __init__(

@@ -18,23 +18,14 @@ READ = ("notify", "reply/+")
 
 @dataclass(frozen=True, slots=True)
 class Listeners:
-    """Where a broker of ours listens.
+    """Where a broker of ours listens."""
 
-    Args:
-        visitors_port: TCP on loopback, for visitors' programs on this machine.
-        gateway_port: TCP on loopback, for the gateway alone.
-        ws_host: address at which browsers reach it.
-        ws_port: websockets.
-        login: the gateway's.
-        root: first part of every topic.
-    """
-
-    visitors_port: int
-    gateway_port: int
-    ws_host: str
+    visitors_port: int  # TCP on loopback, for visitors' programs on this machine
+    gateway_port: int  # TCP on loopback, for the gateway alone
+    ws_host: str  # address at which browsers reach it
     ws_port: int
-    login: Login
-    root: str
+    login: Login  # the gateway's
+    root: str  # first part of every topic
 
     @property
     def gateway(self) -> BrokerUrl:

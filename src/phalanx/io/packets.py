@@ -32,13 +32,10 @@ class BrokerFaultError(aiomqtt.MqttError):
 
 
 def check_packet(first: int, length: int, packet: bytes | bytearray, mqtt: int) -> None:
-    """Nothing, if the packet is cheap to parse.
+    """Nothing, if a packet of this first byte and this length after it is cheap to parse.
 
-    Args:
-        first: its first byte.
-        length: of what follows the length.
-        packet: what follows the length, or only its end if it is longer than `MAX_PACKET_BYTES`.
-        mqtt: protocol version, 5 or 4.
+    `packet` is what follows the length, or only its end if it is longer than `MAX_PACKET_BYTES`.
+
     Raises: TooLarge: a message that is to be dropped. BrokerFaultError.
     Source: MQTT 5.0 §2, §3.3.
     """
@@ -97,10 +94,7 @@ class Emptied:
 class CheckedClient(aiomqtt.Client):
     """aiomqtt's client, but every packet is checked first.
 
-    Args:
-        on_dropped: called for every message that is dropped unparsed.
-        emptied: told when the socket is empty.
-        more: see aiomqtt.
+    `on_dropped` is called for every message that is dropped unparsed; `emptied` is told when the socket is empty.
     """
 
     def __init__(self, *where: Any, on_dropped: Callable[[PeerError], None], emptied: Emptied, **more: Any) -> None:

@@ -22,13 +22,11 @@ FRAME = 16  # the notification of a gateway that is numbered
 
 
 class ClientSide:
-    """One visitor: its epoch, and the opening and sealing of messages.
+    """One visitor: its epoch, and the opening and sealing of messages. The pin is from the QR code.
 
-    Args:
-        config: the parameters.
-        random_bytes: n -> n bytes from a cryptographic source.
-        pin: from the QR code.
-        client_id: names the topic for answers; not a secret, and no proof of anything.
+    `random_bytes` makes n bytes from a cryptographic source. `client_id` names the topic for answers; it is not a
+    secret, and no proof of anything.
+
     Raises: UsageError: the client id has characters that a topic may not have.
     Source: Qrkey §III; docs/spec/link.md.
     """

@@ -21,14 +21,11 @@ PIN_MESSAGE_CMD = 255
 class Bound:
     """What a client of ours seals beside its payload. Published peers neither say nor read it.
 
-    Args:
-        sub: topic below the epoch that it was sealed for, or None.
-        seen: number of the last frame that its sender had read, or None.
     Source: docs/spec/link.md.
     """
 
-    sub: str | None = None
-    seen: int | None = None
+    sub: str | None = None  # topic below the epoch that it was sealed for, or None
+    seen: int | None = None  # number of the last frame that its sender had read, or None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +86,10 @@ def seal(plaintext: bytes, epoch: Epoch, iv: bytes) -> bytes:
 def open_envelope(
     token: bytes, epoch: Epoch, now_s: float, cache: ReplayCache, max_bytes: int, *, pin_message_may_come: bool = False
 ) -> Envelope | Pin:
-    """The envelope in `token`, or the new pin that a pin message announces.
+    """The envelope in an untrusted token, or the new pin that a pin message announces: to a client, by a notification.
 
-    Args:
-        token: untrusted bytes.
-        epoch: whose key must verify.
-        now_s: the receiver's clock, seconds since 1970.
-        cache: of this receiver; entered once the message is authentic and fresh.
-        max_bytes: longest plaintext to read.
-        pin_message_may_come: true for a client reading a notification.
+    The cache is entered once the message is authentic and fresh. `now_s` is the receiver's clock, seconds since 1970.
+
     Raises: OpenError, whatever went wrong; its `cause` says what.
     Source: docs/spec/link.md.
     """

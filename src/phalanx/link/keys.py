@@ -20,16 +20,12 @@ KEY_BYTES = 32
 class Epoch:
     """A pin with what is derived from it.
 
-    Args:
-        pin: the pin.
-        topic: 24 characters; public, for every message travels under it.
-        key: AES-256-GCM key.
     Source: Qrkey §III-D.
     """
 
     pin: Pin
-    topic: str
-    key: Key
+    topic: str  # 24 characters; public, for every message travels under it
+    key: Key  # AES-256-GCM key
 
 
 def derive_epoch(pin: Pin) -> Epoch:

@@ -53,11 +53,8 @@ class PartsInbox:
         self._open: dict[tuple[int, int], _Open] = {}
 
     def take(self, number: int, words: dict[str, Any]) -> list[Any] | None:
-        """The whole list once its last part is here, else None.
+        """The whole list once its last part is here, else None; a reply has `data`, `answer`, `part` and `parts`.
 
-        Args:
-            number: of the request.
-            words: the reply, with `data`, `answer`, `part` and `parts`.
         Raises: BadPayload.
         Source: docs/adr/0009.
         """

@@ -37,11 +37,8 @@ class Pin:
 
 
 def new_pin(digits: int, random_bytes: Callable[[int], bytes]) -> Pin:
-    """A pin of `digits` digits, each equally likely.
+    """A pin of so many digits, each equally likely; `random_bytes` makes n bytes from a cryptographic source.
 
-    Args:
-        digits: how many.
-        random_bytes: n -> n bytes from a cryptographic source.
     Source: Qrkey §III-D.
     """
     chosen = ""

@@ -31,19 +31,14 @@ class BadQrUrl(UsageError):
 class QrUrl:
     """Everything that a visitor needs.
 
-    Args:
-        pin: the pin.
-        broker: websocket URL of the broker.
-        root: first part of every topic.
-        mqtt: protocol version, 5 or 4 (3.1.1).
     Raises: BadQrUrl.
     Source: docs/spec/link.md.
     """
 
     pin: Pin = field(repr=False)
-    broker: str
-    root: str = DEFAULT_ROOT
-    mqtt: int = DEFAULT_MQTT
+    broker: str  # websocket URL of the broker
+    root: str = DEFAULT_ROOT  # first part of every topic
+    mqtt: int = DEFAULT_MQTT  # protocol version, 5 or 4 (3.1.1)
 
     def __post_init__(self) -> None:
         if not _BROKER.fullmatch(self.broker):
@@ -91,11 +86,8 @@ class QrUrl:
 
 
 def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
-    """What a scanned link says, in either form.
+    """What a scanned link says, in either form; `root` is used for the published one, which does not name one.
 
-    Args:
-        url: the whole link.
-        root: used for the published form, which does not name one.
     Raises: BadQrUrl, BadPin.
     Source: docs/spec/link.md.
     """

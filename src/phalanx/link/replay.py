@@ -8,13 +8,10 @@ from phalanx.errors import CacheFull, Replayed, Stale
 
 
 class ReplayCache:
-    """Remembers (epoch, IV) until the message would be stale anyway.
+    """Remembers (epoch, IV) until the message would be stale anyway: until |now - timestamp| passes `tolerance_s`.
 
     When full it refuses: forgetting inside the window would let a flood reopen the door to a replay.
 
-    Args:
-        capacity: most entries at once.
-        tolerance_s: largest |now - timestamp| that passes.
     Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
     """
 
@@ -32,11 +29,8 @@ class ReplayCache:
     def enter(self, epoch: str, iv: bytes, timestamp_s: float, now_s: float) -> None:
         """Take note of an authentic message, or refuse it. A refused message leaves the cache unchanged.
 
-        Args:
-            epoch: the epoch's topic.
-            iv: 12 bytes.
-            timestamp_s: the sender's, finite.
-            now_s: the receiver's clock.
+        The epoch is its topic; the timestamp is the sender's, and finite.
+
         Raises: Stale, Replayed, CacheFull.
         Source: docs/spec/link.md.
         """

@@ -25,13 +25,11 @@ from .topics import CLIENT_ID, CommandTopic, ReplyTopic, SubTopic, below_epoch, 
 
 
 class ServerSide:
-    """Epochs, rotation and the opening and sealing of messages.
+    """Epochs, rotation and the opening and sealing of messages. The first pin is a fresh one unless given.
 
-    Args:
-        config: the parameters.
-        random_bytes: n -> n bytes from a cryptographic source.
-        uptime_s: a clock that is never set (monotonic), seconds; times the rotation.
-        pin: the first pin; a fresh one unless given.
+    `random_bytes` makes n bytes from a cryptographic source. `uptime_s` is of a clock that is never set (monotonic): it
+    times the rotation.
+
     Source: Qrkey §III; docs/spec/link.md.
     """
 

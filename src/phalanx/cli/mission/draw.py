@@ -65,14 +65,9 @@ def lived(mission: Mission, plan: FloorPlan, seed: int) -> list[Report]:
 
 
 def draw_mission(mission: Mission, plan: FloorPlan | None, out: Path, reports: Sequence[Report] = ()) -> None:
-    """Write a PNG or SVG of a mission.
+    """Write a PNG or SVG of a mission, on a plan if there is one, with the paths of reports that have traces.
 
-    Args:
-        mission: its landmarks and ways.
-        plan: to draw behind it.
-        out: see `check_drawable`.
-        reports: with traces; paths to draw.
-    Raises: UsageError: neither of these. Unavailable: matplotlib is not installed, or it cannot be written.
+    Raises: UsageError: neither PNG nor SVG. Unavailable: matplotlib is not installed, or it cannot be written.
     """
     check_drawable(out)
     from matplotlib.figure import Figure  # noqa: PLC0415  # only who draws needs it

@@ -24,19 +24,12 @@ US = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """What became of one compromised robot.
-
-    Args:
-        robot: its id.
-        first_deviation_s: when it first did what an honest robot would not; None if it never did.
-        safe_mode_s: when it was put in Safe Mode; None if it never was.
-        output_missing: whether that deviation was an output that was missing or late.
-    """
+    """What became of one compromised robot."""
 
     robot: int
-    first_deviation_s: float | None
-    safe_mode_s: float | None
-    output_missing: bool = False
+    first_deviation_s: float | None  # when it first did what an honest robot would not; None if it never did
+    safe_mode_s: float | None  # when it was put in Safe Mode; None if it never was
+    output_missing: bool = False  # whether that deviation was an output that was missing or late
 
     @property
     def after_s(self) -> float | None:
@@ -56,21 +49,13 @@ class Sent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Airtime:
-    """What a liar's a-node let out of AUDIT frames while it lied, and what it may have.
-
-    Args:
-        robot: its id.
-        seconds: from the last quarter of a second before it lied to the end, or to Safe Mode.
-        used_s: airtime, as a-nodes count it: each frame once.
-        bucket_s: a full bucket, and what has flowed in since.
-        on_air_s: all tries of all its frames.
-    """
+    """What a liar's a-node let out of AUDIT frames while it lied, and what it may have."""
 
     robot: int
-    seconds: float
-    used_s: float
-    bucket_s: float
-    on_air_s: float
+    seconds: float  # from the last quarter of a second before it lied to the end, or to Safe Mode
+    used_s: float  # airtime, as a-nodes count it: each frame once
+    bucket_s: float  # a full bucket, and what has flowed in since
+    on_air_s: float  # all tries of all its frames
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,22 +63,16 @@ class FlockTrial(Trial):
     """What an attack by robots of a flock came to; of several liars, the harm is the worst one's.
 
     `attacked` and `honest` are both runs' summaries; `honest` has the same robots and the same seed, and nobody lies.
-
-    Args:
-        bound_s: deviation to Safe Mode, at most, of a robot that did something wrong; None where nothing is promised.
-        stops: of each compromised robot.
-        honest_distance_m: mean distance to the goal, without the attack, of the robots that are correct with it.
-        missing_s: so much longer than `bound_s` for a robot that first deviated by what it did not do.
-        airtime: of each liar, where the attack is declared limited.
-        idle: options that were given and make no difference under this defence.
     """
 
+    # Deviation to Safe Mode, at most, of a robot that did something wrong; None where nothing is promised.
     bound_s: float | None
-    stops: tuple[Stop, ...]
+    stops: tuple[Stop, ...]  # of each compromised robot
+    # Mean distance to the goal, without the attack, of the robots that are correct with it.
     honest_distance_m: float | None
-    missing_s: float = 0.0
-    airtime: tuple[Airtime, ...] = ()
-    idle: tuple[str, ...] = ()
+    missing_s: float = 0.0  # so much longer than `bound_s` for a robot that first deviated by what it did not do
+    airtime: tuple[Airtime, ...] = ()  # of each liar, where the attack is declared limited
+    idle: tuple[str, ...] = ()  # options that were given and make no difference under this defence
 
     def bound_of(self, stop: Stop) -> float | None:
         """This robot's own bound, s, to the millisecond; None where nothing is promised."""
@@ -169,12 +148,11 @@ def try_attack(
     on_step: Callable[[str, Run], None] = lambda _which, _run: None,
     controller: Callable[[int], Controller] | None = None,
 ) -> FlockTrial:
-    """Both runs of a scenario: as it is, and without its attacks.
+    """Both runs of a scenario with one kind of attack: as it is, and without; `on_step` is told which, attacked or
+    honest.
 
-    Args:
-        scenario: with one kind of attack, in one robot or several, from the same moment on.
-        on_step: called at each step with which of the runs it is: attacked or honest.
-        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+    A researcher's own `controller` is made for each robot's id; None is the scenario's bundled one.
+
     Raises: UsageError: nobody attacks, or in different ways.
     """
     names = {spec.attack.name for spec in scenario.attacks}

@@ -29,15 +29,10 @@ STEP_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flock:
-    """What one of the figures measures.
+    """What one of the figures measures."""
 
-    Args:
-        name: of the built-in scenario.
-        reference: by case, the series of data/flock_reference.csv that belongs beside ours.
-    """
-
-    name: str
-    reference: dict[str, str]
+    name: str  # of the built-in scenario
+    reference: dict[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours
 
     def scenario(self, case: str, seed: int) -> Scenario:
         """What runs: the built-in scenario, in the honest case without its attack."""
@@ -86,23 +81,14 @@ def _states(run: Run) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, slots=True)
 class FlockRun:
-    """One run.
+    """One run."""
 
-    Args:
-        case: honest or attacked.
-        seed: of the run.
-        times_s: (T,).
-        positions_m: (T, N, 2).
-        states: (T, N) int8: HONEST, LIAR, STOPPED.
-        summary: as `phalanx sim run --json`, less the series.
-    """
-
-    case: str
+    case: str  # honest or attacked
     seed: int
-    times_s: NDArray[np.float64]
-    positions_m: NDArray[np.float64]
-    states: NDArray[np.int8]
-    summary: dict[str, Any]
+    times_s: NDArray[np.float64]  # (T,)
+    positions_m: NDArray[np.float64]  # (T, N, 2)
+    states: NDArray[np.int8]  # (T, N) int8: HONEST, LIAR, STOPPED
+    summary: dict[str, Any]  # as `phalanx sim run --json`, less the series
 
     @property
     def liars(self) -> NDArray[np.bool_]:
@@ -153,15 +139,8 @@ def _run(case: str, rows: Rows, summary: dict[str, Any]) -> FlockRun:
 def mean_distances_m(
     table: FlockRuns, case: str, goal_m: tuple[float, float], *, of_the_honest_in_both: bool = True
 ) -> NDArray[np.float64]:
-    """(S, T): of each seed, the mean distance to the goal of the robots that are honest.
-
-    Args:
-        table: of the figure.
-        case: honest or attacked.
-        goal_m: where the flock goes.
-        of_the_honest_in_both: leave out, in the honest case too, the robot that lies in the attacked one, so that the
-            same robots are compared.
-    Source: RoboRebound Fig. 8.
+    """(S, T): of each seed, the mean distance to the goal of the robots that are honest; by default of those that are
+    so in both cases, so that the same robots are compared. Source: RoboRebound Fig. 8.
     """
     rows = []
     for seed in table.seeds():

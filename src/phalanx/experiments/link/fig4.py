@@ -53,18 +53,13 @@ CLOSE_TIMEOUT_S = 1.0
 class Config:
     """Parameters of a measurement.
 
-    Args:
-        duration_s: the paper's is 15 h.
-        interval_s: between two packets of one kind; the paper's.
-        lost_after_s: a packet not back by then is lost. The paper does not say when it gave up.
-        connect_timeout_s: how long to wait for the broker at the start; later it is waited for without end.
     Raises: UsageError: out of range.
     """
 
-    duration_s: float = 60.0
-    interval_s: float = 0.5
-    lost_after_s: float = 10.0
-    connect_timeout_s: float = 15.0
+    duration_s: float = 60.0  # the paper's is 15 h
+    interval_s: float = 0.5  # between two packets of one kind; the paper's
+    lost_after_s: float = 10.0  # a packet not back by then is lost. The paper does not say when it gave up.
+    connect_timeout_s: float = 15.0  # how long to wait for the broker at the start; later it is waited for without end
 
     def __post_init__(self) -> None:
         for name in ("duration_s", "interval_s", "lost_after_s", "connect_timeout_s"):
@@ -88,15 +83,11 @@ async def measure(
     login: Login | None = None,
     config: Config | None = None,
 ) -> Path:
-    """The CSV in `folder`, with all of the packets in it; goes on where an earlier run was stopped.
+    """The CSV in `folder`, with all packets of `duration` seconds in it; goes on where an earlier run was stopped.
 
-    Args:
-        folder: made if it is not there.
-        on_progress: called before each packet with the sequence number and how many there will be.
-        duration: seconds.
-        broker: auto, mosquitto, amqtt, or a URL.
-        login: for a broker that asks for one.
-        config: how many packets, and how often, if not for `duration`.
+    Before each packet `on_progress` is told its number and how many there will be. `config` takes the place of
+    `duration`.
+
     Raises: UsageError: a bad URL, or a CSV of another measurement. Unavailable: no broker, or the disk is full.
     """
     config = config or Config(duration_s=duration)

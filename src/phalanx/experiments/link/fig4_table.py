@@ -36,20 +36,14 @@ METRICS = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What became of one packet.
+    """What became of one packet."""
 
-    Args:
-        seq: counts up from 0, for each kind.
-        kind: plain or sealed.
-        sent_at_s: seconds since 1970.
-        outcome: back in time; lost; late, back after it had been counted as lost; or cut, under way when we stopped.
-        latency_ms: from before sealing to after opening, by a monotonic clock; None unless it came back.
-    """
-
-    seq: int
+    seq: int  # counts up from 0, for each kind
     kind: Kind
-    sent_at_s: float
+    sent_at_s: float  # seconds since 1970
+    # Back in time; lost; late, back after it had been counted as lost; or cut, under way when we stopped.
     outcome: Outcome
+    # From before sealing to after opening, by a monotonic clock; None unless it came back.
     latency_ms: float | None = None
 
 
@@ -59,11 +53,7 @@ Packets = dict[Kind, tuple[Row, ...]]
 def head(*, broker: str, interval_s: float, lost_after_s: float, version: str) -> Head:
     """Of the table. Another version of the program may go on with it: what is measured is the broker and the network.
 
-    Args:
-        broker: mosquitto or amqtt for an embedded one, else its URL; never a login.
-        interval_s: between two packets of one kind.
-        lost_after_s: a packet not back by then is lost.
-        version: of the program that begins the file.
+    `broker` is mosquitto or amqtt for an embedded one, else its URL; never a login.
     """
     origin = {"broker": broker, "interval_s": interval_s, "lost_after_s": lost_after_s, "version": version}
     return Head(figure="link-fig4", columns=COLUMNS, origin=origin, by_line=True, free=frozenset({"version"}))
@@ -94,30 +84,20 @@ def packets(table: Table) -> Packets:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """The figures of Qrkey §V, for one kind of packet.
+    """The figures of Qrkey §V, for one kind of packet."""
 
-    Args:
-        sent: packets published.
-        undecided: of these, under way when the measurement was interrupted; not counted below.
-        lost: not back in time.
-        late: of the lost, those that came back after all.
-        mean_ms: over every packet that came back, however late; None if none did. The median, 99th percentile and
-            largest latency likewise.
-        slow_pct: share of packets above 200 ms, the lost among them; None if there are no packets.
-        longest_slow_run: most packets in a row above 200 ms, the lost among them.
-    """
-
-    sent: int
-    undecided: int
-    lost: int
-    late: int
+    sent: int  # packets published
+    undecided: int  # of these, under way when the measurement was interrupted; not counted below
+    lost: int  # not back in time
+    late: int  # of the lost, those that came back after all
     reliability_pct: float | None
+    # These four over every packet that came back, however late; None if none did.
     mean_ms: float | None
     median_ms: float | None
     p99_ms: float | None
     max_ms: float | None
-    slow_pct: float | None
-    longest_slow_run: int
+    slow_pct: float | None  # share of packets above 200 ms, the lost among them; None if there are no packets
+    longest_slow_run: int  # most packets in a row above 200 ms, the lost among them
 
 
 def summarize(rows: Sequence[Row]) -> Summary:

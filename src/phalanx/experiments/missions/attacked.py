@@ -59,15 +59,10 @@ NO_PEOPLE = np.zeros((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Who sends missions; two with the same seed send the same.
+    """Who sends missions; two with the same seed send the same."""
 
-    Args:
-        defence: decides in which form.
-        seed: of ids, gates and secrets. A simulation's secrets keep nobody out.
-    """
-
-    defence: Defence
-    seed: int
+    defence: Defence  # decides in which form
+    seed: int  # of ids, gates and secrets. A simulation's secrets keep nobody out.
 
     def send(self, mission: Mission, robot: int, day: int) -> Sent:
         """What goes to a robot on a day, and the controller's messages."""
@@ -87,14 +82,10 @@ class Operator:
 def admitted(
     sent: Sent, defence: Defence, now_s: float, started: Collection[bytes] = (), *, checked: bool = True
 ) -> Walker:
-    """The walker of a robot that got this mission.
+    """The walker of a robot that got this mission, and has started those with the ids `started` before.
 
-    Args:
-        sent: as it arrived.
-        defence: of the robot.
-        now_s: by its clock.
-        started: ids of missions that it has started before.
-        checked: without, a robot of ours looks at no signature, name, window or id: what else stops an attack then.
+    Not `checked`, a robot of ours looks at no signature, name, window or id: what else stops an attack then.
+
     Raises: PeerError: it refuses the mission.
     """
     if defence == "none":
@@ -154,15 +145,7 @@ class _Witness:
 
 
 def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
-    """What becomes of a robot on its errand.
-
-    Args:
-        attack: between it and the world.
-        today: what the operator sends it.
-        defence: of the robot.
-        seed: of its noise.
-        checked: see `admitted`.
-    """
+    """What becomes of a robot on its errand, with an attack between it and the world; `checked` as for `admitted`."""
     sent = attack.deliver(today)
     now_s = NOW_S + attack.clock_s
     try:

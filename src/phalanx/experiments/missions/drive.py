@@ -49,16 +49,10 @@ PATIENT = MissionConfig(timeout_s=1e6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """A recording.
+    """A recording."""
 
-    Args:
-        poses: (T, 3) true ones, map frame.
-        motions: (T, 2) way and turn by the wheels since the sample before.
-        scans: of each sample.
-    """
-
-    poses: NDArray[np.float64]
-    motions: NDArray[np.float64]
+    poses: NDArray[np.float64]  # (T, 3) true ones, map frame
+    motions: NDArray[np.float64]  # (T, 2) way and turn by the wheels since the sample before
     scans: tuple[LaserScan, ...]
 
     @property
@@ -71,11 +65,7 @@ class Drive:
 def driven(plan: FloorPlan, path_m: tuple[tuple[float, float], ...], speed_mps: float) -> Iterator[tuple[Pose, Motion]]:
     """Where a robot is that drives along a path and knows where it is, and how its wheels turned since the tick before.
 
-    Args:
-        plan: says where it begins.
-        path_m: places to pass, in straight lines.
-        speed_mps: between them.
-    Returns: for ever; at the end of the path it stands still.
+    Between the places of the path it goes straight, and at its end it stands still: this goes on for ever.
     """
     assert plan.start is not None, "our floor plans say where robots begin"
     body, leg, motion = DiffDrive(plan, plan.start), 0, (0.0, 0.0)
@@ -136,16 +126,10 @@ def encoded(kinds: tuple[str, ...] = (), delta_mm: int = 100) -> EncodedMission:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """A localised drive.
+    """A localised drive."""
 
-    Args:
-        odometry: (T, 3) poses by odometry alone.
-        estimates: (T, 3) poses with fixes.
-        trials: (T,) hashes.
-    """
-
-    odometry: NDArray[np.float64]
-    estimates: NDArray[np.float64]
+    odometry: NDArray[np.float64]  # (T, 3) poses by odometry alone
+    estimates: NDArray[np.float64]  # (T, 3) poses with fixes
     trials: NDArray[np.int64]
 
 
@@ -154,12 +138,7 @@ def replay(
 ) -> Replay:
     """The drive as a robot believes it to be, that knows its start, its wheels and the encoded mission.
 
-    Args:
-        drive: recorded.
-        mission: that any node of can be decoded at any time.
-        noise: of its odometry.
-        seed: of the noise.
-        feature_range_m: landmarks farther off are not used.
+    Any node of the mission can be decoded at any time; the seed is the noise's.
     """
     walker, state = Walker(mission, config=PATIENT), State()
     alone, fixed = (Odometry(drive.start, noise, np.random.default_rng([seed, 1])) for _ in range(2))

@@ -19,14 +19,9 @@ SEALED = CodingConfig(delta_mm=400)
 def try_guess(
     attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
 ) -> Guessed:
-    """What came of guessing, on one core.
+    """What came of guessing, on one core, with at most about so many tries; by default as many as the attack has.
 
-    Args:
-        attack: how.
-        defence: in which form the mission was captured.
-        seed: of its secrets.
-        coding: of the captured mission; the default is what robots use, at its full cost.
-        tries: at most about so many are made; the default is the attack's own.
+    The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
     """
     coding = coding or (SEALED if defence == "bound" else None)
     plain = shelf_alone(coding) if attack.one_node else errand(coding)

@@ -43,29 +43,18 @@ END_S, CHUNK_S = 40.0, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamTrial:
-    """What a cheat came to.
-
-    Args:
-        attack, defence: as named.
-        declared: what the attack says that this defence makes of it.
-        deviated_s: when it did what no honest robot would have done; None if it never did.
-        stopped_s: when it was in Safe Mode, or None.
-        bound_s: from deviation to Safe Mode at most; None where nobody audits.
-        refusals: why auditors gave it no token, and how often.
-        completed: others that completed their mission, of `others`.
-        in_safe_mode: others that were stopped, by number.
-    """
+    """What a cheat came to."""
 
     attack: str
     defence: str
-    declared: str
-    deviated_s: float | None
-    stopped_s: float | None
-    bound_s: float | None
-    refusals: dict[str, int]
-    completed: int
+    declared: str  # what the attack says that this defence makes of it
+    deviated_s: float | None  # when it did what no honest robot would have done; None if it never did
+    stopped_s: float | None  # when it was in Safe Mode, or None
+    bound_s: float | None  # from deviation to Safe Mode at most; None where nobody audits
+    refusals: dict[str, int]  # why auditors gave it no token, and how often
+    completed: int  # others that completed their mission, of `others`
     others: int
-    in_safe_mode: tuple[int, ...]
+    in_safe_mode: tuple[int, ...]  # others that were stopped, by number
 
     @property
     def broken(self) -> bool:
@@ -81,13 +70,8 @@ class TeamTrial:
 def try_in_team(
     attack: Attack, defence: Defence, seed: int = 0, on_progress: Callable[[float], None] = lambda _share: None
 ) -> TeamTrial:
-    """A cheat on a mission among robots that audit each other.
+    """A cheat of the scene `team` on a mission among robots that audit each other; told is the share of the work done.
 
-    Args:
-        attack: of the scene `team`.
-        defence: of the team.
-        seed: of all that is drawn.
-        on_progress: called with the share of the work that is done.
     Raises: UsageError: the seed is negative.
     """
     plan = load_floorplan()

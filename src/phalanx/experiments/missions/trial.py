@@ -32,14 +32,10 @@ class MissionTrial(Trial):
 
     `attacked` is what became of the robot (`Walked`), or of the mission that was guessed (`Guessed`); `honest`, of the
     robot that nobody attacks, None where a mission was guessed or nothing was ordered.
-
-    Args:
-        against: what it lies about.
-        kept: whether the declared verdict is what was seen.
     """
 
-    against: str
-    kept: bool
+    against: str  # what it lies about
+    kept: bool  # whether the declared verdict is what was seen
 
     @property
     def broken(self) -> bool:
@@ -50,14 +46,11 @@ class MissionTrial(Trial):
 def try_mission_attack(
     attack: Attack, defence: Defence, seed: int = 0, options: Mapping[str, float | str] | None = None
 ) -> MissionTrial:
-    """An attack on a mission, run, and measured by the world's truth.
+    """An attack on an errand or on a captured file, run, and measured by the world's truth.
 
-    Args:
-        attack: on an errand, or on a captured file.
-        defence: of the robot, or of the captured file.
-        seed: of all that is drawn.
-        options: `at`, when it begins to lie, s; `bit`, which one `flip-bit` changes; `unchecked`, 1 for a robot of ours
-            that looks at no signature, name or window.
+    Options: `at`, when it begins to lie, s; `bit`, which one `flip-bit` changes; `unchecked`, 1 for a robot of ours
+    that looks at no signature, name or window.
+
     Raises: UsageError: no such option, or a number that is none for it.
     """
     kind, said = attack.kind, dict(options or {})
@@ -89,15 +82,7 @@ def try_mission_attack(
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
-    """Whether a verdict is what was seen.
-
-    Args:
-        declared: the verdict.
-        attack: the attack.
-        attacked: what was seen.
-        harm: of it, in the attack's own measure.
-    Source: docs/attacks.md (what the verdicts mean).
-    """
+    """Whether a declared verdict is what was seen, with this harm. Source: docs/attacks.md (what the verdicts mean)."""
     if declared in ("bites", "not covered"):
         return harm >= attack.bites_from
     if isinstance(attacked, Guessed):

@@ -53,7 +53,7 @@ class _Job:
 
 
 class MissionDesk:
-    """One desk for one fleet."""
+    """One desk for one fleet and its building."""
 
     def __init__(self, swarm: OnMission) -> None:
         self._swarm = swarm

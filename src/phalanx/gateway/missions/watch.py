@@ -16,8 +16,7 @@ TELL_EVERY_S = 1.0
 class MissionWatch:
     """Compares the mission with what visitors were told last.
 
-    Args:
-        say: told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
+    `say` is told, as `--events` prints it, of what begins, is decoded, is not validated and why, and is completed.
     """
 
     def __init__(self, swarm: OnMission, say: Callable[[dict[str, Any]], None]) -> None:
@@ -30,12 +29,7 @@ class MissionWatch:
         self._tell_at_s = 0.0
 
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
-        """`mission`, `lit` and `walks` of the next frame.
-
-        Args:
-            number: what frames call a robot.
-            uptime_s: monotonic seconds.
-        """
+        """`mission`, `lit` and `walks` of the next frame; `number` is what frames call a robot, uptime monotonic."""
         progress, lit = self._swarm.progress(), self._swarm.lit()
         if progress is not None and (self._told_progress is None or progress.id != self._told_progress.id):
             self._told_lit = 0
