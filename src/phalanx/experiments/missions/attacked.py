@@ -171,7 +171,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         before = witness.counts
         world.advance(attack.now_s + STEP_S)
         witness.look(before)
-        if robot.over:
+        if robot.controller.over:
             break
     (report,) = world.finish()
     walked = robot.controller.memory.walk

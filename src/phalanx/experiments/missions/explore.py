@@ -11,7 +11,6 @@ import math
 import random
 from dataclasses import replace
 from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +53,8 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     assert plan.start is not None, "our floor plan says where robots begin"
     walker = _walker()
     part = Part(walker.mission, None, plan.start)
-    world = MissionWorld(MissionRun(plan=plan, parts=(part,), robots=ROBOTS, noise=NOISE, seed=seed), walker=walker)
+    run = MissionRun(plan=plan, parts=(part,), robots=ROBOTS, noise=NOISE, seed=seed, meet_m=MEET_M)
+    world = MissionWorld(run, walker=walker)
     robots = world.robots
     shares = shares_of(walker)
     everybody = frozenset().union(*shares)
@@ -75,7 +75,8 @@ def measure_case(case: str, _tell: object = None) -> Rows:
             robot.rests = found_by_all == everybody or _has_done(robot, share)
         busy = not all(robot.rests for robot in robots)
         world.advance((tick + 1) * STEP_S)
-        _meet(robots, plan, told)
+        for robot, proofs in world.meet():
+            told[robot.number] |= {node for node, _ in proofs}
         if busy and tick % SAMPLE_TICKS:
             continue
         team = frozenset().union(*map(_found, robots)) - _starts(walker)
@@ -125,7 +126,7 @@ def _starts(walker: Walker) -> frozenset[int]:
 
 
 def _has_done(robot: MissionRobot, share: frozenset[int]) -> bool:
-    return robot.over or share <= _found(robot) | robot.controller.memory.walk.others
+    return robot.controller.over or share <= _found(robot) | robot.controller.memory.walk.others
 
 
 def _found(robot: MissionRobot) -> frozenset[int]:
@@ -136,18 +137,6 @@ def _told(robot: MissionRobot, others: frozenset[int]) -> None:
     """The robot takes it that others have been at these nodes, and at no more."""
     memory = robot.controller.memory
     robot.controller.memory = replace(memory, walk=replace(memory.walk, others=others))
-
-
-def _meet(robots: list[MissionRobot], plan: FloorPlan, told: list[set[int]]) -> None:
-    """Robots near each other exchange proofs; a busy one need not go where another has been."""
-    for one, other in combinations(robots, 2):
-        a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
-        if math.dist(a, b) > MEET_M or not plan.sees(a, b):
-            continue
-        for from_, to in ((one, other), (other, one)):
-            report = from_.tells()
-            to.told_of(report)
-            told[to.number] |= {node for node, _ in report}
 
 
 def _floor(plan: FloorPlan) -> NDArray[np.float64]:

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from phalanx.mission import Outcome, Phase
+from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
+from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.outcome import Kind, Reason
 from phalanx.mission.walk.table import Event
+from phalanx.robot.controllers.mission.controller import MissionController, Missions
 from phalanx.sim.building.odometry import Pose
+from phalanx.sim.compiling import working_s
 
 from .body import MissionBody
-from .observed import ObservedController
 
 # A fix that leaves the robot further off than this took one thing for another: cells are 0.1 m, the search 0.5 m.
 FALSE_FIX_M = 0.3
@@ -63,26 +65,64 @@ class Report:
     audits_refused: int = 0
 
 
-class Logbook:
-    """Keeps a robot's report.
+class ObservedController(MissionController):
+    """The robot's own controller, watched, with a stopwatch on which nothing depends.
 
-    Args:
-        number: of the robot.
-        body, controller: its.
-        keep_trace: keep where it was at every step.
+    Attributes:
+        outcome: of its last step, None before the first.
+        search_ms, extraction_ms: of each step in which something was tried or seen.
     """
 
+    def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
+        super().__init__(rob_id, missions, walker)
+        self.outcome: Outcome | None = None
+        self.search_ms: list[float] = []
+        self.extraction_ms: list[float] = []
+
+    @property
+    def over(self) -> bool:
+        """Whether it has stopped for good."""
+        return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
+
+    def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
+        """As the robot's."""
+        began = working_s()
+        found = super().landmarks(scan, pose)
+        self.extraction_ms.append(1e3 * (working_s() - began))
+        return found
+
+    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
+        """As the robot's."""
+        self.tries, began = 0, working_s()
+        kept = super().keep(step, t_ms, reading, raw)
+        if self.tries:
+            self.search_ms.append(1e3 * (working_s() - began))
+        return kept
+
+    def walk(self, seen: Experience, claims: tuple[Claim, ...]) -> tuple[State, Outcome]:
+        """As the robot's."""
+        began = working_s()
+        walk, outcome = super().walk(seen, claims)
+        if outcome.trials:
+            self.search_ms.append(1e3 * (working_s() - began))
+        self.outcome = replace(outcome, trials=outcome.trials + self.tries)
+        return walk, outcome
+
+
+class Logbook:
+    """Keeps a robot's report; with its number the seed decides all that is drawn for it."""
+
     def __init__(self, number: int, body: MissionBody, controller: ObservedController, *, keep_trace: bool) -> None:
+        self.number, self.body, self.controller = number, body, controller
         self.report = Report(number, search_ms=controller.search_ms, extraction_ms=controller.extraction_ms)
-        self._body, self._controller = body, controller
         self._keep_trace = keep_trace
         self._digest = hashlib.sha256()
 
     def note(self, t_s: float, reading: bytes) -> None:
         """Writes down what came of a step, in which the robot had this reading."""
-        report, true = self.report, self._body.wheels.pose
-        estimate, uncorrected = self._controller.pose(reading), self._controller.uncorrected_pose(reading)
-        outcome, phase = self._controller.outcome, self._controller.memory.walk.phase
+        report, true = self.report, self.body.wheels.pose
+        estimate, uncorrected = self.controller.pose(reading), self.controller.uncorrected_pose(reading)
+        outcome, phase = self.controller.outcome, self.controller.memory.walk.phase
         report.t_s = t_s
         report.done = phase is Phase.DONE
         report.pose_error_m.append(math.dist(true[:2], estimate[:2]))
@@ -132,7 +172,7 @@ class Logbook:
         told = self.report.not_validated
         if safe_mode_s is not None:
             told = [*told, (safe_mode_s, "Safe Mode")]
-        elif not self._controller.over:
+        elif not self.controller.over:
             told = [*told, (self.report.t_s, "out of time")]
         return replace(
             self.report,
@@ -144,15 +184,15 @@ class Logbook:
 
     def _lacks(self) -> tuple[str, ...]:
         # A paper file tells what nodes are made of; in a sealed one a gate tells it of the node behind.
-        walk, mission = self._controller.memory.walk, self._controller.given.mission
+        walk, mission = self.controller.memory.walk, self.controller.given.mission
         gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
         shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
-        is_blind = self._controller.missions.audited or self._body.building.camera is None
+        is_blind = self.controller.missions.audited or self.body.building.camera is None
         wanted = (
             ("codes on the walls", is_blind and any(shape.text for shape in shapes)),
             (
                 "actions that robots can do",
-                not self._controller.given.pool and any(shape.action for shape in shapes),
+                not self.controller.given.pool and any(shape.action for shape in shapes),
             ),
             ("a sensor that simulated robots do not have", any(shape.sensors for shape in shapes)),
         )

@@ -31,10 +31,10 @@ from phalanx.sim.building.walkers import Walkers
 from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BROADCAST, BYTES
 
 from .body import Building, MissionBody
-from .observed import ObservedController
-from .report import Logbook, Report
+from .report import Logbook, ObservedController, Report
 from .setup import MissionRun
 
+Proofs = tuple[tuple[int, bytes], ...]  # node, and what shows that somebody decoded it
 US_PER_S = 1e6
 STEP_S = 0.1  # from one reading to the next, where robots do not audit each other
 NO_CONTACTS_M = 0.0
@@ -47,11 +47,8 @@ KEYS_DRAW = 0x706D
 PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
 
 
-class MissionRobot:
+class MissionRobot(Logbook):
     """One robot of a run.
-
-    Args:
-        number: of the robot; with the seed it decides all that is drawn for it.
 
     Attributes:
         rests: it is left where it stands for now.
@@ -59,45 +56,22 @@ class MissionRobot:
         hears: messages that come to it by another road than the radio, with its next reading.
     """
 
-    def __init__(self, number: int, body: MissionBody, cnode: CNode, walker: Walker, *, keep_trace: bool) -> None:
-        self.number, self.body, self.cnode, self.walker = number, body, cnode, walker
+    def __init__(self, number: int, body: MissionBody, cnode: CNode, *, keep_trace: bool) -> None:
+        assert isinstance(cnode.controller, ObservedController), "the world has made it"
+        super().__init__(number, body, cnode.controller, keep_trace=keep_trace)
+        self.cnode = cnode
         self.rests = False
         self.hears: tuple[bytes, ...] = ()
         self.attack = ""
-        self._log = Logbook(number, body, self.controller, keep_trace=keep_trace)
 
-    @property
-    def controller(self) -> ObservedController:
-        """What decides for it."""
-        assert isinstance(self.cnode.controller, ObservedController), "the world has made it"
-        return self.cnode.controller
-
-    @property
-    def report(self) -> Report:
-        """What became of it so far."""
-        return self._log.report
-
-    @property
-    def over(self) -> bool:
-        """Whether its mission is done, or it has stopped for good."""
-        return self.controller.over
-
-    def note(self, t_s: float, reading: bytes) -> None:
-        """A step goes into its report."""
-        self._log.note(t_s, reading)
-
-    def finish(self, safe_mode_s: float | None) -> Report:
-        """What became of it."""
-        return self._log.finish(safe_mode_s)
-
-    def told_of(self, report: tuple[tuple[int, bytes], ...]) -> None:
+    def told_of(self, proofs: Proofs) -> None:
         """Another robot has shown which nodes it decoded. Source: Encoded graphs §VI-C."""
         memory = self.controller.memory
-        self.controller.memory = replace(memory, walk=self.walker.hear_report(memory.walk, report))
+        self.controller.memory = replace(memory, walk=self.controller.walker.hear_report(memory.walk, proofs))
 
-    def tells(self) -> tuple[tuple[int, bytes], ...]:
+    def tells(self) -> Proofs:
         """The nodes that it decoded, with proofs, and never raw data."""
-        return self.walker.report(self.controller.memory.walk)
+        return self.controller.walker.report(self.controller.memory.walk)
 
 
 class MissionWorld:
@@ -173,7 +147,7 @@ class MissionWorld:
         )
         make = self.missions.controllers_of(i + 1, walker, ObservedController)
         cnode = run.liars.get(number, CNode)(self.world.fleet, i, self.world.work, make)
-        return MissionRobot(number, body, cnode, walker, keep_trace=run.keep_trace)
+        return MissionRobot(number, body, cnode, keep_trace=run.keep_trace)
 
     @property
     def _cnodes(self) -> dict[int, CNode]:
@@ -187,7 +161,7 @@ class MissionWorld:
     @property
     def over(self) -> bool:
         """Whether nobody has anything left to do."""
-        return all(robot.over or self.world.safe[i] for i, robot in enumerate(self.robots))
+        return all(robot.controller.over or self.world.safe[i] for i, robot in enumerate(self.robots))
 
     def advance(self, until_s: float) -> None:
         """The world at `until_s`; robots that meet tell each other where they were, the station says its messages."""
@@ -198,7 +172,7 @@ class MissionWorld:
             for what, due_us in self._due_us.items():
                 if due_us <= now_us:
                     self._due_us[what] += PERIOD_US[what]
-                    self._meet() if what == MEET else self._say()
+                    self.meet() if what == MEET else self._say()
 
     def _advance(self, until_us: int) -> None:
         cnodes, clock = self._cnodes, self.world.clock[0]
@@ -218,15 +192,20 @@ class MissionWorld:
         self._said += 1
         loop.transmit(self.world, len(self.robots), frame, len(frame), BROADCAST)
 
-    def _meet(self) -> None:
-        """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers."""
+    def meet(self) -> list[tuple[MissionRobot, Proofs]]:
+        """Robots on the same part that see each other exchange proofs: another part's nodes have the same numbers.
+
+        Returns: who was told, and what.
+        """
+        told: list[tuple[MissionRobot, Proofs]] = []
         for one, other in combinations(self.robots, 2):
             a, b = one.body.wheels.pose[:2], other.body.wheels.pose[:2]
             is_same = one.number % len(self.run.parts) == other.number % len(self.run.parts)
             if is_same and math.dist(a, b) <= self.run.meet_m and self.run.plan.sees(a, b):
-                told, heard = one.tells(), other.tells()
-                one.told_of(heard)
-                other.told_of(told)
+                told += [(other, one.tells()), (one, other.tells())]
+        for robot, proofs in told:
+            robot.told_of(proofs)
+        return told
 
     def _move(self, i: int) -> None:
         """The robot is where physics puts it now, and radio waves find it there."""
@@ -241,7 +220,7 @@ class MissionWorld:
     def _control(self, i: int) -> None:
         """A reading is due: the robot's sensors are read, its c-node acts on them. Source: RoboRebound Alg. 1."""
         robot = self.robots[i]
-        if robot.rests or (robot.over and not self.run.audited and not robot.controller.memory.said):
+        if robot.rests or (robot.controller.over and not self.run.audited and not robot.controller.memory.said):
             robot.body.halt()
             return
         self._move(i)
@@ -250,7 +229,7 @@ class MissionWorld:
         if not self.run.audited:
             robot.controller.senses = replace(robot.body.look_around(), messages=robot.hears)
             robot.hears = ()
-        was_over = robot.over
+        was_over = robot.controller.over
         for action in cnode.on_sensor(now_ms, reading):
             if isinstance(action, Actuate):
                 robot.body.obey(action.command)

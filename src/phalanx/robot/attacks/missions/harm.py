@@ -17,7 +17,7 @@ class Walked:
         held: it has stopped for good, or never started.
         decoded: nodes that it took for reached, in this order.
         false_nodes: those of them that it took for reached more than a metre from where it believed to be.
-        wrong_actions: those of them that nobody ordered, or not there.
+        wrong_actions: those that nobody ordered, or not there.
         false_fixes: fixes that left it 0.3 m or 6 degrees off.
         worst_fix_m: so far off did the worst of them leave it; 0 without one.
         not_validated: reasons that it gave, in this order.
@@ -45,7 +45,7 @@ class Guessed:
     """What came of trying to read a captured mission: a part of it really run, the rest from its rate.
 
     Args:
-        read: those of them that were read.
+        read: nodes that were read.
         tries: really made.
         tries_per_s: measured; 0 where nothing had to be tried.
         candidates: to be tried in the worst case, as far as is known now.

@@ -1,0 +1,123 @@
+"""A run in an MCAP file, which opens in Foxglove: scene, frames and log, and how they are drawn.
+
+Times are the run's own, from 0: the same run gives the same bytes. The file grows while the run goes on; one that was
+cut short is read up to there. Source: mcap.dev; Foxglove's schemas.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from phalanx import __version__
+from phalanx.errors import Unavailable, UsageError
+
+NS = 1_000_000_000
+WORLD = "world"
+TOPICS: dict[str, Any] = {"/scene": SceneUpdate, "/tf": FrameTransforms, "/log": Log}
+
+
+class Recorder:
+    """An MCAP file that grows. Use as `with`; at its end, however that comes, the file gets its index.
+
+    Raises: on entering, UsageError: no such folder. Unavailable: it cannot be written, then or later.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: IO[bytes] | None = None
+        self._channels: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        if not self._path.absolute().parent.is_dir():
+            raise UsageError(f"no folder {self._path.parent}", "make it first")
+        try:
+            self._file = self._path.open("wb")
+            self._writer: Any = Writer(self._file)
+            self._writer.start(profile="", library=f"phalanx {__version__}")
+            for topic, kind in TOPICS.items():
+                descriptors = build_file_descriptor_set(kind).SerializeToString()
+                self._channel(topic, "protobuf", kind.DESCRIPTOR.full_name, "protobuf", descriptors)
+            self._begin()
+        except OSError as error:
+            raise self._unwritable(error) from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._file
+        try:
+            with self._file:
+                self._writer.finish()
+        except OSError as failure:
+            if error is None:
+                raise self._unwritable(failure) from failure
+
+    def _begin(self) -> None:
+        """What a kind of run has at the start of its file."""
+
+    def _channel(self, topic: str, encoding: str, name: str, language: str, schema: bytes) -> None:
+        number = self._writer.register_schema(name, language, schema)
+        self._channels[topic] = int(self._writer.register_channel(topic, encoding, number))
+
+    def put(self, topic: str, t_ns: int, message: Any) -> None:
+        """A message, of the topic's schema; a dict is JSON.
+
+        Raises: Unavailable: the disk is full.
+        """
+        data = json.dumps(message).encode() if isinstance(message, dict) else message.SerializeToString()
+        try:
+            self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def log(self, t_ns: int, level: Log.Level.ValueType, name: str, message: str) -> None:
+        """A line of the log."""
+        self.put("/log", t_ns, Log(timestamp=time_of(t_ns), level=level, name=name, message=message))
+
+    def _unwritable(self, error: OSError) -> Unavailable:
+        return Unavailable(f"cannot write {self._path}: {error.strerror}", "another place for --record")
+
+
+def time_of(t_ns: int) -> Timestamp:
+    """A time of the run."""
+    return Timestamp(seconds=t_ns // NS, nanos=t_ns % NS)
+
+
+def pose_at(x_m: float, y_m: float, z_m: float = 0.0) -> Pose:
+    """A place, unturned."""
+    return Pose(position=Vector3(x=x_m, y=y_m, z=z_m), orientation=Quaternion(w=1.0))
+
+
+def cylinder(x_m: float, y_m: float, across_m: float, height_m: float, colour: Color) -> CylinderPrimitive:
+    """A disc on the ground."""
+    size = Vector3(x=across_m, y=across_m, z=height_m)
+    return CylinderPrimitive(pose=pose_at(x_m, y_m), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
+
+
+def frame(t_ns: int, name: str, x_m: float, y_m: float, heading_rad: float) -> FrameTransform:
+    """A frame in the world's, x forward."""
+    return FrameTransform(
+        timestamp=time_of(t_ns),
+        parent_frame_id=WORLD,
+        child_frame_id=name,
+        translation=Vector3(x=x_m, y=y_m),
+        rotation=Quaternion(z=math.sin(heading_rad / 2), w=math.cos(heading_rad / 2)),
+    )
