@@ -15,7 +15,8 @@ from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Profile, Sensor, State
 from phalanx.mission.file.canonical import Shape
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.claims import Claim, Unshown, opens, parse_claim, shows
+from phalanx.mission.walk.claims import Unshown, opens, shows
+from phalanx.mission.walk.found import Claim, parse_claim
 from phalanx.mission.walk.search import turns_of
 
 both = pytest.mark.parametrize("profile", BOTH)

@@ -7,70 +7,21 @@ pretend not to have seen a landmark; it cannot pretend to have seen one.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.errors import PeerError, TooLarge
+from phalanx.errors import PeerError
 from phalanx.mission.file import paper, sealed
-from phalanx.mission.file.canonical import Shape, canonical, parse_shape, place_bytes
-from phalanx.mission.file.reader import Reader
 from phalanx.mission.file.records import EncodedMission, Profile
-from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Cell, Experience, Offset
-from phalanx.mission.refused import MalformedMission
-from phalanx.wire.missions import CLAIM
+from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Experience, Offset
 
+from .found import Claim, Found
 from .gate import Hint
-from .search import Found, as_seen, cell_seen, distance_m, rings_of, turns_of, variants
-
-CLAIM_LIMIT = 16_384
+from .search import placed, rings_of, turns_of
 
 
 class Unshown(PeerError):
     """A robot claims what its reading, its way so far, or the mission's file does not bear out."""
 
     reason = "unshown"
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """A decoded node, as an auditor is shown it.
-
-    Args:
-        offset: of the cells; another than the compiler's opens nothing.
-        observed: the canonical bytes that were hashed.
-        salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
-        turn_rad: by which the heading had to be turned for the match.
-    """
-
-    node: int
-    alias: int
-    shape: Shape
-    offset: Offset
-    cell: Cell
-    observed: bytes
-    salt: bytes = b""
-    turn_rad: float = 0.0
-
-    def encode(self) -> bytes:
-        """As sent to an auditor."""
-        head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad, len(self.salt))
-        return CLAIM.form.pack(*head) + self.salt + self.observed
-
-
-def parse_claim(raw: bytes) -> Claim:
-    """The claim in these bytes, of whatever robot sent them.
-
-    Raises: TooLarge, MalformedMission.
-    """
-    if len(raw) > CLAIM_LIMIT:
-        raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
-    reader = Reader(raw)
-    node, alias, code, *rest, turn_rad, salt = reader.unpack(CLAIM)
-    if not abs(turn_rad) <= math.pi:
-        raise MalformedMission("a claim that turns too far")
-    offset, cell, salt = Offset(*rest[: len(Offset())]), Cell(*rest[len(Offset()) :]), reader.take(salt)
-    return Claim(node, alias, parse_shape(code), offset, cell, reader.take(reader.left), salt, turn_rad)
 
 
 def unlock(mission: EncodedMission, claim: Claim) -> bytes | None:
@@ -111,39 +62,18 @@ def shows(
     turn = claim.turn_rad
     if turn not in (0.0, *turns_of(config)):
         return None
-    shape, reach_dm = claim.shape, mission.nodes[claim.node].reach_dm
-    is_paper = mission.header.profile is Profile.PAPER
-    rings = rings_of(config, coding, 1 << 40) if shape.place else 0
-    for variant in variants(shape, coding, seen, heard if is_paper else (b"",) * shape.messages):
-        landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
-        if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
-            continue
+    shape, is_paper = claim.shape, mission.header.profile is Profile.PAPER
+    rings = rings_of(config, coding, 1 << 40)
+    said = heard if is_paper else (b"",) * shape.messages
+    reach_dm = mission.nodes[claim.node].reach_dm
+    for variant, at in placed(shape, coding, seen, said, claim.offset, reach_dm, turn):
         if shape.place:
-            at = cell_seen(shape, coding, claim.offset, seen, landmark)
             near = max(abs(at.x - claim.cell.x), abs(at.y - claim.cell.y)) <= rings
             if not near or (at.bin, at.area) != (claim.cell.bin, claim.cell.area):
                 continue
-        again = canonical(
-            place_bytes(shape, claim.cell, landmark.text if landmark else None),
-            sensors=variant.sensors,
-            action=variant.action,
-            window=variant.window,
-            messages=variant.messages if is_paper else (),
-            previous=released if shape.previous else None,
-        )
-        if again == claim.observed:
-            return Found(
-                claim.node,
-                claim.alias,
-                shape,
-                claim.cell,
-                claim.offset,
-                variant.landmark,
-                variant.action,
-                turn,
-                again,
-                claim.salt,
-            )
+        previous = released if shape.previous else None
+        if variant.canonical(shape, claim.cell, variant.messages if is_paper else (), previous) == claim.observed:
+            return Found(claim, variant.landmark, variant.action)
     return None
 
 

@@ -16,14 +16,15 @@ from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission
 from phalanx.mission.observable import Experience
 from phalanx.mission.refused import Altered, MalformedMission
 
-from .claims import Claim, Unshown, shows, unlock
+from .claims import Unshown, shows, unlock
 from .fix import Fix, agreement, allowed_m, explains, fix_from
+from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .keyring import Keyring
-from .opening import Opened, claim_of, open_found
+from .opening import Opened, open_found
 from .outcome import Reason
 from .route import Map
-from .search import Budget, Found, PaperSearch, turns_of
+from .search import Budget, PaperSearch, turns_of
 from .search_sealed import Candidate, search_sealed
 from .state import State
 
@@ -51,7 +52,7 @@ class Find:
         """What shows an auditor that it was found: nothing, a claim, or two."""
         if self.opened is None:
             return ()
-        return (self.opened.claim,) if self.second is None else (self.opened.claim, claim_of(self.second))
+        return (self.opened.claim,) if self.second is None else (self.opened.claim, self.second.claim)
 
 
 class Finder:
@@ -221,22 +222,22 @@ class Finder:
             opened = open_found(self.mission, found, seen)
         except Altered:
             return None, None, Reason.ALTERED, None
-        if found.observed is None or opened.landmark is None:
+        if found.seen is None or opened.landmark is None:
             return opened, None, Reason.NO_MATCH, None
-        fix = fix_from(seen, found.observed, opened.landmark, found.turn_rad)
+        fix = fix_from(seen, found.seen, opened.landmark, found.claim.turn_rad)
         if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
             return None, None, Reason.DRIFT, None
-        agree, broken = agreement(self.config, seen, fix, found.observed, state.known)
+        agree, broken = agreement(self.config, seen, fix, found.seen, state.known)
         if broken > agree:
             return None, None, Reason.CONTRADICTED, None
         second = None
-        if found.turn_rad and not agree:
+        if found.claim.turn_rad and not agree:
             # Nine turns are nine times as many chances of a false match: a second landmark has to say the same.
             same = (
                 other
                 for other, was in shifted
-                if other.observed is not found.observed
-                and other.turn_rad == found.turn_rad
+                if other.seen is not found.seen
+                and other.claim.turn_rad == found.claim.turn_rad
                 and math.sqrt((was.x_m - fix.x_m) ** 2 + (was.y_m - fix.y_m) ** 2) <= self.config.agree_m
             )
             second = next(same, None)

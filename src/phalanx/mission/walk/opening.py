@@ -14,9 +14,8 @@ from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKin
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
 from phalanx.mission.refused import Altered
 
-from .claims import Claim
+from .found import Claim, Found
 from .gate import Gate
-from .search import Found
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,46 +86,32 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
 
     Raises: Altered: it matched, but the rest of its record or the header belongs to another.
     """
-    record = mission.nodes[found.node]
+    claim, record = found.claim, mission.nodes[found.claim.node]
     if found.key:
         return _open_sealed(mission, found, record)
     header = mission.header
-    if record.bindings[found.alias] != paper.binding(header, found.node, record, found.canonical):
+    if record.bindings[claim.alias] != paper.binding(header, claim.node, record, claim.observed):
         raise Altered("a node matches, and its record is bound to another")
-    mark = record.aliases[found.alias].mark
+    mark = record.aliases[claim.alias].mark
     place, landmark = _where(mission, found)
     return Opened(
-        found.node,
-        found.alias,
+        claim.node,
+        claim.alias,
         "",
         place,
         landmark,
         found.action,
-        tuple(paper.message_of(found.canonical, i) for i in range(record.sends)),
+        tuple(paper.message_of(claim.observed, i) for i in range(record.sends)),
         tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
-        sha3_256(b"\x12visited" + found.canonical),
-        claim_of(found),
-    )
-
-
-def claim_of(found: Found) -> Claim:
-    """What an auditor is shown of a match."""
-    return Claim(
-        found.node,
-        found.alias,
-        found.shape,
-        found.offset,
-        found.cell,
-        found.canonical,
-        found.salt,
-        found.turn_rad,
+        sha3_256(b"\x12visited" + claim.observed),
+        found.claim,
     )
 
 
 def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> Opened:
-    header = mission.header
-    secret = sealed.open_secret(header, found.node, found.alias, found.key, record.aliases[found.alias].secret)
-    payload = sealed.open_payload(header, found.node, record, secret)
+    header, claim = mission.header, found.claim
+    secret = sealed.open_secret(header, claim.node, claim.alias, found.key, record.aliases[claim.alias].secret)
+    payload = sealed.open_payload(header, claim.node, record, secret)
     proof = sealed.visited_proof(secret)
     if sealed.visited_hash(proof) != record.visited:
         raise Altered("a node's proof of a visit is not its own")
@@ -136,8 +121,8 @@ def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> O
     )
     place, landmark = _where(mission, found)
     return Opened(
-        found.node,
-        found.alias,
+        claim.node,
+        claim.alias,
         payload.name,
         payload.place_m or place,
         landmark,
@@ -145,19 +130,20 @@ def _open_sealed(mission: EncodedMission, found: Found, record: NodeRecord) -> O
         payload.sends,
         ways,
         proof,
-        claim_of(found),
+        found.claim,
     )
 
 
 def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] | None, Landmark | None]:
-    if not found.shape.place:
+    claim = found.claim
+    if not claim.shape.place:
         return None, None
-    x_m, y_m, orientation = middle_of(mission.header.coding, found.offset, found.cell)
-    if found.shape.place == AT_POSITION:
+    x_m, y_m, orientation = middle_of(mission.header.coding, claim.offset, claim.cell)
+    if claim.shape.place == AT_POSITION:
         return (x_m, y_m), None
-    observed = found.observed
+    observed = found.seen
     assert observed is not None, "a landmark was searched for because it was seen"
-    kind = LANDMARK_TYPES[found.shape.place - 1]
+    kind = LANDMARK_TYPES[claim.shape.place - 1]
     return (x_m, y_m), Landmark(kind, x_m, y_m, orientation, observed.area_m2, observed.text)
 
 
@@ -166,13 +152,13 @@ def _to_direction(sector: int, sectors: int) -> float:
 
 
 def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, pool: tuple[Action, ...]) -> OpenWay:
-    wanted = way.hashes[found.alias]
+    wanted = way.hashes[found.claim.alias]
     if way.kind is WayKind.ACTION:
         return OpenWay(way.target, do=next((a for a in pool if paper.action_hash(mark, a) == wanted), None))
     if way.kind is WayKind.EMPTY:
         return OpenWay(way.target)
     sectors = mission.header.coding.sectors
-    tries = b"".join(with_direction(found.canonical, Direction(sector, sectors)) for sector in range(sectors))
+    tries = b"".join(with_direction(found.claim.observed, Direction(sector, sectors)) for sector in range(sectors))
     digests = sha3_256_many(np.frombuffer(tries, np.uint8).reshape(sectors, -1))
     hits = np.flatnonzero((digests == np.frombuffer(wanted, np.uint8)).all(axis=1))
     return OpenWay(way.target, _to_direction(int(hits[0]), sectors) if len(hits) else None)

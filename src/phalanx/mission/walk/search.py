@@ -38,6 +38,7 @@ from phalanx.mission.observable import (
 )
 
 from .cells import Groups, Searched
+from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
@@ -58,30 +59,6 @@ class Budget:
         self.used += tries
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """A match: which alias of which node, and what it was made of.
-
-    Args:
-        cell: of the landmark or the robot; the middle of it is where the thing truly is.
-        observed: the landmark as it was seen, before any turn.
-        turn_rad: by which the heading was turned for the match.
-        salt: that went into the KDF (sealed profile).
-    """
-
-    node: int
-    alias: int
-    shape: Shape
-    cell: Cell
-    offset: Offset
-    observed: Landmark | None
-    action: Action | None
-    turn_rad: float
-    canonical: bytes
-    salt: bytes = b""
-    key: bytes = b""
-
-
 class Variant(NamedTuple):
     """One combination to try, apart from the position: what else goes into the hash."""
 
@@ -90,6 +67,20 @@ class Variant(NamedTuple):
     action: Action | None
     window: int | None
     messages: tuple[bytes, ...]
+
+    def canonical(
+        self, shape: Shape, cell: Cell, messages: tuple[bytes, ...] = (), previous: bytes | None = None
+    ) -> bytes:
+        """The canonical bytes of it in a cell; what else is in them is the profile's affair."""
+        place = place_bytes(shape, cell, self.landmark.text if self.landmark else None)
+        return canonical(
+            place,
+            sensors=self.sensors,
+            action=self.action,
+            window=self.window,
+            messages=messages,
+            previous=previous,
+        )
 
 
 @lru_cache(maxsize=64)
@@ -168,12 +159,27 @@ def variants(shape: Shape, coding: CodingConfig, seen: Experience, heard: tuple[
         yield Variant(landmark, reading, action, window, message)
 
 
-def cell_seen(shape: Shape, coding: CodingConfig, offset: Offset, seen: Experience, landmark: Landmark | None) -> Cell:
-    """The cell of a seen landmark, or of the robot; of the landmark only what the shape asks for."""
-    if landmark is None:
-        return cell_of(coding, offset, seen.x_m, seen.y_m)
-    cell = cell_of(coding, offset, landmark.x_m, landmark.y_m, landmark)
-    return Cell(cell.x, cell.y, cell.bin if shape.oriented else -1, cell.area if shape.area else -1)
+def placed(
+    shape: Shape,
+    coding: CodingConfig,
+    seen: Experience,
+    heard: tuple[bytes, ...],
+    offset: Offset,
+    reach_dm: int,
+    turn_rad: float,
+) -> Iterator[tuple[Variant, Cell]]:
+    """The variants that are near enough, each with the cell in which it was seen, or in which the robot is."""
+    for variant in variants(shape, coding, seen, heard):
+        landmark = variant.landmark and as_seen(variant.landmark, seen, turn_rad)
+        if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
+            continue
+        if landmark:
+            cell = cell_of(coding, offset, landmark.x_m, landmark.y_m, landmark)
+            # Of a landmark only what the shape asks for.
+            cell = Cell(cell.x, cell.y, cell.bin if shape.oriented else -1, cell.area if shape.area else -1)
+        else:
+            cell = cell_of(coding, offset, seen.x_m, seen.y_m) if shape.place else Cell(0, 0)
+        yield variant, cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,14 +293,7 @@ class PaperSearch:
             previous = released if shape.previous else None
 
             def message(cell: Cell, one: Variant = batch[0], previous: bytes | None = previous) -> bytes:
-                return canonical(
-                    place_bytes(shape, cell, one.landmark.text if one.landmark else None),
-                    sensors=one.sensors,
-                    action=one.action,
-                    window=one.window,
-                    messages=one.messages,
-                    previous=previous,
-                )
+                return one.canonical(shape, cell, one.messages, previous)
 
             things = [
                 (
@@ -357,5 +356,5 @@ class PaperSearch:
 
 def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell, turn: float) -> Found:
     node, alias = group.aliases[place]
-    observed = batch.message(cell)
-    return Found(node, alias, batch.shape, cell, group.offset, variant.landmark, variant.action, turn, observed)
+    claim = Claim(node, alias, batch.shape, group.offset, cell, batch.message(cell), turn_rad=turn)
+    return Found(claim, variant.landmark, variant.action)

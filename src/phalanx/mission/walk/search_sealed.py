@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.file import sealed
-from phalanx.mission.file.canonical import canonical, place_bytes
 from phalanx.mission.file.records import EncodedMission
-from phalanx.mission.observable import Cell, Experience
+from phalanx.mission.observable import Experience
 
+from .found import Claim, Found
 from .gate import Hint
-from .search import LANDMARK_PLACES, Budget, Found, as_seen, cell_seen, distance_m, rings_of, spiral, variants
+from .search import LANDMARK_PLACES, Budget, placed, rings_of, spiral
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,27 +56,18 @@ def search_sealed(  # noqa: C901  # one nest of loops, in the order of likelihoo
             if turn and shape.place not in LANDMARK_PLACES:
                 continue
             reach_dm = mission.nodes[candidate.node].reach_dm
-            for variant in variants(shape, coding, seen, heard):
-                landmark = variant.landmark and as_seen(variant.landmark, seen, turn)
-                if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
-                    continue
-                centre = cell_seen(shape, coding, candidate.hint.offset, seen, landmark) if shape.place else Cell(0, 0)
+            for variant, centre in placed(shape, coding, seen, heard, candidate.hint.offset, reach_dm, turn):
                 salt = sealed.node_salt(candidate.gate, variant.messages, header, candidate.node, candidate.alias)
-                jobs.append((candidate, variant, landmark, centre, salt))
+                jobs.append((candidate, variant, centre, salt))
         # Ring by ring over all of them: what is near its estimate is far likelier than what is not.
         for k, (dx, dy) in enumerate(spiral(rings)):
-            for candidate, variant, landmark, centre, salt in jobs:
+            for candidate, variant, centre, salt in jobs:
                 shape = candidate.hint.shape
                 # Cells of 0.4 m and bins of 15 degrees forgive what a turn would mend elsewhere.
                 if k and (turn or not shape.place):
                     continue
                 cell = centre._replace(x=centre.x + dx, y=centre.y + dy)
-                observed = canonical(
-                    place_bytes(shape, cell, landmark.text if landmark else None),
-                    sensors=variant.sensors,
-                    action=variant.action,
-                    window=variant.window,
-                )
+                observed = variant.canonical(shape, cell)
                 name = sha3_256(salt + observed)[:16]
                 if name in tried or name in newly_tried:
                     continue
@@ -85,19 +76,7 @@ def search_sealed(  # noqa: C901  # one nest of loops, in the order of likelihoo
                 budget.spend(1)
                 mark, key = sealed.try_observation(header, observed, candidate.hint, salt)
                 if mark == mission.nodes[candidate.node].aliases[candidate.alias].mark:
-                    offset = candidate.hint.offset
-                    yield Found(
-                        candidate.node,
-                        candidate.alias,
-                        shape,
-                        cell,
-                        offset,
-                        variant.landmark,
-                        variant.action,
-                        turn,
-                        observed,
-                        salt,
-                        key,
-                    )
+                    where = (candidate.node, candidate.alias, shape, candidate.hint.offset, cell)
+                    yield Found(Claim(*where, observed, salt, turn), variant.landmark, variant.action, key)
                 else:
                     newly_tried.add(name)

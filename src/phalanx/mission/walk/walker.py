@@ -20,9 +20,10 @@ from phalanx.mission.file.sealed import visited_hash
 from phalanx.mission.observable import Experience
 from phalanx.mission.refused import Altered
 
-from .claims import Claim, Unshown
+from .claims import Unshown
 from .finding import Find, Finder
 from .fix import Fix, allowed_m, seen_again
+from .found import Claim
 from .gate import StartKey
 from .opening import Opened, OpenWay
 from .outcome import Kind, Order, Outcome, Reason

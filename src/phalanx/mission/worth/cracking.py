@@ -20,11 +20,12 @@ from phalanx.crypto.sha3 import Targets, find_patched
 from phalanx.mission.angles import TWO_PI
 from phalanx.mission.file import sealed
 from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
-from phalanx.mission.file.records import EncodedMission, Header
+from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experience, Landmark, Offset, bins_of, middle_of
-from phalanx.mission.walk.gate import Gate, Hint, StartKey
+from phalanx.mission.walk.claims import unlock
+from phalanx.mission.walk.found import Claim, Found
+from phalanx.mission.walk.gate import Gate, StartKey
 from phalanx.mission.walk.opening import Opened, open_found
-from phalanx.mission.walk.search import Found
 
 BATCH = 1 << 16  # cells of one batch of fast hashes
 KDF_BATCH = 64
@@ -150,23 +151,16 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
         jobs = _jobs(mission, node, gate, box, before)
         while batch := list(islice(jobs, KDF_BATCH)):
             left -= len(batch)
-            answers = list(spread(partial(_try, mission.header, gate.hints), batch))
-            hit = next(
-                (
-                    (job, answer[1])
-                    for job, answer in zip(batch, answers, strict=True)
-                    if answer[0] == mission.nodes[node].aliases[job[0]].mark
-                ),
-                None,
-            )
+            keys = spread(partial(unlock, mission), batch)
+            hit = next(((claim, key) for claim, key in zip(batch, list(keys), strict=True) if key is not None), None)
             if hit is None:
                 yield Tried(len(batch), known)
                 continue
-            (alias, cell, observed, _), secret_key = hit
-            shape, offset = gate.hints[alias].shape, gate.hints[alias].offset
+            claim, secret_key = hit
             known -= left
-            yield Tried(len(batch), known, (_cracked(mission.header.coding, node, shape, offset, cell),))
-            opened = _open(mission, node, alias, shape, offset, cell, observed, secret_key)
+            cracked = _cracked(mission.header.coding, node, claim.shape, claim.offset, claim.cell)
+            yield Tried(len(batch), known, (cracked,))
+            opened = _open(mission, claim, cracked, secret_key)
             for way in opened.ways:
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
@@ -175,20 +169,13 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
             break
 
 
-def _try(header: Header, hints: tuple[Hint, ...], job: tuple[int, Cell, bytes, bytes]) -> tuple[bytes, bytes]:
-    alias, _, observed, salt = job
-    return sealed.try_observation(header, observed, hints[alias], salt)
-
-
 def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
     hints = [hint for hint in gate.hints if can_guess(hint.shape)]
     return sum(len(_patches(coding, hint.offset, box)) * len(_bins(coding, hint.shape, box)) for hint in hints)
 
 
-def _jobs(
-    mission: EncodedMission, node: int, gate: Gate, box: Box, before: Opened | None
-) -> Iterator[tuple[int, Cell, bytes, bytes]]:
-    """(alias, cell, canonical bytes, salt) of every candidate, those in the direction from the node before first."""
+def _jobs(mission: EncodedMission, node: int, gate: Gate, box: Box, before: Opened | None) -> Iterator[Claim]:
+    """Every candidate, those in the direction from the node before first."""
     coding = mission.header.coding
     for alias, hint in enumerate(gate.hints):
         if not can_guess(hint.shape):
@@ -200,7 +187,8 @@ def _jobs(
         for i in _likeliest(coding, hint.offset, xs, ys, before, node):
             for turn, area in _bins(coding, hint.shape, box):
                 cell = Cell(int(xs[i]), int(ys[i]), turn, area)
-                yield alias, cell, canonical(place_bytes(hint.shape, cell)), salt
+                observed = canonical(place_bytes(hint.shape, cell))
+                yield Claim(node, alias, hint.shape, hint.offset, cell, observed, salt)
 
 
 def _likeliest(
@@ -219,19 +207,8 @@ def _likeliest(
     return np.argsort(off, kind="stable")
 
 
-def _open(
-    mission: EncodedMission,
-    node: int,
-    alias: int,
-    shape: Shape,
-    offset: Offset,
-    cell: Cell,
-    observed: bytes,
-    key: bytes,
-) -> Opened:
+def _open(mission: EncodedMission, claim: Claim, cracked: Cracked, key: bytes) -> Opened:
     landmark = None
-    if shape.place != AT_POSITION:
-        x_m, y_m, orientation = middle_of(mission.header.coding, offset, cell)
-        landmark = Landmark(LANDMARK_TYPES[shape.place - 1], x_m, y_m, orientation)
-    found = Found(node, alias, shape, cell, offset, landmark, None, 0.0, observed, key=key)
-    return open_found(mission, found, Experience(0.0, 0.0, 0.0, 0.0))
+    if claim.shape.place != AT_POSITION:
+        landmark = Landmark(cracked.kind, cracked.x_m, cracked.y_m, cracked.orientation_rad)
+    return open_found(mission, Found(claim, landmark, key=key), Experience(0.0, 0.0, 0.0, 0.0))

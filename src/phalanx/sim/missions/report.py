@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
-from phalanx.mission.walk.claims import Claim
+from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.outcome import Kind, Reason
 from phalanx.mission.walk.table import Event
 from phalanx.robot.controllers.mission.controller import MissionController, Missions

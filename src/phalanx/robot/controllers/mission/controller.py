@@ -27,8 +27,8 @@ from phalanx.mission.landmarks import extract
 from phalanx.mission.landmarks.angles import sin_cos, wrap
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
-from phalanx.mission.walk.claims import Claim
 from phalanx.mission.walk.fix import Fix
+from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.walker import LONGEST_S
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
 from phalanx.wire.record import MalformedRecord

@@ -14,7 +14,7 @@ import numpy as np
 
 from phalanx.errors import PeerError
 from phalanx.mission.file.reader import Reader
-from phalanx.mission.walk.claims import Claim, parse_claim
+from phalanx.mission.walk.found import Claim, parse_claim
 from phalanx.robot.controllers.python_controller import Controller, Output
 from phalanx.wire.table import KEPT, KEPT_CLAIM
 

@@ -1,0 +1,72 @@
+"""What a search comes upon: the claim that shows it to auditors, and what the robot alone has of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from phalanx.errors import TooLarge
+from phalanx.mission.file.canonical import Shape, parse_shape
+from phalanx.mission.file.reader import Reader
+from phalanx.mission.observable import Action, Cell, Landmark, Offset
+from phalanx.mission.refused import MalformedMission
+from phalanx.wire.missions import CLAIM
+
+CLAIM_LIMIT = 16_384
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A decoded node, as an auditor is shown it.
+
+    Args:
+        offset: of the cells; another than the compiler's opens nothing.
+        observed: the canonical bytes that were hashed.
+        salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
+        turn_rad: by which the heading had to be turned for the match.
+    """
+
+    node: int
+    alias: int
+    shape: Shape
+    offset: Offset
+    cell: Cell
+    observed: bytes
+    salt: bytes = b""
+    turn_rad: float = 0.0
+
+    def encode(self) -> bytes:
+        """As sent to an auditor."""
+        head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad, len(self.salt))
+        return CLAIM.form.pack(*head) + self.salt + self.observed
+
+
+def parse_claim(raw: bytes) -> Claim:
+    """The claim in these bytes, of whatever robot sent them.
+
+    Raises: TooLarge, MalformedMission.
+    """
+    if len(raw) > CLAIM_LIMIT:
+        raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
+    reader = Reader(raw)
+    node, alias, code, *rest, turn_rad, salt = reader.unpack(CLAIM)
+    if not abs(turn_rad) <= math.pi:
+        raise MalformedMission("a claim that turns too far")
+    offset, cell, salt = Offset(*rest[: len(Offset())]), Cell(*rest[len(Offset()) :]), reader.take(salt)
+    return Claim(node, alias, parse_shape(code), offset, cell, reader.take(reader.left), salt, turn_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A match.
+
+    Args:
+        claim: which alias of which node, and what it was made of.
+        seen: the landmark as it was seen, before any turn.
+        key: what opens the node (sealed profile).
+    """
+
+    claim: Claim
+    seen: Landmark | None = None
+    action: Action | None = None
+    key: bytes = b""
