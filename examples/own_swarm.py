@@ -44,6 +44,15 @@ class Carts:
             raise Unknown(f"no cart {address}")
         self.x_mm[address] = min(1000.0, max(0.0, self.x_mm[address] + (left_pct + right_pct) / 20))
 
+    def stop(self, address: str) -> None:
+        """Nothing: a cart that hears no command stands. Yours would stop its motors here, from any thread."""
+
+    def hold(self) -> None:
+        """As above, for all of them."""
+
+    def release(self) -> None:
+        """They may move again."""
+
     def set_led(self, address: str, led: Led) -> None:
         """Remember the colour."""
         self.led[address] = led

@@ -194,11 +194,11 @@ class TestGateway:
         class Flaky(Dotbots):
             fails = 3
 
-            def drive(self, address, left_pct, right_pct):
-                if (left_pct, right_pct) == (0, 0) and self.fails:
+            def stop(self, address):
+                if self.fails:
                     self.fails -= 1
                     raise OSError("the radio is gone")
-                super().drive(address, left_pct, right_pct)
+                super().stop(address)
 
         swarm = Flaky(2, 1, time.time)
         addresses = [robot.address for robot in swarm.robots()]

@@ -197,19 +197,32 @@ class TestSwarm:
         assert len(told.controller) == 1
 
     @pytest.mark.alone
-    def test_robots_live_it_in_a_process_of_their_own_and_end_with_it(self):
+    def is_held(self, swarm) -> bool:
+        swarm.hold()
+        time.sleep(0.5)
+        before = swarm.robots()
+        time.sleep(1)
+        after = swarm.robots()
+        swarm.release()
+        assert after[0].heard_at_s > before[0].heard_at_s, "heard, as before"
+        return [robot.at for robot in after] == [robot.at for robot in before]
+
+    def test_robots_live_it_in_a_process_of_their_own_stand_while_held_and_end_with_it(self):
         with MissionSwarm(PLAN, 2, 0, time.time) as swarm:
             swarm.begin(orders())
             deadline = time.monotonic() + 60
-            longest = 0.0
+            longest, held = 0.0, False
             while swarm.progress().completed < 2:
                 assert time.monotonic() < deadline, swarm.walks()
                 time.sleep(0.05)
                 began = time.monotonic()
                 swarm.robots()
                 longest = max(longest, time.monotonic() - began)
+                if not held and any(walk.phase == "seeking" for walk in swarm.walks()):
+                    held = self.is_held(swarm)
             # Whoever asks does not wait for a search.
             assert longest < 0.1
+            assert held
             assert swarm.progress().left == 0
             assert all(abs(robot.at.x_mm - 5000) < 4000 for robot in swarm.robots())
             assert any(len(robot.history) > 3 for robot in swarm.robots())

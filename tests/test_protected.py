@@ -137,6 +137,24 @@ class TestOrders:
         assert places(swarm)[address] == at
         assert not swarm.robots()[0].route
 
+    def test_an_emergency_stop_goes_before_all_that_waits_and_ends_when_the_operator_says_so(self):
+        swarm = a_swarm(100)
+        for robot in swarm.robots():
+            swarm.follow(robot.address, [Point(100, 100), Point(1900, 1900)] * (swarm.longest_route // 2), 60)
+            swarm.set_led(robot.address, Led(1, 2, 3))
+        run(swarm, 0.8)
+        swarm.hold()
+        run(swarm, 0.6)
+        before = places(swarm)
+        run(swarm, 3)
+        assert places(swarm) == before
+        assert not any(robot.route for robot in swarm.robots())
+        swarm.release()
+        for address, at in before.items():
+            swarm.follow(address, [Point(100 if at.x_mm > 1000 else 1900, 1000)], 60)
+        run(swarm, 2)
+        assert all(now != before[address] for address, now in places(swarm).items())
+
     @pytest.mark.parametrize("count", [12, 100])
     def test_visitors_who_flood_all_robots_with_the_longest_orders_stop_none(self, count):
         swarm = a_swarm(count)

@@ -117,6 +117,12 @@ class Late(PeerError):
     reason = "late"
 
 
+class Held(PeerError):
+    """The operator has stopped all robots: nobody moves one now."""
+
+    reason = "held"
+
+
 class Unknown(PeerError):
     """No such command, request or robot."""
 

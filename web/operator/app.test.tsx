@@ -231,6 +231,30 @@ describe("the operator page", () => {
     expect(part("lies")?.textContent).toBe("Bo: hijack, stopped after 9.8 s");
   });
 
+  it("stops all robots at a click, whatever the gateway last said, and lets them go again", async () => {
+    await open(`#token=${TOKEN}`);
+    expect(part("let-go")).toBeNull();
+    answer = gone;
+    await pass(7000);
+    asked = [];
+    await act(async () => (part("stop-all") as HTMLButtonElement).click());
+    expect(asked[0]?.url).toBe("/api/stop");
+    expect(asked[0]?.init).toMatchObject({ method: "POST", headers: { Authorization: `Bearer ${TOKEN}` } });
+    await pass(0);
+    expect(document.querySelector(".stop-all [role=alert]")?.textContent).toContain("does not answer");
+    answer = () => Response.json({ ...STATE, held: true });
+    await act(async () => (part("stop-all") as HTMLButtonElement).click());
+    await pass(1000);
+    expect(document.querySelector(".stop-all [role=alert]")).toBeNull();
+    expect(document.querySelector(".stop-all")?.textContent).toContain("All robots are stopped");
+    asked = [];
+    await act(async () => (part("let-go") as HTMLButtonElement).click());
+    expect(asked[0]?.url).toBe("/api/go");
+    answer = good;
+    await pass(1000);
+    expect(part("let-go")).toBeNull();
+  });
+
   it("greys a robot in Safe Mode, and does not offer it", async () => {
     const lie = { since_s: 60, stopped_after_s: 9 };
     const robots = { B0B0F00D33333333: { safe_mode: true, attack: "crash", lie, vouchers: [] } };

@@ -13,6 +13,7 @@ import { type Polled, useGateway } from "./poll";
 import { useWindow } from "./rates";
 import { Rejections } from "./rejections";
 import { AuditsCard, CompromiseCard, UnprotectedCard } from "./shields";
+import { StopAll } from "./stop_all";
 import { takeToken } from "./token";
 import { ago } from "./words";
 
@@ -33,6 +34,7 @@ export function App() {
   return (
     <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
       {!exhibition.on && <Header state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} />}
+      <StopAll token={token} held={newest?.state.held === true} />
       <Banner polled={polled} silent_s={silent_ms / 1000} />
       {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
       {drawing !== undefined && newest?.state.mission && (

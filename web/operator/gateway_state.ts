@@ -105,6 +105,8 @@ export interface Missions {
 
 export interface GatewayState {
   readonly mode: string;
+  /** The operator has stopped all robots. */
+  readonly held: boolean;
   readonly page_url: string;
   readonly qr_url: string;
   readonly qr_svg: string;
@@ -140,6 +142,7 @@ export function parseState(json: unknown): GatewayState {
   const counters = record(state["counters"], "counters");
   return {
     mode: text(state["mode"], "mode"),
+    held: state["held"] === true,
     page_url: text(state["page_url"], "page_url"),
     qr_url: text(state["qr_url"], "qr_url"),
     qr_svg: text(state["qr_svg"], "qr_svg"),

@@ -72,6 +72,11 @@ const REASONS: Readonly<Record<string, Reason>> = {
     text: "A joystick's order that had to wait for more than 300 ms: whoever gave it may have let go. Not carried out.",
     tone: "suspicious",
   },
+  held: {
+    title: "All stopped",
+    text: "A visitor wanted to drive while you had stopped all robots. Not carried out.",
+    tone: "harmless",
+  },
   unknown: {
     title: "No such robot or order",
     text: "Meant for a robot that is not here (any more), or a kind of order that we do not have.",

@@ -1,8 +1,8 @@
 // Robots that audit each other: the operator has one lie, and watches the others refuse it.
 
 import { useState } from "react";
-import { compromise } from "./compromise";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
+import { order } from "./orders";
 import { ago } from "./words";
 
 interface Props {
@@ -33,7 +33,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
   async function onSubmit() {
     if (!robot || !attack) return;
     setBusy(true);
-    const refused = await compromise(token, robot.address, attack.name);
+    const refused = await order(token, "compromise", { address: robot.address, attack: attack.name });
     setTrouble(refused);
     if (refused === undefined) setAddress("");
     setBusy(false);

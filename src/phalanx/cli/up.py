@@ -30,6 +30,7 @@ from .login import read_login
 from .mission.files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
 from .qr import qr_text
 from .run import run
+from .stop_word import heed_stop_words
 from .terminal import EventLines, end_status_line, plain, status_line, talk
 
 
@@ -80,7 +81,7 @@ def up(
         if events:
             lines = EventLines()
             try:
-                run(run_gateway(options, lines, swarm=swarm))
+                run(run_gateway(options, lines, lambda running: heed_stop_words(running.hold), swarm=swarm))
             finally:
                 lines.close()
         else:
@@ -156,6 +157,8 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
 
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
+        if sys.stdin.isatty():  # what else is there was not typed for us
+            heed_stop_words(running.hold)
         if running.summary()["compiling"]:
             late.append(running)
 
@@ -185,6 +188,7 @@ async def _keep_status(running: Running) -> None:
         status_line(
             f"{now['robots']} robots   {now['visitors']} visitors   {now['commands']} commands   "
             f"{now['rejected']} refused   new code in {minutes}:{seconds:02d}"
+            + ("   ALL STOPPED, go and Enter lets them go" if now["held"] else "   Enter: stop all")
             + ("   compiling, no shields yet" if now["compiling"] else "")
             + ("" if now["connected"] else "   broker away, trying again")
         )

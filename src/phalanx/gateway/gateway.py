@@ -16,8 +16,9 @@ from phalanx.robot.on_mission import OnMission
 from phalanx.robot.shield import Shielded, Unprotected
 
 from . import vocabulary
+from .brakes import Brakes
 from .frames import Frames, Tick
-from .joystick import EXPIRES_S, LATE_S, Joysticks, Told
+from .joystick import EXPIRES_S, LATE_S, Told
 from .missions.watch import MissionWatch
 from .shields import ShieldWatch
 from .visitors import Visitors
@@ -54,10 +55,10 @@ class Gateway:
         self.server = server
         self.visitors = Visitors()
         self._clock = clock
-        self._joysticks = Joysticks()
         self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
         self._say = say
+        self.brakes = Brakes(swarm)
         self._serve(swarm)
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
         self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
@@ -84,12 +85,14 @@ class Gateway:
     async def adopt(self, swarm: Swarm) -> None:
         """Serve this swarm of the same robots from now on; visitors are told to ask for everything."""
         self._serve(swarm)
+        self.brakes.adopt(swarm)
         self._lists.clear()
         await self._tell_one(Notice.RELOAD)
 
     async def run(self) -> None:
-        """Tell visitors what happens, and stop robots that nobody drives any longer, until cancelled."""
-        await asyncio.gather(self._tell(), self._stop_abandoned())
+        """Tell visitors what happens, and have robots stopped that nobody drives any longer, until cancelled."""
+        with self.brakes:
+            await self._tell()
 
     def _checked(self, handler: Callable[[str, Command], None]) -> Callable[[Command], None]:
         def handle(command: Command) -> None:
@@ -101,16 +104,13 @@ class Gateway:
 
     def _move_raw(self, address: str, command: Command) -> None:
         move = vocabulary.parse_move_raw(command.payload)
-        moving = bool(move.left_pct or move.right_pct)
         # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
         # waited here while its visitor let go. That a visitor let go is never too late to be heard.
-        if moving:
+        if move.left_pct or move.right_pct:
             self._refuse_late(command)
             if command.waited_s > EXPIRES_S:
                 raise Late(f"waited {command.waited_s:.1f} s")
-        # Armed first: a driver that fails half-way may have set the wheels turning.
-        self._joysticks.drive(address, moving, time.monotonic())
-        self.swarm.drive(address, move.left_pct, move.right_pct)
+        self.brakes.drive(address, move.left_pct, move.right_pct)
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words.
@@ -129,8 +129,9 @@ class Gateway:
         route = vocabulary.parse_waypoints(command.payload, self.swarm.area_mm, self._longest_route)
         if route.points:
             self._refuse_late(command)
+            self.brakes.refuse_if_held()
         self.swarm.follow(address, route.points, route.threshold_mm)
-        self._joysticks.drive(address, False, time.monotonic())
+        self.brakes.follows_a_route(address)
 
     def _clear_history(self, address: str, command: Command) -> None:
         self._refuse_late(command)
@@ -228,20 +229,3 @@ class Gateway:
             # A swarm that tells something unspeakable must not silence all the others.
             log.error("not told: %s", error)  # noqa: TRY400  # the trace says nothing more
             return False
-
-    async def _stop_abandoned(self) -> None:
-        while True:
-            for address in self._joysticks.expired(time.monotonic()):
-                self._stop(address)
-            due_s = self._joysticks.next_due_s()
-            wait_s = TICK_S if due_s is None else due_s - time.monotonic()
-            await asyncio.sleep(min(TICK_S, max(0.005, wait_s)))
-
-    def _stop(self, address: str) -> None:
-        try:
-            self.swarm.drive(address, 0, 0)
-        except Unknown:
-            log.debug("%s left while being driven", address)
-        except Exception as error:  # noqa: BLE001  # whatever a robot's driver does, the others are stopped too
-            log.error("%s: cannot be stopped (%s); trying again", address, type(error).__name__)  # noqa: TRY400
-            self._joysticks.drive(address, True, time.monotonic())

@@ -51,6 +51,10 @@ class Joysticks:
         else:
             self._until.pop(address, None)
 
+    def is_driven(self, address: str) -> bool:
+        """Whether its time is not up, or nobody has asked."""
+        return address in self._until
+
     def expired(self, uptime_s: float) -> list[str]:
         """Robots to be stopped now; each is named once."""
         stop = []

@@ -1,20 +1,23 @@
 """The two pages over HTTP. The visitors' page is plain files and knows no secret; the operator's asks for a token.
 
-Only `OperatorPages` may answer with a pin, and it listens on loopback only.
+Only `OperatorPages` may answer with a pin, and it listens on loopback only. It is served beside the gateway's event
+loop (`beside`): what holds that up does not hold up an emergency stop.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import hmac
 import json
 import logging
+import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
@@ -33,6 +36,7 @@ _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Told = TypeVar("Told")
 
 COMMON_HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -154,6 +158,8 @@ class OperatorPages(_Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
+    `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event loop
+    in which this is made.
     """
 
     def __init__(
@@ -162,7 +168,10 @@ class OperatorPages(_Site):
         state: Callable[[], dict[str, Any]],
         compromise: Callable[[str, str], None],
         desk: MissionDesk | None = None,
+        hold: Callable[[bool], None] = lambda _: None,
     ) -> None:
+        self._gateways = asyncio.get_running_loop()
+        self._hold = hold
         self._token = token
         self._state = state
         self._compromise = compromise
@@ -173,6 +182,8 @@ class OperatorPages(_Site):
     def _add_routes(self) -> None:
         self.app.router.add_get("/api/state", self._tell_state)
         self.app.router.add_post("/api/compromise", self._do_compromise)
+        self.app.router.add_post("/api/stop", self._do_stop)
+        self.app.router.add_post("/api/go", self._do_go)
         if self._desk:
             self.app.router.add_get("/api/mission/world", self._tell_world)
             self.app.router.add_get("/api/mission/job", self._tell_job)
@@ -187,7 +198,20 @@ class OperatorPages(_Site):
         return None
 
     async def _tell_state(self, request: web.Request) -> web.Response:
-        return self._stranger(request) or _answer(self._state())
+        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))
+
+    async def _do_stop(self, request: web.Request) -> web.Response:
+        return self._stranger(request) or self._told(True)
+
+    async def _do_go(self, request: web.Request) -> web.Response:
+        return self._stranger(request) or self._told(False)
+
+    def _told(self, held: bool) -> web.Response:
+        self._hold(held)
+        return _answer({})
+
+    async def _at_the_gateway(self, job: Coroutine[Any, Any, Told]) -> Told:
+        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, self._gateways))
 
     async def _do_compromise(self, request: web.Request) -> web.Response:
         if stranger := self._stranger(request):
@@ -195,7 +219,7 @@ class OperatorPages(_Site):
         try:
             words = json.loads(await request.text())
             address, attack = words["address"], words["attack"]
-            self._compromise(str(address), str(attack))
+            await self._at_the_gateway(_soon(lambda: self._compromise(str(address), str(attack))))
         except Unknown as error:
             return _answer({"error": str(error)}, 404)
         except (ValueError, KeyError, TypeError, RecursionError):
@@ -204,13 +228,13 @@ class OperatorPages(_Site):
 
     async def _tell_world(self, request: web.Request) -> web.Response:
         assert self._desk is not None, "or there is no such route"
-        return self._stranger(request) or _answer(await self._desk.world())
+        return self._stranger(request) or _answer(await self._at_the_gateway(self._desk.world()))
 
     async def _tell_job(self, request: web.Request) -> web.Response:
         assert self._desk is not None, "or there is no such route"
-        return self._stranger(request) or _answer(self._desk.job())
+        return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._desk.job)))
 
-    def _asked_with(self, act: Callable[[MissionDesk, Any], Awaitable[dict[str, Any]]]) -> Handler:
+    def _asked_with(self, act: Callable[[MissionDesk, Any], Coroutine[Any, Any, dict[str, Any]]]) -> Handler:
         """A handler of POSTs: what went wrong is told in a line, with a hint of what to do about it."""
 
         async def handle(request: web.Request) -> web.Response:
@@ -218,7 +242,8 @@ class OperatorPages(_Site):
             if stranger := self._stranger(request):
                 return stranger
             try:
-                return _answer(await act(self._desk, json.loads(await request.text())))
+                words = json.loads(await request.text())
+                return _answer(await self._at_the_gateway(act(self._desk, words)))
             except (UsageError, Unavailable) as error:
                 return _answer({"error": str(error), "hint": error.hint}, 400)
             except PeerError as error:
@@ -253,6 +278,32 @@ class OperatorPages(_Site):
         if request.headers.get("Origin", f"http://{request.host}") != f"http://{request.host}":
             return _answer({"error": "not from this page"}, 403)
         return None
+
+
+async def _soon(job: Callable[[], Told]) -> Told:
+    return job()
+
+
+@contextlib.asynccontextmanager
+async def beside(pages: OperatorPages) -> AsyncIterator[OperatorPages]:
+    """The operator's page, served by an event loop in a thread of its own while the context lasts."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, name="operator's page", daemon=True)
+    thread.start()
+
+    async def there(job: Coroutine[Any, Any, Any]) -> None:
+        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, loop))
+
+    try:
+        await there(pages.__aenter__())
+        try:
+            yield pages
+        finally:
+            await there(pages.__aexit__(None, None, None))
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        await asyncio.to_thread(thread.join)
+        loop.close()
 
 
 def _text(words: Any, key: str) -> str:

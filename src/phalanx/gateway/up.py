@@ -35,7 +35,7 @@ from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
 from .missions.desk import MissionDesk
-from .serve_pages import OperatorPages, VisitorPages
+from .serve_pages import OperatorPages, VisitorPages, beside
 
 log = logging.getLogger(__name__)
 
@@ -83,6 +83,7 @@ class Running:
         self._options = options
         self._broker = broker
         self._server = server
+        self._loop = asyncio.get_running_loop()
         self._say = say
         self._started_at_s = time.monotonic()
         self._told: Counter[str] = Counter()
@@ -119,6 +120,7 @@ class Running:
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
             "compiling": isinstance(self.gateway.swarm, SoonShielded),
+            "held": self.gateway.brakes.held,
         }
 
     def state(self) -> dict[str, Any]:
@@ -130,6 +132,7 @@ class Running:
         names = {robot.address: robot.name for robot in robots}
         return {
             "mode": "qrkey",
+            "held": self.gateway.brakes.held,
             "page_url": self._options.frontend or self.page_url,
             "qr_url": self.qr_url,
             "qr_svg": self._qr_svg(),
@@ -172,6 +175,18 @@ class Running:
         if self.gateway.shields is None:
             raise Unknown("these robots do not audit each other: nothing would stop it")
         self.gateway.shields.compromise(address, attack)
+
+    def hold(self, held: bool) -> None:
+        """Every robot stands still from now on, whatever it is told and whatever the broker does; or may move again.
+
+        For any thread, however busy the event loop is: that hears of it afterwards.
+        """
+        if held:
+            self.gateway.brakes.hold()
+        else:
+            self.gateway.brakes.release()
+        with contextlib.suppress(RuntimeError):  # it has ended
+            self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
@@ -285,7 +300,8 @@ async def up(
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
         if desk:
             stack.callback(desk.stop)
-        operator = await stack.enter_async_context(OperatorPages(token, running.state, running.compromise, desk))
+        operators = OperatorPages(token, running.state, running.compromise, desk, running.hold)
+        operator = await stack.enter_async_context(beside(operators))
         await stack.enter_async_context(server)
         async with for_at_most(options.duration_s):
             await _until_connected(server, say)

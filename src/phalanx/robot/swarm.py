@@ -61,6 +61,9 @@ class Swarm(Protocol):
 
     Every method that takes an address raises `phalanx.errors.Unknown` if no such robot is there. They are called from
     the gateway's event loop: they must not wait. What else they raise is logged; a failed stop is tried again.
+
+    `stop`, `hold` and `release` are called from another thread, also while a method of the others runs or hangs, and
+    must not wait for it.
     """
 
     @property
@@ -72,6 +75,18 @@ class Swarm(Protocol):
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
         """Turn the wheels, -100..100, until told otherwise; ends waypoint following."""
+
+    def stop(self, address: str) -> None:
+        """Stand still, and follow nothing, until told otherwise."""
+
+    def hold(self) -> None:
+        """Every robot stands still, those too that come, whatever they are told, until `release`: an emergency stop.
+
+        Called ten times a second for as long as it lasts: a message to a robot may be lost.
+        """
+
+    def release(self) -> None:
+        """Robots may be told to move again; those on a mission go on."""
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""

@@ -70,5 +70,6 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 def up() -> None:
     """Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.
 
-    Ctrl-C ends it.
+    Enter stops all robots at once, whatever becomes of the broker, and the word go with Enter lets them move again; so
+    do lines with stop and go on stdin of --events, and the operator's page. Ctrl-C ends it.
     """

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from ctypes import c_byte
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
@@ -82,10 +83,11 @@ class Crew:
         self._tick = 0
         self._told = [(0, 0, False)] * run.robots
 
-    def tick(self) -> Moment:
-        """What a tenth of a second later is."""
-        self._tick += 1
-        self._world.advance(self._tick * TICK_S)
+    def tick(self, held: bool = False) -> Moment:
+        """What a tenth of a second later is; if they are held, no time passes for them."""
+        if not held:
+            self._tick += 1
+            self._world.advance(self._tick * TICK_S)
         verdicts = self._world.new_verdicts()
         return Moment(
             tuple(self._standing(i, robot) for i, robot in enumerate(self._world.robots)),
@@ -131,12 +133,13 @@ class Crew:
         return news
 
 
-def live(pipe: Connection, plan: FloorPlan, defence: str) -> None:
+def live(pipe: Connection, plan: FloorPlan, defence: str, held: c_byte) -> None:
     """Lives what it is told until the pipe is closed: the body of the process.
 
     Args:
         pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
         plan: the building, for a rehearsal: what is to be compiled is, before the first word.
+        held: other than 0 while robots are to stand still.
     """
     os.nice(NICE)
     _rehearse(plan, defence)
@@ -145,7 +148,7 @@ def live(pipe: Connection, plan: FloorPlan, defence: str) -> None:
     due_s = time.monotonic()
     try:
         while True:
-            pipe.send((number, crew.tick() if crew else None))
+            pipe.send((number, crew.tick(bool(held.value)) if crew else None))
             due_s = max(due_s + TICK_S, time.monotonic())
             while pipe.poll(max(0.0, due_s - time.monotonic())):
                 number, told = pipe.recv()

@@ -87,6 +87,8 @@ class Dotbots:
         self._charging: list[tuple[float, str, str, Led]] = []
         self._elapsed_s = 0.0
         self._made = 0
+        # Said by another thread, heard at the next step: before it nothing moves.
+        self._held, self._to_stop = False, set[str]()
         self._now = np.zeros((ROWS, 0))
         self._longest_trail = max(30, min(HISTORY, HISTORY_IN_ALL // count))
         self._following: NDArray[np.bool_] = np.zeros(0, dtype=bool)
@@ -132,6 +134,19 @@ class Dotbots:
         self._stop_following(i)
         self._now[LEFT, i] = max(-100, min(100, left_pct))
         self._now[RIGHT, i] = max(-100, min(100, right_pct))
+
+    def stop(self, address: str) -> None:
+        """Stand still until told otherwise."""
+        self._find(address)
+        self._to_stop.add(address)
+
+    def hold(self) -> None:
+        """All stand still until `release`."""
+        self._held = True
+
+    def release(self) -> None:
+        """They may be driven again."""
+        self._held = False
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
@@ -181,6 +196,13 @@ class Dotbots:
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: steer, move, record, drain, charge."""
         self._elapsed_s += dt_s
+        while self._to_stop:
+            if (address := self._to_stop.pop()) in self._row:
+                self.drive(address, 0, 0)
+        if self._held:
+            self._now[LEFT] = self._now[RIGHT] = 0
+            for i in np.flatnonzero(self._following).tolist():
+                self._stop_following(i)
         self._steer()
         self._move(dt_s)
         self._record()

@@ -84,7 +84,8 @@ class MissionSwarm:
         self._news: list[tuple[str, News]] = []
         context = get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=live, args=(theirs, plan, self.defence), daemon=True)
+        self._held = context.RawValue("b", 0)  # without a lock, for which whoever stops them would wait
+        self._process = context.Process(target=live, args=(theirs, plan, self.defence, self._held), daemon=True)
         self._theirs = theirs
         self._lost = False
 
@@ -139,6 +140,18 @@ class MissionSwarm:
         """Refused: a robot on a mission goes where its mission says, and nowhere else."""
         self._find(address)
         raise Unknown("robots on a mission are not driven")
+
+    def stop(self, address: str) -> None:
+        """Nothing: nobody drives them."""
+        self._find(address)
+
+    def hold(self) -> None:
+        """All stand still, and their time with them, until `release`."""
+        self._held.value = 1
+
+    def release(self) -> None:
+        """They go on with their mission."""
+        self._held.value = 0
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""

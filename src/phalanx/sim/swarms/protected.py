@@ -65,6 +65,7 @@ ORDER_BYTES_PER_S = 450
 ORDERS_PER_S = 500
 FULL_TURN_DEG = 360.0
 SAVED_UP_S = 0.05
+HOLD_EVERY_S = 1.0  # an order may be lost on the air
 MOTION, COLOUR = 0, 1  # kinds of orders that wait
 
 
@@ -150,6 +151,9 @@ class ProtectedSwarm:
         self._waiting: dict[tuple[int, int], Callable[[int, int], bytes]] = {}
         self._may_order_at_s = [0.0] * count
         self._may_speak_at_s = 0.0
+        # Said by another thread, heard at the next step.
+        self._held, self._to_stop = False, set[int]()
+        self._hold_again_at_s = 0.0
         self._routes: list[tuple[Point, ...]] = [()] * count
         self._thresholds = [DEFAULT_THRESHOLD_MM] * count
         self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
@@ -207,6 +211,18 @@ class ProtectedSwarm:
         left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
         self._waiting[i, MOTION] = partial(orders.wheels_order, left_pct=left, right_pct=right)
 
+    def stop(self, address: str) -> None:
+        """Stand still until told otherwise."""
+        self._to_stop.add(self._find(address))
+
+    def hold(self) -> None:
+        """All that do not lie stand still until `release`: the station says so to each, before all else, and again."""
+        self._held = True
+
+    def release(self) -> None:
+        """They may be driven again."""
+        self._held = False
+
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
         self._show(self._find(address), led)
@@ -233,6 +249,7 @@ class ProtectedSwarm:
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
         self._now_s += dt_s
+        self._hear_stops()
         self._send_orders()
         until_us = round(self._now_s * 1e6)
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
@@ -315,6 +332,20 @@ class ProtectedSwarm:
 
     def _show(self, i: int, led: Led) -> None:
         self._waiting[i, COLOUR] = partial(orders.led_order, red=led.red, green=led.green, blue=led.blue)
+
+    def _hear_stops(self) -> None:
+        while self._to_stop:
+            self.drive(self._addresses[self._to_stop.pop()], 0, 0)
+        if not self._held:
+            self._hold_again_at_s = self._now_s
+        elif self._now_s >= self._hold_again_at_s:
+            self._hold_again_at_s += HOLD_EVERY_S
+            before, self._waiting = self._waiting, {}
+            for address in self._addresses:
+                self.drive(address, 0, 0)
+            self._waiting |= {key: make for key, make in before.items() if key[1] != MOTION}
+            # What a long route has used up of a robot's log is made good when it stands.
+            self._may_order_at_s = [min(at_s, self._now_s) for at_s in self._may_order_at_s]
 
     def _send_orders(self) -> None:
         """Those that the station, the channel and the robot's log have room for."""

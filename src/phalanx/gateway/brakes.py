@@ -1,0 +1,133 @@
+"""What stops robots: a thread of its own, so that nothing which holds up the event loop holds up a stop.
+
+Only this file stops a robot that nobody drives any longer, and all of them when the operator says so. Nothing that
+comes over the link is handled in this thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from types import TracebackType
+from typing import Self
+
+from phalanx.errors import Held, Unknown
+from phalanx.robot import Swarm
+
+from .joystick import Joysticks
+
+log = logging.getLogger(__name__)
+
+AGAIN_S = 0.1
+
+
+class Brakes:
+    """Drives robots, and stops them. Its thread runs in the context; methods are for any thread.
+
+    Args:
+        swarm: the robots.
+    """
+
+    def __init__(self, swarm: Swarm) -> None:
+        self.held = False
+        self._swarm = swarm
+        self._joysticks = Joysticks()
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._over = False
+        self._thread = threading.Thread(target=self._watch, name="brakes", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over = True
+        self._wake.set()
+        self._thread.join(1.0)  # a driver that hangs must not hold up the end
+
+    def adopt(self, swarm: Swarm) -> None:
+        """These robots from now on."""
+        self._swarm = swarm
+        self._wake.set()
+
+    def hold(self) -> None:
+        """Every robot stands still, whatever it is told, until `release`: an emergency stop."""
+        self.held = True
+        self._wake.set()
+
+    def release(self) -> None:
+        """Robots may be told to move again."""
+        self.held = False
+        self._wake.set()
+
+    def refuse_if_held(self) -> None:
+        """Nothing, if robots may move.
+
+        Raises: Held.
+        """
+        if self.held:
+            raise Held("the operator has stopped all robots")
+
+    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
+        """A joystick's word: the robot drives until its time is up, or stops.
+
+        Raises: Held. Unknown, and what a driver raises.
+        """
+        moving = bool(left_pct or right_pct)
+        if moving:
+            self.refuse_if_held()
+        # Armed first: a driver that fails half-way may have set the wheels turning.
+        self._arm(address, moving)
+        try:
+            self._swarm.drive(address, left_pct, right_pct)
+        finally:
+            if moving:
+                with self._lock:
+                    is_late = not self._joysticks.is_driven(address)
+                if is_late:  # its time was up before the driver was done: what it says now comes after the stop
+                    self._attempt(address, partial(self._swarm.stop, address))
+
+    def follows_a_route(self, address: str) -> None:
+        """No joystick drives it any longer."""
+        self._arm(address, False)
+
+    def _arm(self, address: str, moving: bool) -> None:
+        with self._lock:
+            self._joysticks.drive(address, moving, time.monotonic())
+        if moving:
+            self._wake.set()
+
+    def _watch(self) -> None:
+        held = False
+        while not self._over:
+            now_s = time.monotonic()
+            with self._lock:
+                abandoned = self._joysticks.expired(now_s)
+                due_s = self._joysticks.next_due_s()
+            if self.held:
+                held = True
+                self._attempt("all", self._swarm.hold)
+            elif held:
+                held = not self._attempt("all", self._swarm.release)
+            for address in abandoned:
+                if not self._attempt(address, partial(self._swarm.stop, address)):
+                    self._arm(address, True)
+            wait_s = AGAIN_S if due_s is None else min(AGAIN_S, due_s - time.monotonic())
+            self._wake.wait(max(0.0, wait_s))
+            self._wake.clear()
+
+    def _attempt(self, who: str, act: Callable[[], None]) -> bool:
+        try:
+            act()
+        except Unknown:
+            log.debug("%s left while being driven", who)
+        except Exception as error:  # noqa: BLE001  # whatever a robot's driver does, the others are stopped too
+            log.error("%s: cannot be stopped (%s); trying again", who, type(error).__name__)  # noqa: TRY400
+            return False
+        return True

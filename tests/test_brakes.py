@@ -1,0 +1,223 @@
+"""Robots stop, whatever becomes of the event loop and of the broker."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+import urllib.error
+import urllib.request
+from contextlib import asynccontextmanager
+from urllib.parse import urlsplit
+
+import pytest
+
+from conftest import a_gateway, bare_mosquitto, eventually
+from phalanx.errors import Held
+from phalanx.gateway import Gateway, OperatorPages
+from phalanx.gateway.brakes import Brakes
+from phalanx.gateway.serve_pages import beside
+from phalanx.io import Client, Server
+from phalanx.io.ports import free_port
+from phalanx.sim import Dotbots
+
+pytestmark = pytest.mark.waits
+
+TOKEN = "t0ken" * 6
+SPIN = {"left_y": 30, "right_y": -30}
+
+
+class Real(Dotbots):
+    """Robots that move by themselves, as real ones do: no event loop has to turn for it."""
+
+    def __enter__(self):
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.live)
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.over.set()
+        self.thread.join()
+
+    def live(self):
+        while not self.over.wait(0.02):
+            self.step(0.02)
+
+    def how_they_stand(self):
+        return [(robot.at, robot.direction_deg, bool(robot.route)) for robot in self.robots()]
+
+
+def say(url: str, what: str, token: str = TOKEN) -> dict:
+    """POST what the operator's page does; or read the state."""
+    body = None if what == "state" else b"{}"
+    headers = {"Authorization": f"Bearer {token}"}
+    with urllib.request.urlopen(urllib.request.Request(f"{url}/api/{what}", body, headers), timeout=5) as answer:
+        return json.loads(answer.read())
+
+
+def hold_up_the_event_loop(for_s: float, busy_s: float):
+    """For a part of it as whoever computes does, not as whoever waits."""
+    until_s = time.monotonic() + busy_s
+    while time.monotonic() < until_s:
+        pass
+    time.sleep(for_s - busy_s)
+
+
+@asynccontextmanager
+async def served(swarm, broker):
+    async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        gateway = Gateway(swarm, server)
+        job = asyncio.create_task(gateway.run())
+        await server.wait_connected(10)
+        async with Client(server.qr()) as visitor:
+            yield gateway, visitor
+        job.cancel()
+
+
+class TestWithTheEventLoopHeldUp:
+    async def test_who_was_driven_stands_still_for_the_ten_seconds(self, broker):
+        with Real(1, 1, time.time) as swarm:
+            address = swarm.robots()[0].address
+            async with served(swarm, broker) as (_, visitor):
+                before = swarm.how_they_stand()
+                await visitor.command(address, "move_raw", SPIN)
+                await eventually(lambda: swarm.how_they_stand() != before, every_s=0.005)
+                hold_up_the_event_loop(1.0, busy_s=1.0)
+                stood = swarm.how_they_stand()
+                hold_up_the_event_loop(9.0, busy_s=0.0)
+                assert swarm.how_they_stand() == stood
+
+    async def test_the_operators_button_stops_all_meanwhile(self, broker):
+        with Real(2, 1, time.time) as swarm:
+            address = swarm.robots()[0].address
+            async with served(swarm, broker) as (gateway, visitor):
+                route = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
+                await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route})
+                await eventually(lambda: swarm.robots()[0].route)
+
+                def hold(held):
+                    (gateway.brakes.hold if held else gateway.brakes.release)()
+
+                async with beside(OperatorPages(TOKEN, dict, lambda *_: None, hold=hold)) as pages:
+                    button = threading.Thread(target=say, args=(f"http://127.0.0.1:{pages.port}", "stop"))
+                    button.start()
+                    hold_up_the_event_loop(2.0, busy_s=1.0)
+                    assert not button.is_alive()
+                    stood = swarm.how_they_stand()
+                    assert not swarm.robots()[0].route
+                    hold_up_the_event_loop(0.5, busy_s=0.0)
+                    assert swarm.how_they_stand() == stood
+                    # Visitors do not get round it, by no kind of order.
+                    async with asyncio.timeout(10):
+                        while gateway.server.rejected["held"] < 6:
+                            await visitor.command(address, "move_raw", SPIN)
+                            await visitor.command(address, "waypoints", {"threshold": 50, "waypoints": route[:1]})
+                            await asyncio.sleep(0.1)
+                    assert swarm.how_they_stand() == stood
+                    await asyncio.to_thread(say, f"http://127.0.0.1:{pages.port}", "go")
+                    async with asyncio.timeout(10):
+                        while swarm.how_they_stand() == stood:
+                            await visitor.command(address, "move_raw", SPIN)
+                            await asyncio.sleep(0.1)
+
+
+class TestWithTheBrokerDead:
+    def test_the_word_in_the_terminal_and_the_page_stop_all_and_let_them_go(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        with bare_mosquitto(tcp, ws, tmp_path) as (start, kill):
+            start()
+            where = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
+            with a_gateway("--robots", "3", *where, stdin=-1) as (gateway, ready):
+                told = urlsplit(ready["operator_url"])
+                url, token = f"http://{told.netloc}", told.fragment.removeprefix("token=")
+
+                def routes():
+                    return [robot["mode"] for robot in say(url, "state", token)["robots"]]
+
+                def type_in(line):
+                    gateway.process.stdin.write(line + "\n")
+                    gateway.process.stdin.flush()
+
+                async def drive_all():
+                    async with Client(ready["qr_url"]) as visitor:
+                        around = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
+                        for robot in await visitor.request(0, frames=True):
+                            await visitor.command(robot["address"], "waypoints", {"threshold": 50, "waypoints": around})
+                        await eventually(lambda: routes() == [1, 1, 1])
+
+                asyncio.run(drive_all())
+                kill()
+                with pytest.raises(urllib.error.HTTPError, match="401"):
+                    say(url, "stop", "0" * 32)
+                for n, stop in enumerate((lambda: type_in(""), lambda: say(url, "stop", token)), 1):
+                    assert routes() == [1, 1, 1]
+                    stop()
+                    gateway.wait_for("held", n)
+                    asyncio.run(eventually(lambda: routes() == [0, 0, 0]))
+                    assert say(url, "state", token)["held"]
+                    if n == 1:
+                        type_in("go")
+                    else:
+                        say(url, "go", token)
+                    gateway.wait_for("released", n)
+                    assert not say(url, "state", token)["held"]
+                    start()
+                    asyncio.run(drive_all())
+                    kill()
+                gateway.process.stdin.close()  # whoever typed has gone: that says nothing
+                assert gateway.stop() == 0
+
+
+class TestBrakes:
+    def test_a_driver_that_is_slower_than_its_joystick_is_stopped_after_all(self):
+        said = []
+
+        class Slow(Dotbots):
+            def drive(self, address, left_pct, right_pct):
+                time.sleep(0.5)
+                said.append("drive")
+
+            def stop(self, address):
+                said.append("stop")
+
+        with Brakes(Slow(1, 1, time.time)) as brakes:
+            brakes.drive("DECAFBAD00000001", 50, 50)
+        assert said[-2:] == ["drive", "stop"]
+
+    def test_a_driver_that_hangs_holds_up_neither_the_stop_of_the_others_nor_the_end(self):
+        class Hung(Dotbots):
+            def drive(self, address, left_pct, right_pct):
+                if address.endswith("1"):
+                    over.wait(20)
+                super().drive(address, left_pct, right_pct)
+
+        over, swarm = threading.Event(), Hung(2, 1, time.time)
+        one, two = (robot.address for robot in swarm.robots())
+        with Brakes(swarm) as brakes:
+            brakes.drive(two, 50, 50)
+            threading.Thread(target=brakes.drive, args=(one, 50, 50), daemon=True).start()
+            asyncio.run(eventually(lambda: two in swarm._to_stop))
+        over.set()
+
+    def test_a_hold_that_fails_is_tried_again(self):
+        class Deaf(Dotbots):
+            tries = 0
+
+            def hold(self):
+                self.tries += 1
+                if self.tries < 3:
+                    raise OSError("the radio is gone")
+                super().hold()
+
+        swarm = Deaf(1, 1, time.time)
+        with Brakes(swarm) as brakes:
+            brakes.hold()
+            asyncio.run(eventually(lambda: swarm._held))
+            with pytest.raises(Held):
+                brakes.drive(swarm.robots()[0].address, 1, 1)
+            brakes.drive(swarm.robots()[0].address, 0, 0)
+            brakes.release()
+            asyncio.run(eventually(lambda: not swarm._held))
+            brakes.drive(swarm.robots()[0].address, 1, 1)
