@@ -158,8 +158,8 @@ class OperatorPages(_Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
-    `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event loop
-    in which this is made.
+    `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event
+    loop in which this is made.
     """
 
     def __init__(
