@@ -10,7 +10,8 @@ FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 # Tests that compute leave the processor to those that wait for somebody, and have limits for it.
-COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
+# One more than there are processors: some of them wait for processes of their own.
+COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
 WAITS := -m "waits and not alone and not long" --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long"
 DEMO ?=

@@ -242,6 +242,7 @@ class TestSwarm:
         assert "not heard any more" in caplog.text
 
 
+@pytest.mark.waits
 class TestShields:
     def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
         with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "bound", 1) as swarm:

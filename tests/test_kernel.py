@@ -56,22 +56,22 @@ def test_whoever_calls_with_a_constant_or_a_narrow_number_gets_the_kernel_of_eve
     assert set(whole.signatures) - before <= {(types.int64,)}
 
 
-def stamp_of(root: Path, module: str) -> str:
-    code = f"from phalanx import kernel; print(kernel._stamp(kernel._ROOT / {module!r}))"
+def stamps_of(root: Path, *modules: str) -> list[str]:
+    code = f"from phalanx import kernel; print(*(kernel._stamp(kernel._ROOT / each) for each in {modules}))"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONPATH": str(root)}
     )
-    return run.stdout
+    return run.stdout.split()
 
 
 def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
     copy = tmp_path / "phalanx"
     shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__", "pages", "data"))
-    before = stamp_of(tmp_path, "sim/audited/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    before = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
     # Two imports away from the loop: loop -> node -> rounds.
     rounds = copy / "bti" / "rounds.py"
     rounds.write_text(rounds.read_text() + "\n# changed\n")
-    after = stamp_of(tmp_path, "sim/audited/loop.py"), stamp_of(tmp_path, "link/pin.py")
+    after = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
     assert before[0] != after[0]
     assert before[1] == after[1]
 

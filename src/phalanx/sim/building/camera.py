@@ -83,30 +83,49 @@ class Camera:
             pose: of the robot: x, y in metres and heading in radians, map frame.
             people: (m, 3) centre and radius of discs that hide what is behind them.
         """
+        return self._picture(self._shown(pose, people), self._shift(random), turn_radps)
+
+    def look(
+        self, pose: Pose, random: np.random.Generator, people: NDArray[np.float64] = _NOBODY, turn_radps: float = 0.0
+    ) -> tuple[SeenCode, ...]:
+        """What is read in a `picture` from a pose; one that shows no code is not made."""
+        shown, shift = self._shown(pose, people), self._shift(random)
+        return self.read(self._picture(shown, shift, turn_radps)) if shown else ()
+
+    def _shown(self, pose: Pose, people: NDArray[np.float64]) -> list[_Shown]:
+        """The codes in a picture from a pose, the farthest first."""
+        codes = sorted(self._plan.codes, key=lambda code: -math.hypot(code.x_m - pose[0], code.y_m - pose[1]))
+        found = (
+            _shown_in(code.text, self._corners(pose, code), self.config.intrinsics)
+            for code in codes
+            if self._in_sight(pose, code, people)
+        )
+        return [shown for shown in found if shown is not None]
+
+    def _picture(self, shown: list[_Shown], shift: int, turn_radps: float) -> NDArray[np.uint8]:
         lens = self.config.intrinsics
         picture = np.full((lens.height, lens.width), WALL_GREY, np.float32)
-        for code in sorted(self._plan.codes, key=lambda code: -math.hypot(code.x_m - pose[0], code.y_m - pose[1])):
-            if self._in_sight(pose, code, people):
-                _draw(picture, code, self._corners(pose, code), lens)
+        for code in shown:
+            _draw(picture, code, lens)
         smear = round(abs(turn_radps) * self.config.exposure_s * lens.fx)
         if smear > 1:
             sums = np.cumsum(np.pad(picture, ((0, 0), (smear, 0)), mode="edge"), axis=1, dtype=np.float64)
             picture = ((sums[:, smear:] - sums[:, :-smear]) / smear).astype(np.float32)
         picture *= self._light
-        if self.config.noise_grey:
-            picture += self._noise(random)
+        if self._grain is not None:
+            picture += np.roll(self._grain, shift).reshape(lens.height, lens.width)
         np.rint(picture, out=picture)
         np.clip(picture, 0, 255, out=picture)
         return picture.astype(np.uint8)
 
-    def _noise(self, random: np.random.Generator) -> NDArray[np.float32]:
+    def _shift(self, random: np.random.Generator) -> int:
         # A million normal numbers take longer than all the rest: drawn once, they are shifted from picture to picture.
-        lens = self.config.intrinsics
+        pixels = self.config.intrinsics.height * self.config.intrinsics.width
+        if not self.config.noise_grey:
+            return 0
         if self._grain is None:
-            self._grain = np.float32(self.config.noise_grey) * random.standard_normal(
-                lens.height * lens.width, np.float32
-            )
-        return np.roll(self._grain, int(random.integers(len(self._grain)))).reshape(lens.height, lens.width)
+            self._grain = np.float32(self.config.noise_grey) * random.standard_normal(pixels, np.float32)
+        return int(random.integers(pixels))
 
     def landmarks(self, seen: tuple[SeenCode, ...], estimate: Pose, size_m: float = 0.12) -> tuple[Landmark, ...]:
         """The codes read in a picture, where the robot's estimated pose puts them; codes are `size_m` wide."""
@@ -170,33 +189,51 @@ def _modules(text: str) -> NDArray[np.float64]:
     return LIGHT + (DARK - LIGHT) * dark
 
 
-def _draw(picture: NDArray[np.float32], code: WallCode, corners: NDArray[np.float64], lens: Intrinsics) -> None:
-    """Puts a code into a picture, by asking for each ray through its pixels which module it meets."""
-    modules = _modules(code.text)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shown:
+    """A code in a picture: the grey of its modules, the way from a ray to them, and the pixels that it may touch."""
+
+    modules: NDArray[np.float64]
+    to_modules: NDArray[np.float64]
+    left: int
+    right: int
+    top: int
+    bottom: int
+
+
+def _shown_in(text: str, corners: NDArray[np.float64], lens: Intrinsics) -> _Shown | None:
+    """None where no pixel of the picture shows it."""
+    modules = _modules(text)
     count = len(modules) - 2 * QUIET
     origin = corners[0]
     across, down = (corners[1] - corners[0]) / count, (corners[3] - corners[0]) / count
-    # Rays (u, v, 1) → modules, by the inverse of the plane's homography.
-    to_modules = np.linalg.pinv(np.column_stack([across, down, origin]))
     rim = np.array([(-QUIET, -QUIET), (count + QUIET, -QUIET), (count + QUIET, count + QUIET), (-QUIET, count + QUIET)])
     outer = origin + rim @ np.stack([across, down])
     if outer[:, 2].min() < NEAR_M:
-        return
+        return None
     x, y = lens.cx + lens.fx * outer[:, 0] / outer[:, 2], lens.cy + lens.fy * outer[:, 1] / outer[:, 2]
     left, right = max(0, math.floor(x.min())), min(lens.width - 1, math.ceil(x.max()))
     top, bottom = max(0, math.floor(y.min())), min(lens.height - 1, math.ceil(y.max()))
     if left > right or top > bottom:
-        return
-    rate = COARSE if max(right - left, bottom - top) > LARGE_PX else FINE
+        return None
+    # Rays (u, v, 1) → modules, by the inverse of the plane's homography.
+    to_modules = np.linalg.pinv(np.column_stack([across, down, origin]))
+    return _Shown(modules, to_modules, left, right, top, bottom)
+
+
+def _draw(picture: NDArray[np.float32], code: _Shown, lens: Intrinsics) -> None:
+    """Puts a code into a picture, by asking for each ray through its pixels which module it meets."""
+    modules = code.modules
+    rate = COARSE if max(code.right - code.left, code.bottom - code.top) > LARGE_PX else FINE
     fine = (np.arange(rate) + 0.5) / rate - 0.5
-    u = ((np.arange(left, right + 1)[:, None] + fine).ravel() - lens.cx) / lens.fx
-    v = ((np.arange(top, bottom + 1)[:, None] + fine).ravel() - lens.cy) / lens.fy
-    a, b, c = (row[0] * u + row[1] * v[:, None] + row[2] for row in to_modules)
+    u = ((np.arange(code.left, code.right + 1)[:, None] + fine).ravel() - lens.cx) / lens.fx
+    v = ((np.arange(code.top, code.bottom + 1)[:, None] + fine).ravel() - lens.cy) / lens.fy
+    a, b, c = (row[0] * u + row[1] * v[:, None] + row[2] for row in code.to_modules)
     with np.errstate(divide="ignore", invalid="ignore"):
         column, row = np.floor(a / c) + QUIET, np.floor(b / c) + QUIET
     on_code = (c > 0) & (column >= 0) & (column < len(modules)) & (row >= 0) & (row < len(modules))
     column, row = np.where(on_code, column, 0).astype(np.int64), np.where(on_code, row, 0).astype(np.int64)
-    patch = picture[top : bottom + 1, left : right + 1]
+    patch = picture[code.top : code.bottom + 1, code.left : code.right + 1]
     under = np.repeat(np.repeat(patch, rate, axis=0), rate, axis=1)
     rays = np.where(on_code, modules[row, column], under)
     patch[:] = rays.reshape(len(patch), rate, -1, rate).mean(axis=(1, 3))

@@ -108,7 +108,7 @@ class MissionBody:
         camera, building = self.building.camera, self.building
         if camera is None or self._readings % CAMERA_EVERY:
             return Senses()
-        codes = camera.read(camera.picture(self.wheels.pose, self._random, building.people, self._turn_radps))
+        codes = camera.look(self.wheels.pose, self._random, building.people, self._turn_radps)
 
         def at(pose: Pose) -> tuple[Landmark, ...]:
             return camera.landmarks(codes, pose)
