@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 # Not 127.0.0.1: browsers count that as secure, and a phone that opens http://192.168.1.7 has no WebCrypto.
 HOST = "swarm.test"
@@ -17,6 +18,7 @@ FLAGS = [
     "--disable-sync",
     f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
 ]
+AXE = Path(__file__).parent.parent / "web" / "node_modules" / "axe-core" / "axe.min.js"
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
@@ -56,6 +58,7 @@ def badge(page, state: str, timeout_s: float = 15) -> str:
 
 def choose(page, name: str) -> None:
     select = page.get_by_test_id("robot-select")
+    select.locator("option").nth(1).wait_for(state="attached")  # the first frame may come before the list of robots
     select.select_option(
         label=next(text for text in select.locator("option").all_inner_texts() if text.startswith(name))
     )
@@ -73,3 +76,10 @@ def wait_until(condition, timeout_s: float = 10):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     return value
+
+
+def barriers(page) -> list[str]:
+    """What axe finds on the page as it is: what keeps people from using it who see, hear or move otherwise."""
+    page.evaluate("source => { if (!window.axe) window.eval(source); }", AXE.read_text())
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]

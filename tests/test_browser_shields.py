@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from chromium import PHONE, a_page, badge, choose, insecure, moves, wait_until
+from chromium import PHONE, a_page, badge, barriers, choose, insecure, moves, wait_until
 from conftest import a_gateway
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
@@ -43,9 +43,9 @@ def cut_off(page) -> int:
 
 def obeys_nobody(page) -> bool:
     """Whether joystick, light and route are out of use."""
-    others = page.locator(".swatch, .any-colour, .route button, .route input")
+    others = page.locator(".swatch, .any-colour, [data-testid=route-toggle], [data-testid=trail-clear]")
     still = page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
-    return still and others.count() > 12 and not any(each.is_enabled() for each in others.all())
+    return still and others.count() == 11 and not any(each.is_enabled() for each in others.all())
 
 
 @pytest.mark.alone
@@ -87,6 +87,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         assert pixels(phone, "--unlit") > 100
         assert up.wait_for("safe_mode")["address"].endswith("3")
         phone.screenshot(path=tmp_path / "stopped.png")
+        assert not barriers(phone) + barriers(desk)
         desk.get_by_test_id("refusals").get_by_text("refused Cleo: output wrong").first.wait_for()
         row = desk.locator("tr[data-safe-mode=true]")
         row.wait_for()
@@ -121,7 +122,9 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser):
         desk.get_by_test_id("victim").select_option(label="Ada")
         desk.get_by_test_id("attack").select_option(label="crash")
         desk.get_by_test_id("compromise-button").click()
+        shield(phone, "low").wait_for(timeout=20_000)
         shield(phone, "stopped").wait_for(timeout=20_000)
+        phone.get_by_test_id("news").get_by_text("Ada was stopped").wait_for()
         wait_until(lambda: obeys_nobody(phone))
         sent = len(moves(up))
         assert sent > 50

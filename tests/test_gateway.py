@@ -14,7 +14,7 @@ from conftest import eventually
 from phalanx.gateway import Gateway, vocabulary
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
-from phalanx.gateway.visitors import FORGET_AFTER_S, LIMIT, Visitors
+from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
 from phalanx.io import Client, Server
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
@@ -61,9 +61,31 @@ class TestVisitors:
     def test_they_are_forgotten_when_they_stop_asking(self):
         visitors = Visitors()
         visitors.asked("a", True, 0.0)
-        visitors.asked("b", True, 100.0)
-        assert [v.client_id for v in visitors.present(101.0)] == ["b", "a"]
-        assert [v.client_id for v in visitors.present(FORGET_AFTER_S + 50)] == ["b"]
+        visitors.asked("older", False, 1.0)
+        visitors.asked("b", True, 40.0)
+        assert [v.client_id for v in visitors.present(41.0)] == ["b", "older", "a"]
+        assert [v.client_id for v in visitors.present(FORGET_AFTER_S + 1)] == ["b", "older"]
+        assert [v.client_id for v in visitors.present(FORGET_OLDER_AFTER_S + 2)] == []
+
+    def test_who_says_so_has_left_and_may_come_back(self):
+        visitors = Visitors()
+        visitors.asked("a", True, 0.0)
+        visitors.left("a")
+        visitors.left("whoever")
+        assert not visitors.present(1.0)
+        visitors.asked("a", True, 2.0)
+        assert [v.client_id for v in visitors.present(3.0)] == ["a"]
+
+    def test_drivers_are_told_twice_a_second_while_they_drive_and_so_many_only(self):
+        drivers = Drivers()
+        for i in range(100):
+            drivers.drives("A", f"{i:02}", 10.0)
+        drivers.drives("B", "", 10.2)
+        assert drivers.news({"A": 1, "B": 2}.__getitem__, 10.3) == {
+            "drivers": [[1, [f"{i:02}" for i in range(MOST_DRIVERS)]], [2, [""]]]
+        }
+        assert drivers.news({"A": 1, "B": 2}.__getitem__, 10.4) == {}
+        assert drivers.news({"B": 2}.__getitem__, 10.8) == {"drivers": []}
 
     def test_inventing_names_does_not_grow_it_without_end(self):
         visitors = Visitors()

@@ -155,12 +155,13 @@ class TestFrames:
         whole = server.reply(replace(request, words={}), data, NOW)
         assert len(whole) == 1, "who does not read parts gets it in one piece"
 
-    def test_a_swarm_at_rest_is_told_once_a_second(self):
+    def test_of_a_swarm_at_rest_places_are_told_once_a_second_and_something_every_300_ms(self):
         robots = Dotbots(3, 1, lambda: NOW).robots()
         frames = Frames(FRAME_BYTES)
         told = [frames.next(robots, NOW, tick * 0.1) for tick in range(31)]
-        full = [tick for tick in told if tick]
+        full = [tick for tick in told if tick and "places" in tick.frames[0]["data"]]
         assert len(full) in (3, 4)
+        assert all(any(told[k : k + 3]) for k in range(29)), "or pages say that there is no news"
         assert all(len(read_places(tick.frames[0]["data"]["places"])) == 3 for tick in full)
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):

@@ -30,6 +30,9 @@ export interface Audit {
   readonly at_ms: number;
 }
 
+/** Less than this until the robot is stopped is worth a warning: by then its neighbours should have vouched anew. */
+export const LOW_MS = 3000;
+
 const MOST_NEEDED = 16;
 const MOST_VOUCHERS = 2 * MOST_NEEDED;
 const LONGEST_MS = 3_600_000;

@@ -3,10 +3,17 @@
 // Pure: told what happened and when, it says what is due. A phone that slept through a rotation recovers by these requests:
 // the server answers them with the pin message under the old epoch.
 
-/** connecting: not yet heard of; offline: lost or refused, and being tried again. */
-export type BrokerState = "connecting" | "online" | "offline";
+/** connecting: not yet heard of; offline: lost, and being tried again; refused: it wants a login, or another one. */
+export type BrokerState = "connecting" | "online" | "offline" | "refused";
 
-/** Nothing heard for so long: ask again. A gateway sends a frame at least once a second. */
+/**
+ * No frame for so long: what is shown is old, and what is said may be lost. A gateway sends one every 300 ms at least, and
+ * its visitors shall know within a second that it does not.
+ */
+const LATE_MS = 800;
+/** A device that says that it has no network is believed sooner; but not at once, for a broker may be on itself. */
+const LATE_WITHOUT_NETWORK_MS = 400;
+/** Nothing heard for so long: ask again. */
 const SILENCE_MS = 5000;
 const ASK_AGAIN_MS = 3000;
 // An older server says nothing while no robot moves: it must have had the time to answer before it is called silent.
@@ -18,8 +25,8 @@ const RESYNC_MS = 60_000;
  */
 const RESYNC_BESIDE_FRAMES_MS = 600_000;
 const RESYNC_JITTER = 1 / 6;
-/** A gateway forgets who asked nothing for two and a half minutes. */
-const PRESENT_MS = 60_000;
+/** A gateway forgets who asked nothing for 50 s. */
+const PRESENT_MS = 20_000;
 /** After a gap everybody asks: not all at once. */
 const GAP_JITTER_MS = 500;
 /** A broker that comes back finds everybody waiting; the frames go on meanwhile. */
@@ -38,7 +45,10 @@ const PATIENCE_MS = 5000;
 
 export type Health =
   | { readonly state: "connecting"; readonly broker: "away" | "reached" }
-  | { readonly state: "offline" }
+  /** network: the device has none. */
+  | { readonly state: "offline"; readonly why: "network" | "broker" | "login" }
+  /** Frames have stopped coming, but not for long. */
+  | { readonly state: "late" }
   | { readonly state: "silent" }
   /** Positive: our clock is behind. Whole seconds. */
   | { readonly state: "clock"; readonly skew_s: number }
@@ -64,7 +74,7 @@ export class Watch {
 
   /** `chance` is in [0, 1). */
   broker(state: BrokerState, now_ms: number, chance: number): void {
-    const again = this.#broker === "offline";
+    const again = this.#broker === "offline" || this.#broker === "refused";
     this.#broker = state;
     this.#brokerSince_ms = now_ms;
     this.#heardAt_ms = undefined;
@@ -127,23 +137,28 @@ export class Watch {
     return true;
   }
 
-  /** Whether to ask for something small, because nothing was asked for a minute; then it counts as asked. */
+  /** Whether to ask for something small, because nothing was asked for a while; then it counts as asked. */
   presenceDue(now_ms: number): boolean {
     if (this.#broker !== "online" || now_ms - Math.max(this.#askedAt_ms, this.#presentAt_ms) < PRESENT_MS) return false;
     this.#presentAt_ms = now_ms;
     return true;
   }
 
-  health(now_ms: number): Health {
-    if (this.#broker === "offline") return { state: "offline" };
+  /** `network`: whether the device says that it has any. */
+  health(now_ms: number, network = true): Health {
+    const quiet_ms = now_ms - (this.#heardAt_ms ?? this.#brokerSince_ms);
+    if (!network && quiet_ms >= LATE_WITHOUT_NETWORK_MS) return { state: "offline", why: "network" };
+    if (this.#broker === "refused") return { state: "offline", why: "login" };
+    if (this.#broker === "offline") return { state: "offline", why: "broker" };
     if (this.#broker === "connecting") {
-      if (now_ms - this.#brokerSince_ms >= PATIENCE_MS) return { state: "offline" };
+      if (quiet_ms >= PATIENCE_MS) return { state: "offline", why: "broker" };
       return { state: "connecting", broker: "away" };
     }
     if (this.#staleInARow >= STALE_IN_A_ROW && now_ms - this.#staleAt_ms < SILENCE_MS + GRACE_MS) {
       return { state: "clock", skew_s: Math.round(this.#skew_s) };
     }
-    if (now_ms - (this.#heardAt_ms ?? this.#brokerSince_ms) >= SILENCE_MS + GRACE_MS) return { state: "silent" };
+    if (quiet_ms >= SILENCE_MS + GRACE_MS) return { state: "silent" };
+    if (this.#framed && quiet_ms >= LATE_MS) return { state: "late" };
     return this.#heardAt_ms === undefined ? { state: "connecting", broker: "reached" } : { state: "live" };
   }
 }

@@ -1,4 +1,4 @@
-// Imports point one way: pages -> react -> io -> the swarm's words -> core; and what is pure stays pure.
+// Imports point one way: pages -> map -> react -> io -> the swarm's words -> core; and what is pure stays pure.
 
 import { readdirSync, readFileSync } from "node:fs";
 import { dirname, join, normalize, relative } from "node:path";
@@ -7,13 +7,14 @@ import { describe, expect, test } from "vitest";
 const WEB = join(import.meta.dirname, "..");
 
 /** Who may import whom: a file may use its own layer and those before it. */
-const LAYERS = ["client/core", "client", "client/io", "client/react", "client/index", "visitor"];
+const LAYERS = ["client/core", "client", "client/io", "client/react", "client/index", "map", "visitor"];
 const PACKAGES: Readonly<Record<string, readonly string[]>> = {
   "client/core": ["@noble/ciphers", "@noble/hashes"],
   client: [],
   "client/io": ["@noble/hashes", "mqtt"],
   "client/react": ["react"],
   "client/index": [],
+  map: ["react"],
   visitor: ["react", "react-dom"],
 };
 const PURE = ["client/core", "client"];
@@ -21,7 +22,7 @@ const PURE = ["client/core", "client"];
 const IMPURE =
   /\b(Date\.now|new Date|Math\.random|performance\.|setTimeout|setInterval|getRandomValues|randomBytes|fetch\(|new WebSocket|localStorage|sessionStorage|document\.|window\.|console\.)/;
 
-const files = ["client", "visitor"].flatMap((folder) =>
+const files = ["client", "map", "visitor"].flatMap((folder) =>
   readdirSync(join(WEB, folder), { recursive: true, encoding: "utf8" })
     .filter((name) => /\.tsx?$/.test(name))
     .map((name) => join(folder, name)),

@@ -7,8 +7,8 @@ import { badgeWords, duration, hostOf } from "../visitor/badge";
 import { clampStick, Drive, stickOfKeys, type Wheels, wheels } from "../visitor/drive";
 import { keep, readTyped, type Surroundings, takeFromAddress, takeKept } from "../visitor/invitation_store";
 import { hexOf, rgbOf } from "../visitor/led";
-import { Motion } from "../visitor/map/motion";
-import { fitArea, gridStep, nearest, thresholdLength, toArea, toScreen } from "../visitor/map/projection";
+import { Motion } from "../map/motion";
+import { fitArea, gridStep, nearest, thresholdLength, toArea, toScreen } from "../map/projection";
 import { routePayload } from "../visitor/route";
 
 describe("wheels", () => {
@@ -82,7 +82,10 @@ describe("badge", () => {
   test("says in plain words what is wrong", () => {
     const words = (health: Parameters<typeof badgeWords>[0], robots = 3) =>
       badgeWords(health, "swarm:9001", robots).text;
-    expect(words({ state: "offline" })).toBe("Broker unreachable at swarm:9001. Trying again…");
+    expect(words({ state: "offline", why: "broker" })).toBe("Broker unreachable at swarm:9001. Trying again…");
+    expect(words({ state: "offline", why: "network" })).toContain("no network");
+    expect(words({ state: "offline", why: "login" })).toContain("Login refused by the broker at swarm:9001");
+    expect(words({ state: "late" })).toContain("Controls are off");
     expect(words({ state: "silent" })).toContain("scan it again");
     expect(words({ state: "clock", skew_s: 31 })).toBe("Your clock is 31 s behind: set it to automatic.");
     expect(words({ state: "clock", skew_s: -3600 })).toBe("Your clock is 60 min ahead: set it to automatic.");

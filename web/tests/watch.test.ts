@@ -59,7 +59,7 @@ describe("asking", () => {
     expect(askedAt(watch, 0, 125_000, (now_ms) => wellAt(watch, now_ms))).toEqual([0, 60_000, 120_000]);
   });
 
-  test("beside numbered frames, which show what is missing, about every ten minutes; and something small every minute", () => {
+  test("beside numbered frames, which show what is missing, about every ten minutes; and something small every 20 s", () => {
     const watch = online();
     const presentAt: number[] = [];
     const asked = askedAt(watch, 0, 1_300_000, (now_ms) => {
@@ -68,8 +68,8 @@ describe("asking", () => {
       if (now_ms > 0 && watch.presenceDue(now_ms)) presentAt.push(now_ms);
     });
     expect(asked).toEqual([0, 60_000, 660_000, 1_260_000]);
-    expect(presentAt.slice(0, 4)).toEqual([60_000, 120_000, 180_000, 240_000]);
-    expect(presentAt.length).toBe(21);
+    expect(presentAt.slice(0, 4)).toEqual([20_000, 40_000, 60_000, 80_000]);
+    expect(presentAt.length).toBeGreaterThan(60);
   });
 
   test("a broker that was lost may bring another swarm, which sends no frames", () => {
@@ -123,6 +123,33 @@ describe("health", () => {
     expect(state(watch.health(7000))).toBe("live");
     expect(state(watch.health(13_499))).toBe("live");
     expect(state(watch.health(13_500))).toBe("silent");
+  });
+
+  test("late 800 ms after the last frame, where frames come; where none do, a swarm may be quiet", () => {
+    const watch = online();
+    watch.heard(1000);
+    expect(state(watch.health(3000))).toBe("live");
+    watch.framed();
+    expect(state(watch.health(1799))).toBe("live");
+    expect(state(watch.health(1800))).toBe("late");
+    expect(state(watch.health(7500))).toBe("silent");
+    watch.heard(7600);
+    expect(state(watch.health(7600))).toBe("live");
+  });
+
+  test("a device without a network is offline sooner, unless it hears a broker of its own", () => {
+    const watch = online();
+    watch.heard(1000);
+    expect(watch.health(1399, false)).toEqual({ state: "live" });
+    expect(watch.health(1400, false)).toEqual({ state: "offline", why: "network" });
+  });
+
+  test("a refused login is no broker out of reach", () => {
+    const watch = new Watch(0);
+    watch.broker("refused", 100, 0);
+    expect(watch.health(100)).toEqual({ state: "offline", why: "login" });
+    watch.broker("offline", 1100, 0);
+    expect(watch.health(1100)).toEqual({ state: "offline", why: "broker" });
   });
 
   test("the clock is blamed after three stale messages in a row, and no longer once one is fresh", () => {

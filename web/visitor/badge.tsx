@@ -18,15 +18,26 @@ export function badgeWords(health: Health, host: string, robots: number): Words 
         text: health.broker === "away" ? "Connecting to the broker…" : "Looking for the swarm…",
       };
     case "offline":
-      return { state: "offline", text: `Broker unreachable at ${host}. Trying again…` };
+      return { state: "offline", text: OFFLINE[health.why](host) };
+    case "late":
+      return { state: "late", text: "No news from the swarm for a moment. Controls are off." };
     case "silent":
-      return { state: "silent", text: "Connected, but the swarm is silent. The code may have changed: scan it again." };
+      return {
+        state: "silent",
+        text: "Connected, but the swarm is silent. If it was started again, its code is another: scan it again.",
+      };
     case "clock":
       return { state: "clock", text: `Your clock is ${duration(health.skew_s)}: set it to automatic.` };
     case "live":
       return { state: "live", text: robots === 1 ? "Live · 1 robot" : `Live · ${robots} robots` };
   }
 }
+
+const OFFLINE = {
+  network: () => "You are offline: this device has no network. Waiting for it…",
+  broker: (host: string) => `Broker unreachable at ${host}. Trying again…`,
+  login: (host: string) => `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
+} as const;
 
 /** "31 s behind", "2 min ahead": how our clock differs, given how far the swarm's is ahead of it. */
 export function duration(skew_s: number): string {

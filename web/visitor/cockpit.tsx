@@ -6,8 +6,9 @@ import { Badge, badgeWords, hostOf } from "./badge";
 import type { Wheels } from "./drive";
 import { Joystick } from "./joystick";
 import { Led } from "./led";
-import { MapView } from "./map/map_view";
+import { MapView } from "../map/map_view";
 import { MissionWords } from "./mission_words";
+import { useNews } from "./news";
 import { RobotPicker } from "./robot_picker";
 import { Route, routePayload } from "./route";
 import { ShieldWords } from "./shield_words";
@@ -35,14 +36,18 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const entry = roster.find(({ address }) => address === chosen) ?? roster.find(({ address }) => address === only);
   const selected = entry?.address;
   const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
-  // One in Safe Mode would ignore whatever it is told.
-  const obeying = stopped ? undefined : selected;
+  // One in Safe Mode would ignore whatever it is told; and what is said now would not reach any.
+  const isLive = health.state === "live";
+  const steered = stopped ? undefined : selected;
+  const obeying = isLive ? steered : undefined;
+  const [sentOnRoutes] = useState(() => new Set<string>());
+  const news = useNews(link, selected, sentOnRoutes);
   const command = useCommand(link, selected);
   const sendWheels = useCallback(
     ({ left, right }: Wheels) => {
-      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right });
+      command("move_raw", { left_x: 0, left_y: left, right_x: 0, right_y: right, by: link?.name });
     },
-    [command],
+    [command, link],
   );
 
   // Driving the only one goes on when a second joins.
@@ -54,18 +59,19 @@ export function Cockpit({ to, link, onLeave }: Props) {
   useEffect(() => {
     setDraft(NO_POINTS);
     setRouting(false);
-    const known = obeying === undefined ? undefined : link?.view.swarm.robots.get(obeying)?.threshold;
+    const known = steered === undefined ? undefined : link?.view.swarm.robots.get(steered)?.threshold;
     if (known !== undefined && known >= 10) setThreshold(Math.min(known, 500));
-  }, [obeying, link]);
+  }, [steered, link]);
 
   function startRoute() {
     if (!command("waypoints", routePayload(threshold, draft))) return;
+    if (selected !== undefined) sentOnRoutes.add(selected);
     setDraft(NO_POINTS);
     setRouting(false);
   }
 
-  function clearRoute() {
-    setDraft(NO_POINTS);
+  function stopRoute() {
+    if (selected !== undefined) sentOnRoutes.delete(selected);
     command("waypoints", routePayload(threshold, []));
   }
 
@@ -91,21 +97,35 @@ export function Cockpit({ to, link, onLeave }: Props) {
           routing={routing}
           draft={draft}
           threshold={threshold}
+          news={news}
           onWaypoint={(point) => setDraft((points) => [...points, point].slice(0, mostWaypoints))}
         />
         <div className="controls">
-          <RobotPicker
-            link={link}
-            selected={selected}
-            onSelect={setChosen}
-            onClearTrail={() => command("clear_position_history", "")}
-          />
-          <ShieldWords link={link} selected={selected} />
-          <MissionWords link={link} selected={selected} />
+          <div className="facts">
+            <RobotPicker
+              link={link}
+              selected={selected}
+              onSelect={setChosen}
+              obeys={obeying !== undefined}
+              onClearTrail={() => command("clear_position_history", "")}
+              route={onMission ? undefined : { tapping: routing, onTapping: setRouting, onStop: stopRoute }}
+            />
+            <ShieldWords link={link} selected={selected} />
+            <MissionWords link={link} selected={selected} />
+          </div>
           {onMission ? (
             <Led key={selected} link={link} selected={obeying} command={command} />
+          ) : routing ? (
+            <Route
+              link={link}
+              disabled={obeying === undefined}
+              draft={draft}
+              onUndo={() => setDraft((points) => points.slice(0, -1))}
+              threshold={threshold}
+              onThreshold={setThreshold}
+              onStart={startRoute}
+            />
           ) : (
-            <>
               <div className="hands">
                 <div className="stick">
                   <Joystick send={sendWheels} disabled={obeying === undefined} robotName={entry?.name} />
@@ -119,19 +139,6 @@ export function Cockpit({ to, link, onLeave }: Props) {
                 </div>
                 <Led key={selected} link={link} selected={obeying} command={command} />
               </div>
-              <Route
-                link={link}
-                selected={obeying}
-                routing={routing}
-                onRouting={setRouting}
-                draft={draft}
-                onUndo={() => setDraft((points) => points.slice(0, -1))}
-                threshold={threshold}
-                onThreshold={setThreshold}
-                onStart={startRoute}
-                onClear={clearRoute}
-              />
-            </>
           )}
         </div>
       </main>

@@ -1,6 +1,7 @@
 // The virtual joystick: thumb, mouse or keyboard. Whatever takes the hand away from it stops the robot.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
+import { buzz } from "./buzz";
 import { clampStick, Drive, isDriveKey, type Stick, stickOfKeys, type Wheels } from "./drive";
 
 const CENTRE: Stick = { x: 0, y: 0 };
@@ -44,7 +45,9 @@ export function Joystick({ send, disabled, robotName }: Props) {
   }, [send]);
 
   useEffect(() => {
-    if (disabled) release();
+    if (!disabled) return;
+    if (pointer.current !== undefined) buzz(200);
+    release();
   });
 
   function hold(to: Stick) {

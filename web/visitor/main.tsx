@@ -1,6 +1,7 @@
 import { createRoot } from "react-dom/client";
 import { App } from "./app";
 import "./page.css";
+import "../map/map.css";
 import "./cockpit.css";
 import "./no_code.css";
 

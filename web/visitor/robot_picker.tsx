@@ -1,22 +1,26 @@
-// Choosing a robot from the list, and one line about it.
+// Choosing a robot from the list, one line about it, and what can be done to it besides driving.
 
-import { ACTIVE, INACTIVE, label, type SwarmLink, useSwarm } from "../client";
+import { ACTIVE, driversOf, INACTIVE, label, type SwarmLink, useSwarm } from "../client";
 
 interface Props {
   readonly link: SwarmLink | undefined;
   readonly selected: string | undefined;
   readonly onSelect: (address: string | undefined) => void;
+  /** Whether the robot obeys now. */
+  readonly obeys: boolean;
   readonly onClearTrail: () => void;
+  /** Undefined where robots take no routes. */
+  readonly route: { readonly tapping: boolean; readonly onTapping: (on: boolean) => void; readonly onStop: () => void } | undefined;
 }
 
-export function RobotPicker({ link, selected, onSelect, onClearTrail }: Props) {
+export function RobotPicker({ link, selected, onSelect, obeys, onClearTrail, route }: Props) {
   const roster = useSwarm(link, ({ swarm }) => swarm.roster);
+  const isUnderWay = useSwarm(link, ({ swarm }) => (swarm.robots.get(selected ?? "")?.waypoints.length ?? 0) > 0);
   return (
     <div className="picker">
-      <label htmlFor="robot-select">Robot</label>
       <select
-        id="robot-select"
         data-testid="robot-select"
+        aria-label="Robot"
         value={selected ?? ""}
         onChange={(event) => onSelect(event.target.value || undefined)}
       >
@@ -27,11 +31,28 @@ export function RobotPicker({ link, selected, onSelect, onClearTrail }: Props) {
           </option>
         ))}
       </select>
-      <About link={link} selected={selected} />
-      {selected !== undefined && (
-        <button type="button" className="quiet" data-testid="trail-clear" onClick={onClearTrail}>
-          Clear trail
+      {route && (
+        <button
+          type="button"
+          data-testid="route-toggle"
+          className={route.tapping ? "on" : ""}
+          disabled={!obeys}
+          onClick={() => route.onTapping(!route.tapping)}
+        >
+          {route.tapping ? "Drive" : "Route"}
         </button>
+      )}
+      <About link={link} selected={selected} />
+      {route && isUnderWay ? (
+        <button type="button" className="quiet" data-testid="route-clear" disabled={!obeys} onClick={route.onStop}>
+          Stop route
+        </button>
+      ) : (
+        selected !== undefined && (
+          <button type="button" className="quiet" data-testid="trail-clear" disabled={!obeys} onClick={onClearTrail}>
+            Clear trail
+          </button>
+        )
       )}
     </div>
   );
@@ -50,5 +71,16 @@ function About({ link, selected }: { readonly link: SwarmLink | undefined; reado
     if (robot.walk) return [status, robot.walk.phase].filter(Boolean).join(" · ");
     return [status, place, mode, battery].filter(Boolean).join(" · ") || "ready";
   });
-  return <p className="about">{words}</p>;
+  const others = useSwarm(link, ({ swarm }) => driversOf(swarm, selected, link?.name ?? ""));
+  return (
+    <p className="about" data-testid="about">
+      {others > 0 && (
+        <strong className="others" data-testid="others">
+          {others === 1 ? "Another visitor drives it" : `${others} other visitors drive it`}
+        </strong>
+      )}
+      {others > 0 ? " · " : ""}
+      {words}
+    </p>
+  );
 }

@@ -1,18 +1,16 @@
-// A route: tapped on the map, then sent in one command.
+// A route: tapped on the map, then sent in one command. It stands where the joystick stands, so that a phone shows it
+// together with the map.
 
 import { type Point, type SwarmLink, useSwarm } from "../client";
 
 interface Props {
   readonly link: SwarmLink | undefined;
-  readonly selected: string | undefined;
-  readonly routing: boolean;
-  readonly onRouting: (on: boolean) => void;
+  readonly disabled: boolean;
   readonly draft: readonly Point[];
   readonly onUndo: () => void;
   readonly threshold: number;
   readonly onThreshold: (threshold: number) => void;
   readonly onStart: () => void;
-  readonly onClear: () => void;
 }
 
 /** The payload of `waypoints`. PyDotBot refuses points without z. */
@@ -20,26 +18,25 @@ export function routePayload(threshold: number, points: readonly Point[]) {
   return { threshold, waypoints: points.map(({ x, y }) => ({ x, y, z: 0 })) };
 }
 
-export function Route(props: Props) {
-  const { link, selected, routing, draft, threshold } = props;
+export function Route({ link, disabled, draft, onUndo, threshold, onThreshold, onStart }: Props) {
   const unit = useSwarm(link, ({ swarm }) => (swarm.area.unit === "mm" ? "mm" : "‰ of the side"));
   const most = useSwarm(link, ({ swarm }) => swarm.mostWaypoints);
-  const disabled = selected === undefined;
   const points = draft.length === 1 ? "1 waypoint" : `${draft.length} waypoints`;
   return (
     <fieldset className="panel route" disabled={disabled}>
-      <legend>Route</legend>
+      <legend>Route: {draft.length >= most ? `${points}, the most` : draft.length > 0 ? points : "tap on the map"}</legend>
       <div className="buttons">
         <button
           type="button"
-          data-testid="route-toggle"
-          className={routing ? "on" : ""}
-          aria-pressed={routing}
-          onClick={() => props.onRouting(!routing)}
+          data-testid="route-start"
+          className="primary"
+          aria-label={`Start the route: ${points}`}
+          disabled={draft.length === 0}
+          onClick={onStart}
         >
-          {routing ? "Done tapping" : "Tap a route"}
+          Start
         </button>
-        <button type="button" data-testid="route-undo" disabled={draft.length === 0} onClick={props.onUndo}>
+        <button type="button" data-testid="route-undo" disabled={draft.length === 0} onClick={onUndo}>
           Undo
         </button>
       </div>
@@ -54,27 +51,12 @@ export function Route(props: Props) {
           step="10"
           value={threshold}
           aria-valuetext={`${threshold} ${unit}`}
-          onChange={(event) => props.onThreshold(Number(event.target.value))}
+          onChange={(event) => onThreshold(Number(event.target.value))}
         />
         <output>
           {threshold} {unit}
         </output>
       </label>
-      <div className="buttons">
-        <button
-          type="button"
-          data-testid="route-start"
-          className="primary"
-          aria-label={`Start the route: ${points}`}
-          disabled={draft.length === 0}
-          onClick={props.onStart}
-        >
-          Start{draft.length > 0 && ` (${draft.length}${draft.length >= most ? ", the most" : ""})`}
-        </button>
-        <button type="button" data-testid="route-clear" onClick={props.onClear}>
-          Clear
-        </button>
-      </div>
     </fieldset>
   );
 }

@@ -1,6 +1,6 @@
 // The chosen robot's shield in words: how long it lives without new vouchers, who vouches, how its last audit ended.
 
-import { counting, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
+import { counting, LOW_MS, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
 
 const LEGEND = `unknown
 Robots audit each other.
@@ -48,7 +48,7 @@ export function shieldWords(swarm: Swarm, selected: string | undefined): string 
     ? `${Math.ceil((last.until_ms - at_ms) / 1000)} s left without new vouchers`
     : `${terms.needed - vouchers.length} more must vouch for it`;
   return [
-    last ? "whole" : "thin",
+    !last ? "thin" : last.until_ms - at_ms < LOW_MS ? "low" : "whole",
     `Shield ${vouchers.length} of ${terms.needed}: ${summary}`,
     names.join(" · ") || "Nobody vouches for it yet.",
     lastAudit(swarm, robot),

@@ -19,6 +19,7 @@ from .places import AROUND_CHARS, RECORD_CHARS, Places, in_places
 from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 
 FULL_EVERY_S = 1.0
+QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
 FRAME_BYTES = 48  # of a frame without its lists
 KEY_BYTES = 6  # of a list besides its name and elements
@@ -46,6 +47,7 @@ class Frames:
         self._told: dict[str, _Slow] = {}
         self._rows = np.zeros((0, 4), np.int64)
         self._full_at_s: float | None = None
+        self._said_at_s = 0.0
 
     def number(self, address: str) -> int:
         """What frames call this robot: shorter than its address, and told with it in every list of robots."""
@@ -58,7 +60,7 @@ class Frames:
     def next(
         self, robots: Sequence[Robot], now_s: float, uptime_s: float, more: Mapping[str, Sequence[Any]] | None = None
     ) -> Tick | None:
-        """The frames of this tick, or None if there is nothing to say and the last one is less than a second old.
+        """The frames of this tick, or None if there is nothing to say and the last one is younger than `QUIET_S`.
 
         Of `uptime_s`, which is monotonic, every robot's place comes once in `FULL_EVERY_S`; `more` are further lists to
         be told, by their names.
@@ -72,7 +74,8 @@ class Frames:
             joined = [robot for robot in robots if robot.address not in self._told]
             left = [address for address in self._told if address not in told]
             changed = [c for address, slow in told.items() if (c := _change(address, self._told.get(address), slow))]
-        if not (full or len(moved) or joined or left or changed or (more and any(more.values()))):
+        news_at_all = full or len(moved) or joined or left or changed or (more and any(more.values()))
+        if not news_at_all and uptime_s - self._said_at_s < QUIET_S:
             return None
         news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
         lists: dict[str, Sequence[Any]] = {
@@ -84,6 +87,7 @@ class Frames:
         frames = [self._frame(words) for words in self._packed(lists, in_places(moved))]
         # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
         self._rows, self._told = rows, told
+        self._said_at_s = uptime_s
         for address in left:
             del self._numbers[address]
         if full:

@@ -21,7 +21,7 @@ from .frames import Frames, Tick
 from .joystick import EXPIRES_S, LATE_S, Told
 from .missions.watch import MissionWatch
 from .shields import ShieldWatch
-from .visitors import Visitors
+from .visitors import Drivers, Visitors
 from .vocabulary import Notice
 
 log = logging.getLogger(__name__)
@@ -54,6 +54,7 @@ class Gateway:
     ) -> None:
         self.server = server
         self.visitors = Visitors()
+        self._drivers = Drivers()
         self._clock = clock
         self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
@@ -111,6 +112,8 @@ class Gateway:
             if command.waited_s > EXPIRES_S:
                 raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
+        if move.left_pct or move.right_pct:
+            self._drivers.drives(address, move.by, time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words.
@@ -177,7 +180,10 @@ class Gateway:
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True
-        self.visitors.asked(request.client_id, reads_frames, time.monotonic())
+        if request.words.get("leaving") is True:
+            self.visitors.left(request.client_id)
+        else:
+            self.visitors.asked(request.client_id, reads_frames, time.monotonic())
         return reads_frames
 
     async def _tell(self) -> None:
@@ -196,7 +202,7 @@ class Gateway:
         # A list that was made before this tick must not be handed out after its frames.
         self._lists.clear()
         robots = self.swarm.robots()
-        watches = [watch for watch in (self.shields, self.missions) if watch]
+        watches = [watch for watch in (self.shields, self.missions, self._drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
         for frame in tick.frames if tick else ():

@@ -1,13 +1,19 @@
-"""Who visits. In mode qrkey nobody proves who they are: these are the client ids that asked something lately."""
+"""Who visits, and who drives. In mode qrkey nobody proves who they are: these are the ids that visitors say."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-FORGET_AFTER_S = 150.0  # pages ask at least once a minute
+FORGET_AFTER_S = 50.0  # our pages ask every 20 s, and say when they leave
+FORGET_OLDER_AFTER_S = 150.0  # pages that read no frames ask when they are told to reload
 OLDER_PAGES_FOR_S = 600.0
 LIMIT = 1000
+DRIVES_FOR_S = 0.5  # a joystick speaks ten times a second
+TELL_DRIVERS_EVERY_S = 0.5
+MOST_DRIVERS = 8  # of a robot: a visitor may invent names without end
 
 
 @dataclass(slots=True)
@@ -16,6 +22,7 @@ class Visitor:
 
     client_id: str
     seen_at_s: float
+    forget_at_s: float = 0.0
     requests: int = 0
 
 
@@ -30,6 +37,7 @@ class Visitors:
         """A request was heard."""
         visitor = self._seen.pop(client_id, None) or Visitor(client_id, uptime_s)
         visitor.seen_at_s = uptime_s
+        visitor.forget_at_s = uptime_s + (FORGET_AFTER_S if reads_frames else FORGET_OLDER_AFTER_S)
         visitor.requests += 1
         self._seen[client_id] = visitor
         if len(self._seen) > LIMIT:  # a visitor may invent ids without end
@@ -37,12 +45,39 @@ class Visitors:
         if not reads_frames:
             self._older_until_s = uptime_s + OLDER_PAGES_FOR_S
 
+    def left(self, client_id: str) -> None:
+        """A visitor said that they go."""
+        self._seen.pop(client_id, None)
+
     def present(self, uptime_s: float) -> list[Visitor]:
         """Those seen lately, the latest first."""
-        while self._seen and next(iter(self._seen.values())).seen_at_s < uptime_s - FORGET_AFTER_S:
-            self._seen.popitem(last=False)
+        for gone in [v.client_id for v in self._seen.values() if v.forget_at_s < uptime_s]:
+            del self._seen[gone]
         return list(reversed(self._seen.values()))
 
     def older_pages(self, uptime_s: float) -> bool:
         """Whether notifications 1, 2 and 4 are worth sending."""
         return uptime_s < self._older_until_s
+
+
+class Drivers:
+    """Who drives which robot by joystick just now, so that two who share one know why it does not obey."""
+
+    def __init__(self) -> None:
+        self._until: dict[str, dict[str, float]] = {}
+        self._told_at_s = 0.0
+
+    def drives(self, address: str, by: str, uptime_s: float) -> None:
+        """A joystick's command was heard; `by` is what its page calls itself."""
+        drivers = self._until.setdefault(address, {})
+        if by in drivers or len(drivers) < MOST_DRIVERS:
+            drivers[by] = uptime_s + DRIVES_FOR_S
+
+    def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
+        """`drivers` of the next frame: every robot that is driven, twice a second."""
+        if uptime_s - self._told_at_s < TELL_DRIVERS_EVERY_S:
+            return {}
+        self._told_at_s = uptime_s
+        now = {a: {by: until for by, until in who.items() if until > uptime_s} for a, who in self._until.items()}
+        self._until = {address: who for address, who in now.items() if who}
+        return {"drivers": [[number(address), sorted(who)] for address, who in self._until.items()]}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,6 +24,7 @@ REQUEST_ROBOTS = 0
 REQUEST_AREA = 1
 REQUEST_WALLS = 2
 REQUEST_LIT = 3
+DRIVER = re.compile(r"[0-9a-z]{1,8}")
 WHEEL_LIMIT = 128  # what a signed byte holds
 MAX_WAYPOINTS = 64
 THRESHOLD_MM = (1, 1000)
@@ -50,10 +52,11 @@ class Status(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class MoveRaw:
-    """Wheels, -100..100 percent."""
+    """Wheels, -100..100 percent, and what the page that drives calls itself; "" if it does not say."""
 
     left_pct: int
     right_pct: int
+    by: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +73,9 @@ def parse_move_raw(payload: Any) -> MoveRaw:
     Raises: BadPayload.
     """
     left, right = (_number(payload, key, -WHEEL_LIMIT, WHEEL_LIMIT) for key in ("left_y", "right_y"))
-    return MoveRaw(*(max(-100, min(100, round(value))) for value in (left, right)))
+    left_pct, right_pct = (max(-100, min(100, round(value))) for value in (left, right))
+    by = payload.get("by")
+    return MoveRaw(left_pct, right_pct, by if isinstance(by, str) and DRIVER.fullmatch(by) else "")
 
 
 def parse_rgb_led(payload: Any) -> Led:

@@ -28,6 +28,8 @@ interface Waiting {
 const KEEPALIVE_S = 60;
 const RECONNECT_MS = 1000;
 const CONNECT_TIMEOUT_MS = 5000;
+/** Reasons of a CONNACK, of MQTT 3.1.1 and of MQTT 5: a bad name or password, and not allowed. */
+const LOGIN_REFUSED: readonly unknown[] = [4, 5, 134, 135];
 
 export class Connection {
   readonly clientId = `phalanx_${bytesToHex(randomBytes(8))}`;
@@ -36,6 +38,7 @@ export class Connection {
   readonly #listeners = new Set<(event: ConnectionEvent) => void>();
   readonly #waiting = new Set<Waiting>();
   #state: BrokerState = "connecting";
+  #refused = false;
 
   /** Connects at once, and again whenever the broker is lost, until close(). */
   constructor(to: Invitation) {
@@ -49,6 +52,8 @@ export class Connection {
       keepalive: KEEPALIVE_S,
       reconnectPeriod: RECONNECT_MS,
       connectTimeout: CONNECT_TIMEOUT_MS,
+      // A broker that is full, or learns a new password, may take us later.
+      reconnectOnConnackError: true,
       // Ours: after a rotation the topics to resubscribe to are others than those first asked for.
       resubscribe: false,
       queueQoSZero: false,
@@ -62,10 +67,14 @@ export class Connection {
         else if (this.#mqtt.connected) this.#setState("online");
       });
     });
-    this.#mqtt.on("close", () => this.#setState("offline"));
+    this.#mqtt.on("reconnect", () => {
+      this.#refused = false;
+    });
+    this.#mqtt.on("close", () => this.#setState(this.#refused ? "refused" : "offline"));
     // mqtt.js goes on trying by itself; without a listener the event would be thrown.
-    this.#mqtt.on("error", () => {
-      if (!this.#mqtt.connected) this.#setState("offline");
+    this.#mqtt.on("error", (error) => {
+      this.#refused = "code" in error && LOGIN_REFUSED.includes(error.code);
+      if (!this.#mqtt.connected) this.#setState(this.#refused ? "refused" : "offline");
     });
     this.#mqtt.on("message", (topic, bytes) => this.#receive(topic, bytes));
   }

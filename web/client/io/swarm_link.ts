@@ -23,13 +23,20 @@ export interface SwarmView {
   readonly health: Health;
 }
 
-const TICK_MS = 250;
+/** Whatever keeps a swarm's state up to date. */
+export interface SwarmSource {
+  readonly view: SwarmView;
+  /** Be told when `view` changes; the result ends it. */
+  subscribe(listener: () => void): () => void;
+}
+
+const TICK_MS = 100;
 /** A swarm answers well within this, if the connection still carries anything. */
 const WAKE_MS = 3000;
 /** Walls are told once; in many parts, where there are many. */
 const WALLS_AGAIN_MS = 5000;
 
-export class SwarmLink {
+export class SwarmLink implements SwarmSource {
   readonly connection: Connection;
   readonly #watch = new Watch(performance.now());
   readonly #lately = new Lately();
@@ -53,7 +60,11 @@ export class SwarmLink {
     return this.#view;
   }
 
-  /** Be told when `view` changes; the result ends it. */
+  /** What the gateway tells other visitors of us, when we drive. */
+  get name(): string {
+    return this.connection.clientId.slice(-6);
+  }
+
   subscribe(listener: () => void): () => void {
     this.#listeners.add(listener);
     return () => this.#listeners.delete(listener);
@@ -85,6 +96,11 @@ export class SwarmLink {
     this.#waking = setTimeout(() => {
       if (this.#heardAt_ms < woke_ms) this.connection.restart();
     }, WAKE_MS);
+  }
+
+  /** Say that nobody is here any more; whoever asks something again has come back. */
+  leave(): void {
+    this.request(REQUEST_AREA, { leaving: true }).catch(() => {});
   }
 
   close(): void {
@@ -155,7 +171,7 @@ export class SwarmLink {
       this.#ask(REQUEST_AREA);
     }
     this.#askForWalls(now_ms);
-    const health = this.#watch.health(now_ms);
+    const health = this.#watch.health(now_ms, hasNetwork());
     if (JSON.stringify(health) !== JSON.stringify(this.#view.health)) this.#show({ ...this.#view, health });
   }
 
@@ -176,4 +192,10 @@ export class SwarmLink {
     this.#view = view;
     for (const listener of this.#listeners) listener();
   }
+}
+
+/** Programs without a browser have none that they know of. */
+function hasNetwork(): boolean {
+  const { navigator } = globalThis as { readonly navigator?: { readonly onLine?: boolean } };
+  return navigator?.onLine ?? true;
 }

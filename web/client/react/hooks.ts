@@ -4,7 +4,7 @@ import { useCallback, useEffect, useRef, useState, useSyncExternalStore } from "
 import type { Json, JsonObject } from "../core/json";
 import type { Pin } from "../core/pin";
 import type { Invitation } from "../core/qrurl";
-import { SwarmLink, type SwarmView } from "../io/swarm_link";
+import { SwarmLink, type SwarmSource, type SwarmView } from "../io/swarm_link";
 import { NO_SWARM } from "../swarm";
 
 const NOTHING: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
@@ -28,9 +28,15 @@ export function useLink(to: Invitation | undefined, onMoved?: (pin: Pin) => void
     const wakeIfShown = () => {
       if (document.visibilityState === "visible") opened.wake();
     };
+    const wake = () => opened.wake();
+    const leave = () => opened.leave();
     document.addEventListener("visibilitychange", wakeIfShown);
+    window.addEventListener("online", wake);
+    window.addEventListener("pagehide", leave);
     return () => {
       document.removeEventListener("visibilitychange", wakeIfShown);
+      window.removeEventListener("online", wake);
+      window.removeEventListener("pagehide", leave);
       opened.close();
       setLink(undefined);
     };
@@ -43,7 +49,7 @@ export function useLink(to: Invitation | undefined, onMoved?: (pin: Pin) => void
  *
  * @param select must return a part of the view or a plain value, not a new object.
  */
-export function useSwarm<T>(link: SwarmLink | undefined, select: (view: SwarmView) => T): T {
+export function useSwarm<T>(link: SwarmSource | undefined, select: (view: SwarmView) => T): T {
   const subscribe = useCallback((listener: () => void) => link?.subscribe(listener) ?? (() => {}), [link]);
   return useSyncExternalStore(subscribe, () => select(link?.view ?? NOTHING));
 }

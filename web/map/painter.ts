@@ -1,9 +1,11 @@
 // Draws the scene when something changed, and while something glides; otherwise it leaves the phone's battery alone.
 
-import type { Point } from "../../client";
+import type { Point } from "../client";
 import { Motion } from "./motion";
-import { fitArea, type Projection, toScreen } from "./projection";
-import { drawGround, drawRobots, type Scene, shownRobots } from "./scene";
+import { Names } from "./names";
+import type { Pinch } from "./gesture";
+import { fitArea, type Projection, toScreen, type Zoom, zoomed } from "./projection";
+import { drawGround, drawRobots, rimOf, type Scene, shownRobots } from "./scene";
 import { areFlashing } from "./shields";
 import { readTheme, type Theme } from "./theme";
 
@@ -18,6 +20,7 @@ export class Painter {
   readonly #ground: HTMLCanvasElement;
   readonly #robots: HTMLCanvasElement;
   readonly #motion = new Motion();
+  readonly #names = new Names();
   readonly #still = matchMedia("(prefers-reduced-motion: reduce)");
   readonly #dark = matchMedia("(prefers-color-scheme: dark)");
   readonly #resizing: ResizeObserver;
@@ -28,6 +31,7 @@ export class Painter {
   #scene: Scene | undefined;
   #theme: Theme | undefined;
   #projection: Projection | undefined;
+  #zoom: Zoom | undefined;
   #width = 0;
   #height = 0;
   #groundIsOld = true;
@@ -60,6 +64,17 @@ export class Painter {
     return this.#projection;
   }
 
+  /** Follow fingers, a part of a gesture at a time; without one, show the whole area. True if it is not the whole then. */
+  zoom(pinch?: Pinch): boolean {
+    this.#zoom = pinch && this.#projection && zoomed(this.#projection, this.#width, this.#height, pinch);
+    this.#changed();
+    return this.#zoom !== undefined;
+  }
+
+  get middle(): Point {
+    return { x: this.#width / 2, y: this.#height / 2 };
+  }
+
   /** Where robots are on the screen, as drawn. */
   get places(): ReadonlyMap<string, Point> {
     return this.#motion.places;
@@ -81,9 +96,11 @@ export class Painter {
 
   #changed(): void {
     if (!this.#scene || this.#width === 0) return;
-    const projection = fitArea(this.#scene.swarm.area, this.#width, this.#height);
+    const projection = fitArea(this.#scene.swarm.area, this.#width, this.#height, this.#zoom);
     // After a change of scale the old pixels mean other places.
-    const rescaled = projection.scale !== this.#projection?.scale || projection.left !== this.#projection.left;
+    const before = this.#projection;
+    const rescaled =
+      projection.scale !== before?.scale || projection.left !== before.left || projection.top !== before.top;
     this.#projection = projection;
     const places = new Map<string, Point>();
     for (const robot of shownRobots(this.#scene.swarm)) {
@@ -120,6 +137,11 @@ export class Painter {
     const { swarm } = this.#scene;
     const still = this.#still.matches;
     drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places, now_ms, still);
+    const shown = shownRobots(swarm);
+    const rim = rimOf(this.#projection, swarm, shown.length);
+    const room = { width: this.#width, height: this.#height };
+    const { selected } = this.#scene;
+    this.#names.draw(robots, this.#projection, this.#theme, shown, this.#motion.places, rim, selected, room);
     window.clearTimeout(this.#draining);
     if (moving || (!still && areFlashing(swarm.audits, now_ms))) this.#drawSoon();
     else if (swarm.terms) {

@@ -1,6 +1,7 @@
 // Between the area's lengths and the canvas's pixels (CSS pixels, origin top left, y down in both).
 
-import type { Area, Point } from "../../client";
+import type { Area, Point } from "../client";
+import type { Pinch } from "./gesture";
 
 export interface Projection {
   readonly area: Area;
@@ -13,10 +14,43 @@ export interface Projection {
 /** Room around the area for a robot that stands on its edge. */
 const MARGIN = 12;
 
-/** The area centred in a canvas, as large as fits. */
-export function fitArea(area: Area, width: number, height: number): Projection {
-  const scale = Math.max(Math.min((width - 2 * MARGIN) / area.width, (height - 2 * MARGIN) / area.height), 1e-9);
-  return { area, scale, left: (width - area.width * scale) / 2, top: (height - area.height * scale) / 2 };
+/** The part of the area that is shown: so many times as large as the whole would be, with this place in the middle. */
+export interface Zoom {
+  readonly times: number;
+  readonly at: Point;
+}
+
+const MOST_TIMES = 12;
+
+/** The area in a canvas: as large as fits, or as the zoom says, but with nothing shown beside it that need not be. */
+export function fitArea(area: Area, width: number, height: number, zoom?: Zoom): Projection {
+  const fit = Math.max(Math.min((width - 2 * MARGIN) / area.width, (height - 2 * MARGIN) / area.height), 1e-9);
+  const scale = fit * (zoom?.times ?? 1);
+  const start = (room: number, length: number, at: number | undefined) => {
+    const most = Math.max(MARGIN, (room - length) / 2);
+    return Math.min(Math.max(room / 2 - (at ?? length / 2), Math.min(room - MARGIN - length, most)), most);
+  };
+  return {
+    area,
+    scale,
+    left: start(width, area.width * scale, zoom && zoom.at.x * scale),
+    top: start(height, area.height * scale, zoom && zoom.at.y * scale),
+  };
+}
+
+/** The zoom after a gesture over what is shown as `p`; undefined when all of the area is shown. */
+export function zoomed(p: Projection, width: number, height: number, { factor, around, by }: Pinch): Zoom | undefined {
+  const whole = fitArea(p.area, width, height).scale;
+  const times = Math.min((p.scale / whole) * factor, MOST_TIMES);
+  if (times <= 1) return undefined;
+  const scale = times * whole;
+  // What was under the fingers stays under them.
+  const middle = (room: number, start: number, place: number, moved: number) =>
+    (place - start) / p.scale + (room / 2 - place - moved) / scale;
+  return {
+    times,
+    at: { x: middle(width, p.left, around.x, by.x), y: middle(height, p.top, around.y, by.y) },
+  };
 }
 
 export function toScreen({ scale, left, top }: Projection, { x, y }: Point): Point {

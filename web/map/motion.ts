@@ -1,6 +1,6 @@
 // Between two frames a robot glides: positions come ten times a second, and screens are drawn sixty times.
 
-import type { Point } from "../../client";
+import type { Point } from "../client";
 
 interface Glide {
   x: number;

@@ -1,7 +1,7 @@
 // What the map shows. Two canvases: below, what changes ten times a second at most (grid, trails, routes); above, what
-// glides (robots and their names).
+// glides (robots; and names.ts, their names).
 
-import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm, shortName } from "../../client";
+import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
 import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
 import { drawAudits, drawShields, RING_OFF_PX } from "./shields";
@@ -20,8 +20,8 @@ export interface Scene {
 /** Everybody's trail but the selected one's is short: 200 long ones are a tangle, and slow on a phone. */
 const TRAIL_OF_FEW = 60;
 const TRAIL_OF_MANY = 15;
-/** Up to so many robots are few: all are named on the map. */
-const MOST_NAMES = 30;
+/** Up to so many robots are few. */
+const FEW = 30;
 const ROBOT_MM = 60;
 const LEAST_RADIUS = 5;
 /** Few robots may be drawn larger than they are, for thumbs. */
@@ -36,8 +36,13 @@ export function shownRobots(swarm: Swarm): Robot[] {
 
 export function robotRadius({ area, scale }: Projection, robots: number): number {
   const length = area.unit === "mm" ? ROBOT_MM : ROBOT_MM / 2000;
-  const least = robots <= MOST_NAMES ? LEAST_RADIUS_OF_FEW : LEAST_RADIUS;
+  const least = robots <= FEW ? LEAST_RADIUS_OF_FEW : LEAST_RADIUS;
   return Math.min(Math.max(length * scale, least), MOST_RADIUS);
+}
+
+/** How far a robot and what is drawn around it reach. */
+export function rimOf(p: Projection, { terms }: Swarm, robots: number): number {
+  return robotRadius(p, robots) + (terms ? RING_OFF_PX + 2 : 0);
 }
 
 function isStopped({ shield }: Robot): boolean {
@@ -71,7 +76,7 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
     drawLit(ctx, p, theme, missions);
   }
   const robots = shownRobots(scene.swarm);
-  const short = robots.length <= MOST_NAMES ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
+  const short = robots.length <= FEW ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
   for (const robot of short > 0 ? robots : []) {
     if (robot.address !== scene.selected) drawTrail(ctx, p, robot, short, ledColour(robot.led, theme), 0.35);
   }
@@ -199,20 +204,14 @@ export function drawRobots(
   const { terms, audits } = scene.swarm;
   const robots = shownRobots(scene.swarm);
   const radius = robotRadius(p, robots.length);
-  const rim = radius + (terms ? RING_OFF_PX + 2 : 0);
+  const rim = rimOf(p, scene.swarm, robots.length);
   drawAudits(ctx, theme, audits, places, radius, now_ms, still);
   if (terms) drawShields(ctx, theme, terms, robots, places, radius, now_ms);
-  if (robots.length > MOST_NAMES) drawMany(ctx, theme, scene, robots, places, radius);
+  if (robots.length > FEW) drawMany(ctx, theme, scene, robots, places, radius);
   else {
     for (const robot of robots) {
       const place = places.get(robot.address);
       if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
-    }
-  }
-  if (robots.length <= MOST_NAMES) {
-    for (const robot of robots) {
-      const place = places.get(robot.address);
-      if (place && robot.address !== scene.selected) drawName(ctx, p, theme, shortName(robot), place, rim, false);
     }
   }
   const selected = robots.find((robot) => robot.address === scene.selected);
@@ -224,7 +223,6 @@ export function drawRobots(
   ctx.arc(place.x, place.y, rim + 6, 0, TURN);
   ctx.stroke();
   drawRobot(ctx, theme, selected, place, terms ? radius : radius + 1);
-  drawName(ctx, p, theme, shortName(selected), place, rim + 6, true);
 }
 
 /** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */
@@ -308,27 +306,4 @@ function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { 
   ctx.fill();
   ctx.stroke();
   ctx.globalAlpha = 1;
-}
-
-function drawName(
-  ctx: CanvasRenderingContext2D,
-  p: Projection,
-  theme: Theme,
-  name: string,
-  { x, y }: Point,
-  radius: number,
-  bold: boolean,
-): void {
-  // Below the robot, or above it where below is off the map.
-  const bottom = p.top + p.area.height * p.scale;
-  const at = y + radius + 16 > bottom ? y - radius - 16 : y + radius + 4;
-  ctx.font = `${bold ? 700 : 500} 12px system-ui, sans-serif`;
-  ctx.textAlign = "center";
-  ctx.textBaseline = "top";
-  ctx.lineJoin = "round";
-  ctx.lineWidth = 3;
-  ctx.strokeStyle = theme.halo;
-  ctx.strokeText(name, x, at);
-  ctx.fillStyle = theme.ink;
-  ctx.fillText(name, x, at);
 }

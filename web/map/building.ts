@@ -1,7 +1,7 @@
 // The building in which robots live a mission: its walls, and the landmarks that were decoded. What is still encoded is
 // dark: this page has not been told where it is.
 
-import type { Missions, Wall } from "../../client";
+import type { Missions, Wall } from "../client";
 import { type Projection, toScreen } from "./projection";
 import type { Theme } from "./theme";
 

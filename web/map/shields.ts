@@ -1,15 +1,13 @@
 // Shields on the map. A robot's ring has one arc for each token that it needs; each drains as its token ages. A robot in
 // Safe Mode is grey, its ring in pieces. An audit is a line from auditor to auditee that fades.
 
-import { type Audit, counting, type Point, type Robot, type ShieldTerms } from "../../client";
+import { type Audit, counting, LOW_MS, type Point, type Robot, type ShieldTerms } from "../client";
 import type { Theme } from "./theme";
 
 const TURN = 2 * Math.PI;
 const TOP = -TURN / 4;
 /** Between two arcs, radians. */
 const GAP = 0.22;
-/** A token with less of its time left than this is running out: a round of audits should have renewed it. */
-const LOW = 0.25;
 const PASSED_FOR_MS = 500;
 /** Longer: it is rare, and what people should see. */
 const REFUSED_FOR_MS = 1600;
@@ -47,8 +45,9 @@ export function drawShields(
       addArc(tracks, place, ring, from, from + share - GAP);
       const voucher = vouchers[k];
       if (!voucher) continue;
-      const left = Math.min((voucher.until_ms - now_ms) / terms.full_ms, 1);
-      addArc(left < LOW ? low : fresh, place, ring, from, from + left * (share - GAP));
+      const left_ms = voucher.until_ms - now_ms;
+      const left = Math.min(left_ms / terms.full_ms, 1);
+      addArc(left_ms < LOW_MS ? low : fresh, place, ring, from, from + left * (share - GAP));
     }
   }
   ctx.lineWidth = RING_PX;

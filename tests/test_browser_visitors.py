@@ -1,0 +1,190 @@
+"""What a visitor on a phone is shown and told, in a real browser, against a real gateway that all tests share."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import contextmanager
+
+import pytest
+
+from chromium import PHONE, a_page, badge, barriers, choose, insecure, moves, wait_until
+from conftest import a_gateway
+
+pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
+
+SIDEWAYS = PHONE | {"viewport": {"width": 844, "height": 390}}
+BUZZED = "window.buzzed = []; navigator.vibrate = (pattern) => { window.buzzed.push(pattern); return true; };"
+
+
+@pytest.fixture(scope="module")
+def gateway():
+    with a_gateway("--robots", "6", "--seed", "4") as (up, ready):
+        yield up, ready
+
+
+@contextmanager
+def a_visitor(browser, ready, name: str = "", *scripts: str, **options):
+    with a_page(browser, *scripts, **options) as page:
+        page.goto(insecure(ready["qr_url"]))
+        badge(page, "live")
+        if name:
+            choose(page, name)
+        yield page
+
+
+def controls(page):
+    return page.locator(".swatch, .any-colour, [data-testid=route-toggle], [data-testid=trail-clear]")
+
+
+def outside(page, *names: str) -> list[str]:
+    """Which of these are not wholly on the screen."""
+    width, height = page.viewport_size.values()
+    boxes = {name: page.get_by_test_id(name).bounding_box() for name in names}
+    return [
+        name
+        for name, box in boxes.items()
+        if box["x"] < 0 or box["y"] < 0 or box["x"] + box["width"] > width or box["y"] + box["height"] > height
+    ]
+
+
+def tap(page, across: float, down: float) -> None:
+    box = page.get_by_test_id("map").bounding_box()
+    page.touchscreen.tap(box["x"] + box["width"] * across, box["y"] + box["height"] * down)
+
+
+def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(browser, gateway):
+    up, ready = gateway
+    with a_visitor(browser, ready, "Ada", BUZZED) as page:
+        assert all(each.is_enabled() for each in controls(page).all())
+        touch = page.context.new_cdp_session(page)
+        box = page.get_by_test_id("joystick").bounding_box()
+        at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + 20}
+        touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at]})
+        wait_until(lambda: moves(up))
+        up.process.send_signal(signal.SIGSTOP)
+        try:
+            page.locator("[data-testid=badge][data-state=late]").wait_for()
+            assert "Controls are off" in badge(page, "late")
+            assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
+            assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
+            assert controls(page).count() == 11
+            assert not any(each.is_enabled() for each in controls(page).all())
+            assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
+            page.context.set_offline(True)
+            assert "no network" in badge(page, "offline")
+            page.context.set_offline(False)
+        finally:
+            up.process.send_signal(signal.SIGCONT)
+        badge(page, "live")
+        assert all(each.is_enabled() for each in controls(page).all())
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(browser, gateway):
+    up, ready = gateway
+    with a_visitor(browser, ready, "Cleo", BUZZED) as page:
+        assert not outside(page, "map", "joystick", "robot-select", "route-toggle")
+        page.get_by_test_id("route-toggle").click()
+        assert not outside(page, "map", "route-start", "route-undo", "threshold", "route-toggle")
+        page.get_by_test_id("threshold").fill("500")
+        for _ in range(2):
+            tap(page, 0.5, 0.5)
+            page.get_by_text("waypoint").wait_for()
+        page.get_by_test_id("route-undo").click()
+        page.get_by_text("Route: 1 waypoint").wait_for()
+        page.get_by_test_id("route-start").click()
+        page.get_by_test_id("joystick").wait_for()
+        assert page.evaluate("window.scrollY") == 0
+        page.get_by_test_id("news").get_by_text("Cleo has arrived").wait_for()
+        assert page.get_by_test_id("news").get_attribute("role") == "status"
+        assert page.evaluate("window.buzzed.length") == 1
+        (route,) = [e["payload"] for e in up.events("command") if e["name"] == "waypoints"]
+        assert len(route["waypoints"]) == 1
+
+
+def test_who_shares_a_robot_is_told_and_so_is_who_only_looks(browser, gateway):
+    up, ready = gateway
+    with (
+        a_visitor(browser, ready, "Dot") as one,
+        a_visitor(browser, ready, "Dot") as other,
+    ):
+        before = len(moves(up))
+        one.get_by_test_id("joystick").focus()
+        one.keyboard.down("KeyW")
+        other.get_by_text("Another visitor drives it").wait_for()
+        assert len(moves(up)) > before
+        assert one.get_by_test_id("others").count() == 0, "nobody else"
+        other.get_by_test_id("joystick").focus()
+        other.keyboard.down("KeyS")
+        one.get_by_text("Another visitor drives it").wait_for()
+        one.keyboard.up("KeyW")
+        other.keyboard.up("KeyS")
+        other.get_by_test_id("others").wait_for(state="detached")
+
+
+def test_two_fingers_enlarge_the_map_and_a_tap_still_means_what_it_shows(browser, gateway):
+    up, ready = gateway
+    with a_visitor(browser, ready, "Bo") as page:
+        assert page.get_by_test_id("zoom-out").count() == 0
+        box = page.get_by_test_id("map").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        touch = page.context.new_cdp_session(page)
+
+        def fingers(kind: str, *apart: float):
+            points = [{"x": x + side * half, "y": y, "id": i} for half in apart for i, side in enumerate((-1, 1))]
+            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        fingers("touchStart", 30)
+        for half in (40, 60, 90, 120):
+            fingers("touchMove", half)
+        fingers("touchEnd")
+        page.get_by_test_id("zoom-out").wait_for()
+        assert page.evaluate("visualViewport.scale") == 1, "the map alone"
+        given = len([e for e in up.events("command") if e["name"] == "waypoints"])
+        page.get_by_test_id("route-toggle").click()
+        for across in (0.5, 0.75):
+            tap(page, across, 0.5)
+        page.get_by_test_id("route-start").click()
+        routes = wait_until(lambda: [e for e in up.events("command") if e["name"] == "waypoints"][given:])
+        start, end = routes[0]["payload"]["waypoints"]
+        assert start["x"] == pytest.approx(1000, abs=60)
+        assert 60 < end["x"] - start["x"] < 300, "a quarter of the frame is a sixteenth of the area, or so"
+        page.get_by_test_id("route-clear").click()
+        page.get_by_test_id("map").focus()
+        page.keyboard.press("0")
+        page.get_by_test_id("zoom-out").wait_for(state="detached")
+
+
+def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):
+    _, ready = gateway
+    with a_visitor(browser, ready, "Ada", **SIDEWAYS) as page:
+        assert not outside(page, "map", "joystick", "robot-select", "route-toggle", "led-colour")
+        page.get_by_test_id("route-toggle").click()
+        assert not outside(page, "map", "route-start", "threshold")
+        assert page.evaluate("document.documentElement.scrollWidth") == 844
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_barrier_in_any_state(browser, gateway, scheme):
+    up, ready = gateway
+    with a_page(browser, **PHONE, color_scheme=scheme) as page:
+        page.goto(insecure(ready["page_url"]))
+        badge(page, "nocode")
+        assert not barriers(page)
+        page.goto(insecure(ready["qr_url"]))
+        badge(page, "live")
+        assert not barriers(page)
+        choose(page, "Ada")
+        assert not barriers(page)
+        page.get_by_test_id("route-toggle").click()
+        tap(page, 0.5, 0.5)
+        assert not barriers(page)
+        up.process.send_signal(signal.SIGSTOP)
+        try:
+            badge(page, "late")
+            assert not barriers(page)
+        finally:
+            up.process.send_signal(signal.SIGCONT)
+        badge(page, "live")
+        page.evaluate("document.querySelector('[data-testid=robot-select]').removeAttribute('aria-label')")
+        assert any(each.startswith("select-name") for each in barriers(page)), "it would find one"

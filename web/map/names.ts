@@ -1,0 +1,90 @@
+// Names on the map: as many as there is room for. None lies on another, or on a robot.
+
+import { type Point, type Robot, shortName } from "../client";
+import type { Projection } from "./projection";
+import type { Theme } from "./theme";
+
+const HEIGHT = 15;
+/** Of more robots than this in sight, there is room for no name. */
+const MOST_IN_SIGHT = 250;
+const MOST_WIDTHS = 4000;
+
+interface Box {
+  readonly left: number;
+  readonly top: number;
+  readonly right: number;
+  readonly bottom: number;
+}
+
+const widths = new Map<string, number>();
+
+export class Names {
+  /** Named last time: who has a name keeps it while it can, or names would come and go as robots pass. */
+  #named: ReadonlySet<string> = new Set();
+
+  /** `rim`: how far from its place a robot and what is drawn around it reach; `selected` is named whatever it covers. */
+  draw(
+    ctx: CanvasRenderingContext2D,
+    p: Projection,
+    theme: Theme,
+    robots: readonly Robot[],
+    places: ReadonlyMap<string, Point>,
+    rim: number,
+    selected: string | undefined,
+    room: { readonly width: number; readonly height: number },
+  ): void {
+    const inSight = robots.flatMap((robot) => {
+      const at = places.get(robot.address);
+      return at && at.x > 0 && at.y > 0 && at.x < room.width && at.y < room.height ? [{ robot, at }] : [];
+    });
+    const crowded = inSight.length > MOST_IN_SIGHT;
+    const taken = crowded ? [] : inSight.map(({ at }) => around(at, rim));
+    const rank = ({ address }: Robot) => (address === selected ? 0 : this.#named.has(address) ? 1 : 2);
+    const named = new Set<string>();
+    const bottom = Math.min(p.top + p.area.height * p.scale, room.height) + 6;
+    ctx.textAlign = "center";
+    ctx.textBaseline = "top";
+    ctx.lineJoin = "round";
+    ctx.lineWidth = 3;
+    ctx.strokeStyle = theme.halo;
+    ctx.fillStyle = theme.ink;
+    for (const { robot, at } of inSight.sort((a, b) => rank(a.robot) - rank(b.robot))) {
+      const chosen = robot.address === selected;
+      if (crowded && !chosen) break;
+      const name = shortName(robot);
+      ctx.font = `${chosen ? 700 : 500} 12px system-ui, sans-serif`;
+      const half = widthOf(ctx, name) / 2;
+      const reach = chosen ? rim + 6 : rim;
+      const x = Math.min(Math.max(at.x, half + 2), room.width - half - 2);
+      // Below the robot, or above it where below is no room or no map.
+      const boxes = [at.y + reach + 2, at.y - reach - 2 - HEIGHT]
+        .filter((top) => top >= 0 && top + HEIGHT <= bottom)
+        .map((top) => ({ left: x - half, top, right: x + half, bottom: top + HEIGHT }));
+      const box = boxes.find((each) => !taken.some((other) => overlap(each, other))) ?? (chosen ? boxes[0] : undefined);
+      if (!box) continue;
+      taken.push(box);
+      named.add(robot.address);
+      ctx.strokeText(name, x, box.top + 1);
+      ctx.fillText(name, x, box.top + 1);
+    }
+    this.#named = named;
+  }
+}
+
+function around({ x, y }: Point, reach: number): Box {
+  return { left: x - reach, top: y - reach, right: x + reach, bottom: y + reach };
+}
+
+function overlap(a: Box, b: Box): boolean {
+  return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+}
+
+function widthOf(ctx: CanvasRenderingContext2D, name: string): number {
+  const key = `${ctx.font} ${name}`;
+  const known = widths.get(key);
+  if (known !== undefined) return known;
+  if (widths.size >= MOST_WIDTHS) widths.clear();
+  const { width } = ctx.measureText(name);
+  widths.set(key, width);
+  return width;
+}
