@@ -13,7 +13,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import find_patched
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.walk import cells
-from phalanx.mission.walk.cells import CELL_LIMIT, Groups, Searched, numbers_of
+from phalanx.mission.walk.cells import CELL_LIMIT, Groups, Searched, next_unsearched, numbers_of
 from phalanx.mission.walk.search import Budget, PaperSearch
 
 metres = st.floats(-1e6, 1e6)
@@ -79,7 +79,9 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
 
 def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
     things, groups = np.array([[x_m, 0.0, math.nan, math.nan]]), np.zeros((1, 5))
-    pair, left, _ = searched.next_unsearched(0, things, (0.0, 0.0), 0.0, Groups(groups, STEPS, 1, 5), lane, 10_000)
+    pair, left, _ = next_unsearched(
+        0, things, (0.0, 0.0), 0.0, Groups(groups, STEPS, 1, 5), searched.table, lane, 10_000
+    )
     assert left == (10_000 if pair == 0 else 10_000 - 11 * 11)
     return pair == 0
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
+from typing import Any
 
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
@@ -26,34 +27,22 @@ SEND_LIMIT = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Node:
-    """One state of a mission.
+    """One state of a mission."""
 
-    Args:
-        name: for people; sealed into the payload, absent from the paper profile.
-        see: the ways to experience it, each a conjunction of observables; one is enough.
-        join: every predecessor must have been decoded before.
-        chained: what the node before released is part of the conjunction (sealed nodes always are).
-        within_m: a landmark counts only from so near; 0 from anywhere.
-        timeout_s: until the next validation, before the robot goes back; 0 is the robot's own.
-        send: names of messages released here.
-        wait: names of messages that are part of the conjunction.
-        part: which robot's half of the mission this is.
-        width_m: of a doorway, for `audit` alone.
-    """
-
-    name: str
+    name: str  # for people; sealed into the payload, absent from the paper profile
+    # The ways to experience it, each a conjunction of observables; one is enough
     see: tuple[tuple[Observable, ...], ...]
     do: Action | None = None
     start: bool = False
     final: bool = False
-    join: bool = False
-    chained: bool = False
-    within_m: float = 0.0
-    timeout_s: int = 0
-    send: tuple[str, ...] = ()
-    wait: tuple[str, ...] = ()
-    part: str = ""
-    width_m: float | None = None
+    join: bool = False  # every predecessor must have been decoded before
+    chained: bool = False  # what the node before released is part of the conjunction (sealed nodes always are)
+    within_m: float = 0.0  # a landmark counts only from so near; 0 from anywhere
+    timeout_s: int = 0  # until the next validation, before the robot goes back; 0 is the robot's own
+    send: tuple[str, ...] = ()  # names of messages released here
+    wait: tuple[str, ...] = ()  # names of messages that are part of the conjunction
+    part: str = ""  # which robot's half of the mission this is
+    width_m: float | None = None  # of a doorway, for `audit` alone
 
     @property
     def place(self) -> tuple[float, float] | None:
@@ -66,37 +55,26 @@ class Node:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlainWay:
-    """A way from one node to another.
-
-    Args:
-        direction_rad: map frame; None is straight from place to place, if both have one.
-        do: an action that leads there; None is to drive.
-    """
+    """A way from one node to another."""
 
     source: str
     target: str
-    direction_rad: float | None = None
-    do: Action | None = None
+    direction_rad: float | None = None  # map frame; None is straight from place to place, if both have one
+    do: Action | None = None  # an action that leads there; None is to drive
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """A plain mission, checked: every name exists once, every way leads somewhere.
-
-    Args:
-        area_m: x0, y0, x1, y1 of the map, for `audit` and `draw`; None is the box around all places.
-        roam: nodes may be decoded in any order (paper profile only: exploration, Fig. 9).
-        repeatable: a robot may start it more than once.
-    Raises: UsageError.
-    """
+    """A plain mission, checked: every name exists once, every way leads somewhere. Raises: UsageError."""
 
     name: str
     nodes: tuple[Node, ...]
     ways: tuple[PlainWay, ...]
     coding: CodingConfig | None = None
+    # x0, y0, x1, y1 of the map, for `audit` and `draw`; None is the box around all places
     area_m: tuple[float, float, float, float] | None = None
-    roam: bool = False
-    repeatable: bool = False
+    roam: bool = False  # nodes may be decoded in any order (paper profile only: exploration, Fig. 9)
+    repeatable: bool = False  # a robot may start it more than once
     floor_plan: str = ""
 
     def __post_init__(self) -> None:
@@ -211,41 +189,10 @@ class Draft:
     nodes: list[Node] = field(default_factory=list)
     ways: list[PlainWay] = field(default_factory=list)
 
-    def node(
-        self,
-        name: str,
-        *see: Observable | tuple[Observable, ...],
-        do: Action | None = None,
-        start: bool = False,
-        final: bool = False,
-        join: bool = False,
-        chained: bool = False,
-        within_m: float = 0.0,
-        timeout_s: int = 0,
-        send: tuple[str, ...] = (),
-        wait: tuple[str, ...] = (),
-        part: str = "",
-        width_m: float | None = None,
-    ) -> None:
-        """Add a node; every argument after the name is one way to experience it. For the rest see `Node`."""
+    def node(self, name: str, *see: Observable | tuple[Observable, ...], **more: Any) -> None:
+        """Add a node; every argument after the name is one way to experience it. What else is said is as in `Node`."""
         aliases = tuple(alias if isinstance(alias, tuple) else (alias,) for alias in see)
-        self.nodes.append(
-            Node(
-                name=name,
-                see=aliases or ((),),
-                do=do,
-                start=start,
-                final=final,
-                join=join,
-                chained=chained,
-                within_m=within_m,
-                timeout_s=timeout_s,
-                send=send,
-                wait=wait,
-                part=part,
-                width_m=width_m,
-            )
-        )
+        self.nodes.append(Node(name=name, see=aliases or ((),), **more))
 
     def way(
         self,
@@ -263,10 +210,7 @@ class Draft:
             self.ways.append(PlainWay(source=target, target=source, direction_rad=back, do=do))
 
     def mission(self) -> Mission:
-        """What was written, checked.
-
-        Raises: UsageError.
-        """
+        """What was written, checked. Raises: UsageError."""
         return Mission(
             name=self.name,
             nodes=tuple(self.nodes),

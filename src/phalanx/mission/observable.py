@@ -75,14 +75,10 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """Something out of the robot's pool of actions.
+    """Something out of the robot's pool of actions."""
 
-    Args:
-        name: as the robot's pool has it.
-        args: sorted by name; numbers are rounded to thousandths when they are encoded.
-    """
-
-    name: str
+    name: str  # as the robot's pool has it
+    # Sorted by name; numbers are rounded to thousandths when they are encoded
     args: tuple[tuple[str, float | str], ...] = ()
 
 

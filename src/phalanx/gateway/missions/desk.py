@@ -166,10 +166,7 @@ class MissionDesk:
 
 
 def parse_profile(word: object) -> Profile:
-    """The profile of this name.
-
-    Raises: UsageError.
-    """
+    """The profile of this name. Raises: UsageError."""
     if isinstance(word, str) and word.upper() in Profile.__members__:
         return Profile[word.upper()]
     raise UsageError("no such profile", "sealed or paper")
@@ -224,12 +221,7 @@ def _site(site: Site) -> dict[str, Any]:
     see = [_alias(alias) for alias in site.aliases]
     return {
         "type": site.type,
-        "at": _rounded(
-            (
-                sum(alias.x_m for alias in site.aliases) / len(site.aliases),
-                sum(alias.y_m for alias in site.aliases) / len(site.aliases),
-            )
-        ),
+        "at": _rounded(site.place_m),
         "see": see[0] if len(see) == 1 else see,
         "width": round(site.width_m, DIGITS) or None,
     }

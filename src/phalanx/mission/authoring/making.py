@@ -48,19 +48,13 @@ SEALED_CODING = CodingConfig(delta_mm=400)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """Who may run a mission, and when.
-
-    Args:
-        robots: ids; empty is any.
-        valid_from_s, valid_to_s: on the mission's clock.
-        open_start: put the start key into the file (sealed profile): anybody may begin.
-    """
+    """Who may run a mission, and when."""
 
     profile: Profile = Profile.SEALED
-    robots: tuple[int, ...] = ()
-    valid_from_s: int = 0
-    valid_to_s: int = FOREVER_S
-    open_start: bool = False
+    robots: tuple[int, ...] = ()  # ids; empty is any
+    valid_from_s: int = 0  # on the mission's clock
+    valid_to_s: int = FOREVER_S  # likewise
+    open_start: bool = False  # put the start key into the file (sealed profile): anybody may begin
 
     def __post_init__(self) -> None:
         if not 0 <= self.valid_from_s < self.valid_to_s <= FOREVER_S:

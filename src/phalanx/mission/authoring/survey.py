@@ -58,7 +58,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     for site in sites:
         counts[site.type] += 1
         named[f"{SHORT[site.type]}{counts[site.type]}"] = site
-    pairs = _pairs(plan, {START: start, **{name: _place(site) for name, site in named.items()}})
+    pairs = _pairs(plan, {START: start, **{name: site.place_m for name, site in named.items()}})
     reached = _joined(START, pairs)
     if len(reached) == 1:
         raise UsageError(
@@ -126,11 +126,6 @@ def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
     points = np.vstack([outline.points for outline in plan.outlines])
     (left, low), (right, high) = points.min(0).tolist(), points.max(0).tolist()
     return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
-
-
-def _place(site: Site) -> tuple[float, float]:
-    count = len(site.aliases)
-    return sum(alias.x_m for alias in site.aliases) / count, sum(alias.y_m for alias in site.aliases) / count
 
 
 def _pairs(plan: FloorPlan, places: dict[str, tuple[float, float]]) -> set[tuple[str, str]]:

@@ -78,10 +78,7 @@ SEVERAL = 3  # sensors or messages in one node, at most
 
 
 def parse_shape(code: int) -> Shape:
-    """The shape with this code.
-
-    Raises: MalformedMission: no shape has it.
-    """
+    """The shape with this code. Raises: MalformedMission: no shape has it."""
     values = []
     for _, bits in _SHAPE_BITS:
         values.append(code & ((1 << bits) - 1))
@@ -156,10 +153,7 @@ def action_bytes(action: Action) -> bytes:
 
 
 def parse_action(raw: bytes) -> Action:
-    """The action with these bytes.
-
-    Raises: MalformedMission.
-    """
+    """The action with these bytes. Raises: MalformedMission."""
     reader = Reader(raw)
     name = _name(reader)
     args: list[tuple[str, float | str]] = []

@@ -16,10 +16,7 @@ from .records import Header, NodeRecord, Profile
 
 
 def node_hash(observed: bytes) -> bytes:
-    """H_i of a node's canonical bytes.
-
-    Source: Encoded graphs §IV-A, Fig. 6.
-    """
+    """H_i of a node's canonical bytes. Source: Encoded graphs §IV-A, Fig. 6."""
     return sha3_256(observed)
 
 
@@ -32,10 +29,7 @@ def direction_hash(observed: bytes, sector: int, sectors: int) -> bytes:
 
 
 def action_hash(mark: bytes, action: Action) -> bytes:
-    """H_ij of a way that is an action: H(H_i + action).
-
-    Source: Encoded graphs §III-A, Fig. 2.
-    """
+    """H_ij of a way that is an action: H(H_i + action). Source: Encoded graphs §III-A, Fig. 2."""
     return sha3_256(canonical(previous=mark, action=action))
 
 

@@ -47,10 +47,7 @@ class Reader:
 
 
 def text_of(raw: bytes) -> str:
-    """UTF-8.
-
-    Raises: MalformedMission.
-    """
+    """UTF-8. Raises: MalformedMission."""
     try:
         return raw.decode()
     except UnicodeDecodeError as error:

@@ -31,6 +31,7 @@ PAYLOAD_LIMIT = 60_000
 REPEATABLE, ROAM, OPEN_START = 1, 2, 4  # header flags
 START, FINAL, JOIN = 1, 2, 4  # node flags
 _FLAGS = 7
+_CODING = tuple(each.name for each in table.HEADER.fields if each.name in CodingConfig.__dataclass_fields__)
 
 
 class Profile(IntEnum):
@@ -50,29 +51,20 @@ class WayKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What holds for the whole mission; its digest is bound to every node.
-
-    Args:
-        mission_id: 16 random bytes.
-        valid_from_s, valid_to_s: seconds on the mission's clock; FOREVER_S is no end.
-        robots: ids that may run it; empty is any.
-        shapes: that occur in it (paper profile; sealed tells them one node at a time).
-        flags: REPEATABLE, ROAM, OPEN_START.
-    """
+    """What holds for the whole mission; its digest is bound to every node."""
 
     profile: Profile
-    mission_id: bytes
+    mission_id: bytes  # 16 random bytes
     coding: CodingConfig
     nodes: int
-    flags: int = 0
-    valid_from_s: int = 0
-    valid_to_s: int = FOREVER_S
-    robots: tuple[int, ...] = ()
-    shapes: tuple[Shape, ...] = ()
+    flags: int = 0  # REPEATABLE, ROAM, OPEN_START
+    valid_from_s: int = 0  # seconds on the mission's clock; FOREVER_S is no end
+    valid_to_s: int = FOREVER_S  # likewise
+    robots: tuple[int, ...] = ()  # ids that may run it; empty is any
+    shapes: tuple[Shape, ...] = ()  # that occur in it (paper profile; sealed tells them one node at a time)
 
     def encode(self) -> bytes:
         """As stored."""
-        coding = self.coding
         fixed = table.HEADER.form.pack(
             MAGIC,
             VERSION,
@@ -81,13 +73,7 @@ class Header:
             self.mission_id,
             self.valid_from_s,
             self.valid_to_s,
-            coding.delta_mm,
-            coding.heading_bins,
-            coding.sectors,
-            coding.window_ms,
-            coding.area_cm2,
-            coding.kdf_log2_n,
-            coding.kdf_r,
+            *(getattr(self.coding, name) for name in _CODING),
         )
         rising = _rising(self.robots) + _rising([shape.code for shape in self.shapes])
         return fixed + rising + table.COUNT_U32.form.pack(self.nodes)
@@ -100,57 +86,37 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Alias:
-    """One way to experience a node.
+    """One way to experience a node."""
 
-    Args:
-        mark: the node's hash H (paper), or the half of scrypt's output that commits to the key (sealed).
-        offset: of its cells (paper; in sealed it comes from the node before).
-        secret: the node's secret under the other half (sealed).
-    """
-
-    mark: bytes
+    mark: bytes  # the node's hash H (paper), or the half of scrypt's output that commits to the key (sealed)
+    # Of its cells (paper; in sealed it comes from the node before)
     offset: Offset = Offset()  # noqa: RUF009  # a NamedTuple: nobody can change it
-    secret: bytes = b""
+    secret: bytes = b""  # the node's secret under the other half (sealed)
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A way from one node to the next.
+    """A way from one node to the next."""
 
-    Args:
-        target: the next node; public, for planning.
-        kind: paper profile.
-        hashes: one for each alias of the node it leaves (paper), or the one tag of the direction (sealed).
-    """
-
-    target: int
+    target: int  # the next node; public, for planning
+    # One for each alias of the node it leaves (paper), or the one tag of the direction (sealed)
     hashes: tuple[bytes, ...]
-    kind: WayKind = WayKind.DIRECTION
+    kind: WayKind = WayKind.DIRECTION  # paper profile
 
 
 @dataclass(frozen=True, slots=True)
 class NodeRecord:
-    """One node as stored.
+    """One node as stored."""
 
-    Args:
-        flags: START, FINAL, JOIN.
-        timeout_s: 0 is the robot's own.
-        reach_dm: a landmark further away than so many tenths of a metre does not count; 0 is any distance.
-        sends: encoded messages that the node releases.
-        ways: by target, ascending.
-        visited: hash of what proves a visit (sealed).
-        payload: sealed bytes (sealed).
-        bindings: one for each alias: that this record and the header belong to what was experienced (paper).
-    """
-
-    flags: int
-    timeout_s: int
-    reach_dm: int
-    sends: int
+    flags: int  # START, FINAL, JOIN
+    timeout_s: int  # 0 is the robot's own
+    reach_dm: int  # a landmark further away than so many tenths of a metre does not count; 0 is any distance
+    sends: int  # encoded messages that the node releases
     aliases: tuple[Alias, ...]
-    ways: tuple[Way, ...]
-    visited: bytes = b""
-    payload: bytes = b""
+    ways: tuple[Way, ...]  # by target, ascending
+    visited: bytes = b""  # hash of what proves a visit (sealed)
+    payload: bytes = b""  # sealed bytes (sealed)
+    # One for each alias: that this record and the header belong to what was experienced (paper)
     bindings: tuple[bytes, ...] = ()
 
     def core(self, profile: Profile) -> bytes:
@@ -201,10 +167,7 @@ def _rising(numbers: Sequence[int]) -> bytes:
 
 
 def parse_mission(raw: bytes) -> EncodedMission:
-    """The mission in a file.
-
-    Raises: TooLarge, MalformedMission.
-    """
+    """The mission in a file. Raises: TooLarge, MalformedMission."""
     if len(raw) > FILE_LIMIT:
         raise TooLarge(f"{len(raw)} bytes of mission, limit {FILE_LIMIT}")
     reader = Reader(raw)
@@ -227,9 +190,8 @@ def _header(reader: Reader) -> Header:
         raise MalformedMission("not a mission file of this version")
     if profile > Profile.SEALED or flags > _FLAGS or begin >= end:
         raise MalformedMission("no such profile, flags or window")
-    names = ("delta_mm", "heading_bins", "sectors", "window_ms", "area_cm2", "kdf_log2_n", "kdf_r")
     try:
-        config = CodingConfig(**dict(zip(names, coding, strict=True)))
+        config = CodingConfig(**dict(zip(_CODING, coding, strict=True)))
     except UsageError as error:
         raise MalformedMission(str(error)) from error
     robots, codes = (tuple(reader.number(table.RISING) for _ in range(reader.number(table.COUNT_U8))) for _ in range(2))

@@ -39,19 +39,13 @@ class WayOut:
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What a sealed node tells whoever opened it.
-
-    Args:
-        place_m: where the node is, map frame, to the mm.
-        sends: messages of 32 bytes to give out.
-        ways: in the order of the record's ways.
-    """
+    """What a sealed node tells whoever opened it."""
 
     name: str
     do: Action | None
-    place_m: tuple[float, float] | None
-    sends: tuple[bytes, ...]
-    ways: tuple[WayOut, ...]
+    place_m: tuple[float, float] | None  # where the node is, map frame, to the mm
+    sends: tuple[bytes, ...]  # messages of 32 bytes to give out
+    ways: tuple[WayOut, ...]  # in the order of the record's ways
 
 
 def node_salt(gate: bytes, messages: tuple[bytes, ...], header: Header, node: int, alias: int) -> bytes:
@@ -154,10 +148,7 @@ def encode_payload(payload: Payload) -> bytes:
 
 
 def parse_payload(raw: bytes) -> Payload:
-    """The payload in these bytes; they were sealed, but by whoever wrote the file.
-
-    Raises: MalformedMission.
-    """
+    """The payload in these bytes; they were sealed, but by whoever wrote the file. Raises: MalformedMission."""
     outer = Reader(raw)
     reader = Reader(outer.behind(table.COUNT_U32))
     if outer.left >= PAD or any(outer.take(outer.left)):

@@ -23,10 +23,7 @@ def public_key(key: Ed25519PrivateKey) -> bytes:
 
 
 def sign(mission: EncodedMission, key: Ed25519PrivateKey) -> EncodedMission:
-    """The mission with a signature over all of it.
-
-    Source: RFC 8032 (Ed25519).
-    """
+    """The mission with a signature over all of it. Source: RFC 8032 (Ed25519)."""
     bare = replace(mission, signer=b"", signature=b"")
     return replace(bare, signer=public_key(key), signature=key.sign(CONTEXT + bare.signed_part()))
 

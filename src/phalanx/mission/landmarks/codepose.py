@@ -29,12 +29,7 @@ _EMPTY = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intrinsics:
-    """A pinhole camera with radial distortion, in pixels.
-
-    Args:
-        k1, k2: radial distortion, in units of the focal length.
-    Raises: UsageError: a value is out of range.
-    """
+    """A pinhole camera with radial distortion, in pixels. Raises: UsageError: a value is out of range."""
 
     fx: float
     fy: float
@@ -42,8 +37,8 @@ class Intrinsics:
     cy: float
     width: int
     height: int
-    k1: float = 0.0
-    k2: float = 0.0
+    k1: float = 0.0  # radial distortion, in units of the focal length
+    k2: float = 0.0  # likewise
 
     def __post_init__(self) -> None:
         numbers = (self.fx, self.fy, self.cx, self.cy, self.k1, self.k2)
@@ -53,34 +48,23 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mount:
-    """Where the camera sits on the robot; it looks horizontally.
+    """Where the camera sits on the robot; it looks horizontally."""
 
-    Args:
-        x_m, y_m, z_m: robot frame (x forward, y left), z above the floor.
-        yaw_rad: of its optical axis, counter-clockwise from forward.
-    """
-
-    x_m: float = 0.0
-    y_m: float = 0.0
-    z_m: float = 0.3
-    yaw_rad: float = 0.0
+    x_m: float = 0.0  # robot frame (x forward, y left), z above the floor
+    y_m: float = 0.0  # likewise
+    z_m: float = 0.3  # likewise
+    yaw_rad: float = 0.0  # of its optical axis, counter-clockwise from forward
 
 
 @dataclass(frozen=True, slots=True)
 class CodePose:
-    """A code before the camera: x right, y down, z forward, metres.
+    """A code before the camera: x right, y down, z forward, metres."""
 
-    Args:
-        at_m: the code's middle.
-        normal: unit vector into the wall.
-        error_px: root mean square distance of the corners from where this pose puts them.
-        other_error_px, other_normal: the same for the pose that looks almost alike, tilted the other way against the
-            line of sight.
-    """
-
-    at_m: tuple[float, float, float]
-    normal: tuple[float, float, float]
-    error_px: float
+    at_m: tuple[float, float, float]  # the code's middle
+    normal: tuple[float, float, float]  # unit vector into the wall
+    error_px: float  # root mean square distance of the corners from where this pose puts them
+    # other_error_px, other_normal: the same for the pose that looks almost alike, tilted the other way against the line
+    # of sight
     other_error_px: float
     other_normal: tuple[float, float, float]
 

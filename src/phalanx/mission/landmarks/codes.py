@@ -26,13 +26,10 @@ _QR = zxingcpp.BarcodeFormats(zxingcpp.BarcodeFormat.QRCode)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenCode:
-    """A code in a picture.
-
-    Args:
-        corners_px: (4, 2) top left, top right, bottom right, bottom left, as the code is read; whole PART_PX.
-    """
+    """A code in a picture."""
 
     text: str
+    # (4, 2) top left, top right, bottom right, bottom left, as the code is read; whole PART_PX
     corners_px: NDArray[np.float64]
 
 

@@ -161,10 +161,7 @@ def _store(corners: Floats, row: int, at: tuple[float, float, float], before: in
 
 @kernel
 def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
-    """(c, 6) corners in the order of their bearings.
-
-    Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A.
-    """
+    """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))
     found = 0
     met_before = False

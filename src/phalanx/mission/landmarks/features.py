@@ -59,10 +59,7 @@ _ROOM = 3
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
-    """The features of a scan; none of it is refused, an empty scan shows nothing.
-
-    Source: Encoded graphs Alg. 1.
-    """
+    """The features of a scan; none of it is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
     config = config or ExtractionConfig()
     ranges, (cosines, sines) = scan.ranges_m, scan.beams
     if scan.full_turn:

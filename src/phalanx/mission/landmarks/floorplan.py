@@ -33,20 +33,14 @@ WALLS_MAX = 2000
 
 @dataclass(frozen=True, slots=True)
 class WallCode:
-    """A square QR code on a wall.
-
-    Args:
-        x_m, y_m, z_m: its middle, map frame; z above the floor.
-        facing_rad: direction that it is read from, away from the wall.
-        size_m: its edge, without the quiet zone.
-    """
+    """A square QR code on a wall."""
 
     text: str
-    x_m: float
-    y_m: float
-    z_m: float
-    facing_rad: float
-    size_m: float = 0.12
+    x_m: float  # its middle, map frame; z above the floor
+    y_m: float  # likewise
+    z_m: float  # likewise
+    facing_rad: float  # direction that it is read from, away from the wall
+    size_m: float = 0.12  # its edge, without the quiet zone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,10 +141,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
         raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
         raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
-    start = None
-    if "start_pose" in words:
-        x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
-        start = (x, y, heading)
+    start = start_pose(words, name)
     x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
     if "size" in words:
         width, height = numbers(words["size"], f"{name}: size", 2)
@@ -177,10 +168,7 @@ def not_yaml(error: Exception, name: str, hint: str) -> UsageError:
 
 
 def read_yaml(data: bytes, name: str, hint: str = "docs/maps.md shows a map") -> dict[Any, Any]:
-    """A YAML file's mapping.
-
-    Raises: UsageError: it is none.
-    """
+    """A YAML file's mapping. Raises: UsageError: it is none."""
     if len(data) > FILE_MAX_BYTES:
         raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
     try:
@@ -201,10 +189,7 @@ def _list(value: Any, name: str, word: str) -> list[Any]:
 
 
 def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
-    """So many numbers from a file.
-
-    Raises: UsageError: they are something else.
-    """
+    """So many numbers from a file. Raises: UsageError: they are something else."""
     if (
         not isinstance(value, list)
         or len(value) != count
@@ -212,6 +197,14 @@ def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     ):
         raise UsageError(f"{where} is {value!r:.80}", f"{count} numbers, metres and radians")
     return tuple(float(item) for item in value)
+
+
+def start_pose(words: dict[Any, Any], name: str) -> tuple[float, float, float] | None:
+    """x, y, heading where robots begin, if a map says it. Raises: UsageError: it says something else."""
+    if "start_pose" not in words:
+        return None
+    x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
+    return x, y, heading
 
 
 def _code(value: Any, where: str) -> WallCode:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
-from .floorplan import FloorPlan, numbers, read_yaml
+from .floorplan import FloorPlan, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import Bools, Floats, Ints, fit_line, split_run
 
@@ -37,23 +37,15 @@ _PGM = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class MapWords:
-    """A map_server YAML file.
+    """A map_server YAML file."""
 
-    Args:
-        image: name of the picture, beside the file.
-        resolution_m: edge of a cell.
-        origin: x, y, turn of the lower left cell, map frame.
-        negate: bright is occupied.
-        occupied, free: thresholds of the probability that a cell is occupied.
-        start: x, y, heading where robots begin (a word of ours, start_pose), or None.
-    """
-
-    image: str
-    resolution_m: float
-    origin: tuple[float, float, float]
-    negate: bool
-    occupied: float
-    free: float
+    image: str  # name of the picture, beside the file
+    resolution_m: float  # edge of a cell
+    origin: tuple[float, float, float]  # x, y, turn of the lower left cell, map frame
+    negate: bool  # bright is occupied
+    occupied: float  # from this probability on a cell is a wall
+    free: float  # below this one it is free
+    # x, y, heading where robots begin (a word of ours, start_pose), or None
     start: tuple[float, float, float] | None = None
 
 
@@ -73,11 +65,8 @@ def map_words(data: bytes, name: str) -> MapWords:
     if not 0.001 <= resolution <= 10 or not 0 <= free < occupied <= 1:
         raise UsageError(f"{name}: resolution {resolution}, thresholds {free} and {occupied}", "metres; 0 to 1")
     x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
-    start = None
-    if "start_pose" in words:
-        start_x, start_y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
-        start = (start_x, start_y, heading)
-    return MapWords(image, resolution, (x, y, turn), bool(words.get("negate", 0)), occupied, free, start)
+    negate, start = bool(words.get("negate", 0)), start_pose(words, name)
+    return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start)
 
 
 def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
@@ -121,10 +110,7 @@ def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
 
 
 def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str) -> FloorPlan:
-    """The floor plan of a map_server map.
-
-    Raises: UsageError: one of the files is wrong; the message says how.
-    """
+    """The floor plan of a map_server map. Raises: UsageError: one of the files is wrong; the message says how."""
     words = map_words(yaml_data, name)
     cells = cells_of(read_pgm(pgm_data, words.image), words)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2

@@ -22,15 +22,10 @@ STRAIGHT_SINE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A closed way along walls.
+    """A closed way along walls."""
 
-    Args:
-        points: (k, 2) corners, metres; free space on the left of the way from each to the next.
-        seen: (k,) whether a robot can come to see the wall from a point to the next.
-    """
-
-    points: NDArray[np.float64]
-    seen: NDArray[np.bool_]
+    points: NDArray[np.float64]  # (k, 2) corners, metres; free space on the left of the way from each to the next
+    seen: NDArray[np.bool_]  # (k,) whether a robot can come to see the wall from a point to the next
 
     @cached_property
     def area_m2(self) -> float:

@@ -25,21 +25,22 @@ SAME_M = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """One landmark, with all the ways it can be seen.
+    """One landmark, with all the ways it can be seen."""
 
-    Args:
-        aliases: any one of them is the landmark; of a corner one for each wall, of a room one for each three
-            consecutive corners.
-        width_m: of a doorway, else 0.
-    """
-
+    # Any one of them is the landmark; of a corner one for each wall, of a room one for each three consecutive corners
     aliases: tuple[Landmark, ...]
-    width_m: float = 0.0
+    width_m: float = 0.0  # of a doorway, else 0
 
     @property
     def type(self) -> str:
         """The type of the landmark."""
         return self.aliases[0].type
+
+    @property
+    def place_m(self) -> tuple[float, float]:
+        """The middle of its aliases, map frame."""
+        count = len(self.aliases)
+        return sum(alias.x_m for alias in self.aliases) / count, sum(alias.y_m for alias in self.aliases) / count
 
 
 @dataclass(frozen=True, slots=True)

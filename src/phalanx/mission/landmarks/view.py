@@ -11,25 +11,17 @@ from .walls import Bools, Floats, Ints
 
 
 class View(NamedTuple):
-    """A scan, and the points that it hits.
+    """A scan, and the points that it hits."""
 
-    Args:
-        ranges, cosines, sines: (b,), of each beam; NaN where it says nothing, infinite where it misses.
-        full_turn: the last beam is beside the first.
-        range_max_m: what is farther is missed.
-        x, y, beam: (p,), each point and the beam that hit it; in the order of the beams.
-        new_run: (p,), whether the surface before a point is another.
-    """
-
-    ranges: Floats
-    cosines: Floats
-    sines: Floats
-    full_turn: bool
-    range_max_m: float
-    x: Floats
-    y: Floats
-    beam: Ints
-    new_run: Bools
+    ranges: Floats  # (b,), of each beam; NaN where it says nothing, infinite where it misses
+    cosines: Floats  # likewise
+    sines: Floats  # likewise
+    full_turn: bool  # the last beam is beside the first
+    range_max_m: float  # what is farther is missed
+    x: Floats  # (p,), each point and the beam that hit it; in the order of the beams
+    y: Floats  # likewise
+    beam: Ints  # likewise
+    new_run: Bools  # (p,), whether the surface before a point is another
 
 
 class Limits(NamedTuple):

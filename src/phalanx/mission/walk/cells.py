@@ -28,13 +28,9 @@ Steps = tuple[float, float, float, float]
 
 
 class Groups(NamedTuple):
-    """What is searched for together, as kernels take it.
+    """What is searched for together, as kernels take it."""
 
-    Args:
-        rows: (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0.
-    """
-
-    rows: Floats
+    rows: Floats  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
     steps: Steps
     bins: int
     rings: int
@@ -96,7 +92,7 @@ def _add(table: Table, lane: int, numbers: Numbers) -> bool:
 
 
 @kernel
-def _next_unsearched(
+def next_unsearched(
     first: int,
     things: Floats,
     eye: tuple[float, float],
@@ -106,6 +102,14 @@ def _next_unsearched(
     lane: int,
     left: int,
 ) -> tuple[int, int, Numbers]:
+    """(pair, tries left, its cell) of the next pair that has to be searched; tries of those known are spent.
+
+    Args:
+        first: pair to begin with; pair k is thing k // groups and group k % groups.
+        things: (n, 4) x, y, orientation and area, NaN where there is none.
+        lane: of the first group; the others' follow.
+    Returns: pair -1 where no tries are left, n * m where no pair is.
+    """
     nobody, rows, rings = (0, 0, 0, 0), groups.rows, groups.rings
     for pair in range(first, len(things) * len(rows)):
         thing, group = things[pair // len(rows)], rows[pair % len(rows)]
@@ -136,7 +140,7 @@ class Searched:
     """
 
     def __init__(self) -> None:
-        self._table = np.zeros((TABLE_ROWS, 5), np.int64)
+        self.table = np.zeros((TABLE_ROWS, 5), np.int64)
         self._used = 0
         self._lanes: dict[object, int] = {}
         self._next_lane = 1
@@ -153,26 +157,6 @@ class Searched:
     def add(self, lane: int, numbers: Numbers) -> None:
         """Nothing is around this cell."""
         if self._used >= FULL:
-            self._table[:] = 0
+            self.table[:] = 0
             self._used = 0
-        self._used += _add(self._table, lane, numbers)
-
-    def next_unsearched(
-        self,
-        first: int,
-        things: Floats,
-        eye: tuple[float, float],
-        turn_rad: float,
-        groups: Groups,
-        lane: int,
-        left: int,
-    ) -> tuple[int, int, Numbers]:
-        """(pair, tries left, its cell) of the next pair that has to be searched; tries of those known are spent.
-
-        Args:
-            first: pair to begin with; pair k is thing k // groups and group k % groups.
-            things: (n, 4) x, y, orientation and area, NaN where there is none.
-            lane: of the first group; the others' follow.
-        Returns: pair -1 where no tries are left, n * m where no pair is.
-        """
-        return _next_unsearched(first, things, eye, turn_rad, groups, self._table, lane, left)
+        self._used += _add(self.table, lane, numbers)

@@ -35,10 +35,7 @@ _MOST_MAP_M, _MOST = 1e6, 1e9
 
 
 def encode_state(mission: EncodedMission, state: State) -> bytes:
-    """The state without its keyring.
-
-    Source: docs/spec/mission.md (Under audit).
-    """
+    """The state without its keyring. Source: docs/spec/mission.md (Under audit)."""
     since = math.nan if state.since_s is None else state.since_s
     along = (state.t_s, since, state.fixed_at_m, state.left_at_m, *state.pulled_m)
     out = [table.WALK.form.pack(_PHASES.index(state.phase), _number(state.at), _number(state.target), *along)]

@@ -31,21 +31,14 @@ from .state import State
 
 @dataclass(frozen=True, slots=True)
 class Find:
-    """What a search came to.
+    """What a search came to."""
 
-    Args:
-        keys: with what was tried; a new node's gates are not among them yet.
-        opened: what was found, or None; then `reason` says why not.
-        second: the match that a turned heading needs beside it, if it did.
-        trials: hashes or KDFs.
-    """
-
-    keys: Keyring
-    opened: Opened | None
-    second: Found | None
+    keys: Keyring  # with what was tried; a new node's gates are not among them yet
+    opened: Opened | None  # what was found, or None; then `reason` says why not
+    second: Found | None  # the match that a turned heading needs beside it, if it did
     fix: Fix | None
     reason: Reason
-    trials: int
+    trials: int  # hashes or KDFs
 
     @property
     def claims(self) -> tuple[Claim, ...]:
@@ -82,10 +75,7 @@ class Finder:
             self._gates = key.gates
 
     def must_begin(self) -> None:
-        """Nothing, if there is a way in.
-
-        Raises: UsageError: the mission is sealed, and nobody gave its start key.
-        """
+        """Nothing, if there is a way in. Raises: UsageError: the mission is sealed, and nobody gave its start key."""
         if not self._is_paper and not self._gates:
             raise UsageError("a sealed mission without its start key", "build wrote it beside the file")
 

@@ -17,17 +17,12 @@ from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """The robot's pose, corrected.
+    """The robot's pose, corrected."""
 
-    Args:
-        x_m, y_m, heading_rad: map frame.
-        moved_m: between the estimate and the fix: the drift since the last one.
-    """
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-    moved_m: float
+    x_m: float  # map frame
+    y_m: float  # likewise
+    heading_rad: float  # likewise
+    moved_m: float  # between the estimate and the fix: the drift since the last one
     turned_rad: float
 
     def apply(self, seen: Experience, landmark: Landmark) -> tuple[float, float]:
@@ -38,6 +33,12 @@ class Fix:
 
 def _point(thing: Landmark | Experience) -> tuple[float, float]:
     return float(thing.x_m), float(thing.y_m)
+
+
+def distance_m(seen: Experience, landmark: Landmark) -> float:
+    """From the robot to a landmark."""
+    dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
+    return math.sqrt(dx * dx + dy * dy)
 
 
 def turn_between(truth: Landmark, observed: Landmark) -> float | None:
@@ -113,12 +114,7 @@ def agreement(
 
 def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, ...], travelled_m: float) -> Fix | None:
     """A fix from the nearest landmark that the robot has decoded before and now sees again, or None."""
-
-    def away_m(landmark: Landmark) -> float:
-        dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
-        return math.sqrt(dx * dx + dy * dy)
-
-    for landmark in sorted(seen.landmarks, key=away_m):
+    for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
         match = nearest(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
         if match is None:
             continue

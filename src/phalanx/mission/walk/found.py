@@ -17,23 +17,16 @@ CLAIM_LIMIT = 16_384
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A decoded node, as an auditor is shown it.
-
-    Args:
-        offset: of the cells; another than the compiler's opens nothing.
-        observed: the canonical bytes that were hashed.
-        salt: of the KDF (sealed profile); says nothing about the gate that it was made of.
-        turn_rad: by which the heading had to be turned for the match.
-    """
+    """A decoded node, as an auditor is shown it."""
 
     node: int
     alias: int
     shape: Shape
-    offset: Offset
+    offset: Offset  # of the cells; another than the compiler's opens nothing
     cell: Cell
-    observed: bytes
-    salt: bytes = b""
-    turn_rad: float = 0.0
+    observed: bytes  # the canonical bytes that were hashed
+    salt: bytes = b""  # of the KDF (sealed profile); says nothing about the gate that it was made of
+    turn_rad: float = 0.0  # by which the heading had to be turned for the match
 
     def encode(self) -> bytes:
         """As sent to an auditor."""
@@ -42,10 +35,7 @@ class Claim:
 
 
 def parse_claim(raw: bytes) -> Claim:
-    """The claim in these bytes, of whatever robot sent them.
-
-    Raises: TooLarge, MalformedMission.
-    """
+    """The claim in these bytes, of whatever robot sent them. Raises: TooLarge, MalformedMission."""
     if len(raw) > CLAIM_LIMIT:
         raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
     reader = Reader(raw)
@@ -58,15 +48,9 @@ def parse_claim(raw: bytes) -> Claim:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A match.
+    """A match."""
 
-    Args:
-        claim: which alias of which node, and what it was made of.
-        seen: the landmark as it was seen, before any turn.
-        key: what opens the node (sealed profile).
-    """
-
-    claim: Claim
-    seen: Landmark | None = None
+    claim: Claim  # which alias of which node, and what it was made of
+    seen: Landmark | None = None  # the landmark as it was seen, before any turn
     action: Action | None = None
-    key: bytes = b""
+    key: bytes = b""  # what opens the node (sealed profile)

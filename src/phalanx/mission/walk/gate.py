@@ -19,7 +19,6 @@ from phalanx.wire import missions as table
 
 KEY_MAGIC = b"PHXK"
 KEY_VERSION = 1
-MESSAGE_LIMIT = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +49,7 @@ class Gate:
 
 
 def parse_gate(reader: Reader) -> Gate:
-    """The gate that comes next.
-
-    Raises: MalformedMission.
-    """
+    """The gate that comes next. Raises: MalformedMission."""
     share, count = reader.unpack(table.GATE)
     hints = []
     for _ in range(count):
@@ -69,16 +65,11 @@ def join_shares(shares: list[bytes]) -> bytes:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StartKey:
-    """What is not in the file: the gates of the first nodes, and the messages that a controller sends.
-
-    Args:
-        gates: by node; none in the paper profile.
-        messages: by name, 32 bytes each.
-    """
+    """What is not in the file: the gates of the first nodes, and the messages that a controller sends."""
 
     mission_id: bytes
-    gates: dict[int, Gate]
-    messages: dict[str, bytes]
+    gates: dict[int, Gate]  # by node; none in the paper profile
+    messages: dict[str, bytes]  # by name, 32 bytes each
 
     def encode(self) -> bytes:
         """The key file."""
@@ -93,10 +84,7 @@ class StartKey:
 
 
 def parse_start_key(raw: bytes) -> StartKey:
-    """The start key in these bytes.
-
-    Raises: MalformedMission.
-    """
+    """The start key in these bytes. Raises: MalformedMission."""
     reader = Reader(raw)
     magic, version, mission_id, count = reader.unpack(table.START_KEY)
     if (magic, version) != (KEY_MAGIC, KEY_VERSION):

@@ -23,19 +23,14 @@ _NO_PROOFS: Mapping[int, bytes] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Keyring:
-    """Secrets of the nodes that were opened, and what was tried in vain.
+    """Secrets of the nodes that were opened, and what was tried in vain."""
 
-    Args:
-        gates: by (node opened, node behind the gate), ready for use; shares where several predecessors must agree.
-        proofs: that a node was visited, to show to another robot; by node.
-        tried: digests of (gate, observation) that failed since the last node was opened.
-        turned_s: when turned headings were tried last.
-    """
-
+    # By (node opened, node behind the gate), ready for use; shares where several predecessors must agree
     gates: Mapping[tuple[int, int], Gate] = field(default_factory=lambda: _NO_GATES)
+    # That a node was visited, to show to another robot; by node
     proofs: Mapping[int, bytes] = field(default_factory=lambda: _NO_PROOFS)
-    tried: frozenset[bytes] = frozenset()
-    turned_s: float = -math.inf
+    tried: frozenset[bytes] = frozenset()  # digests of (gate, observation) that failed since the last node was opened
+    turned_s: float = -math.inf  # when turned headings were tried last
 
     def add(self, opened: Opened, gate: bytes | None, header: Header) -> Keyring:
         """The keyring with what a node released; without the node's own gate, the gates behind it stay closed."""

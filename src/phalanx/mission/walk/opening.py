@@ -20,58 +20,40 @@ from .gate import Gate
 
 @dataclass(frozen=True, slots=True)
 class OpenWay:
-    """A way on from an opened node.
-
-    Args:
-        direction_rad: map frame, from the node's place; None if none is encoded.
-        gate: of the next node, or a share of it; of use only with the gate of this node (sealed profile).
-    """
+    """A way on from an opened node."""
 
     target: int
-    direction_rad: float | None = None
+    direction_rad: float | None = None  # map frame, from the node's place; None if none is encoded
     do: Action | None = None
+    # Of the next node, or a share of it; of use only with the gate of this node (sealed profile)
     gate: Gate | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What a walk goes on with of a decoded node: no gate, and nothing that was sealed beyond where and whither.
+    """What a walk goes on with of a decoded node: no gate, and nothing that was sealed beyond where and whither."""
 
-    Args:
-        alias: by which it was recognised.
-        place_m, landmark, ways: as in `Opened`; the ways without gates.
-        name: for people; in no checkpoint.
-    """
-
-    alias: int
-    place_m: tuple[float, float] | None
-    landmark: Landmark | None
-    ways: tuple[OpenWay, ...]
-    name: str = field(default="", compare=False)
+    alias: int  # by which it was recognised
+    place_m: tuple[float, float] | None  # as in `Opened`
+    landmark: Landmark | None  # likewise
+    ways: tuple[OpenWay, ...]  # without gates
+    name: str = field(default="", compare=False)  # for people; in no checkpoint
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A decoded node, in the clear.
-
-    Args:
-        name: the author's ("" in the paper profile).
-        place_m: where it is, map frame, or None.
-        landmark: what was recognised, where it truly is; None for nodes of other things.
-        proof: that this robot was here, to show to another.
-        claim: what an auditor needs to check with one hash or KDF that this was experienced.
-    """
+    """A decoded node, in the clear."""
 
     node: int
     alias: int
-    name: str
-    place_m: tuple[float, float] | None
-    landmark: Landmark | None
+    name: str  # the author's ("" in the paper profile)
+    place_m: tuple[float, float] | None  # where it is, map frame, or None
+    landmark: Landmark | None  # what was recognised, where it truly is; None for nodes of other things
     do: Action | None
     sends: tuple[bytes, ...]
     ways: tuple[OpenWay, ...]
-    proof: bytes
-    claim: Claim
+    proof: bytes  # that this robot was here, to show to another
+    claim: Claim  # what an auditor needs to check with one hash or KDF that this was experienced
 
     @property
     def known(self) -> Known:

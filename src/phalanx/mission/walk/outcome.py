@@ -40,37 +40,23 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """The instruction in force. Directions and places are known only of nodes that were decoded.
-
-    Args:
-        target: the node to be decoded next; still dark, or seen before.
-        place_m: of the last validated node: where the direction begins.
-        direction_rad: map frame.
-        toward_m: where the target is, if it was decoded before.
-    """
+    """The instruction in force. Directions and places are known only of nodes that were decoded."""
 
     kind: Kind
-    target: int | None = None
-    place_m: tuple[float, float] | None = None
-    direction_rad: float | None = None
-    toward_m: tuple[float, float] | None = None
+    target: int | None = None  # the node to be decoded next; still dark, or seen before
+    place_m: tuple[float, float] | None = None  # of the last validated node: where the direction begins
+    direction_rad: float | None = None  # map frame
+    toward_m: tuple[float, float] | None = None  # where the target is, if it was decoded before
     do: Action | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a step came to.
-
-    Args:
-        decoded: the node that was validated in this step, or None; then `reason` says why not.
-        reason: also beside a node that was decoded, if no way is left from there.
-        fix: the corrected pose, or None; also from landmarks decoded earlier and seen again.
-        trials: hashes or KDFs that the search took: small is a sound odometry, the budget is a broken one.
-    """
+    """What a step came to."""
 
     order: Order
-    decoded: Opened | None = None
-    reason: Reason | None = None
-    fix: Fix | None = None
-    trials: int = 0
+    decoded: Opened | None = None  # the node that was validated in this step, or None; then `reason` says why not
+    reason: Reason | None = None  # also beside a node that was decoded, if no way is left from there
+    fix: Fix | None = None  # the corrected pose, or None; also from landmarks decoded earlier and seen again
+    trials: int = 0  # hashes or KDFs that the search took: small is a sound odometry, the budget is a broken one
     event: Event | None = None

@@ -37,7 +37,8 @@ from phalanx.mission.observable import (
     window_of,
 )
 
-from .cells import Groups, Searched
+from .cells import Groups, Searched, next_unsearched
+from .fix import distance_m
 from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
@@ -137,12 +138,6 @@ def fits(shape: Shape, landmark: Landmark) -> bool:
     )
 
 
-def distance_m(seen: Experience, landmark: Landmark) -> float:
-    """From the robot to a landmark."""
-    dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
-    return math.sqrt(dx * dx + dy * dy)
-
-
 def variants(shape: Shape, coding: CodingConfig, seen: Experience, heard: tuple[bytes, ...]) -> Iterator[Variant]:
     """All combinations of what was experienced that have this shape."""
     landmarks: list[Landmark | None] = [None]
@@ -203,19 +198,14 @@ class _Candidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Batch:
-    """Variants whose hashes differ in nothing but the cell.
-
-    Args:
-        things: (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked.
-        message: the canonical bytes at a cell.
-        lane: of the first group.
-    """
+    """Variants whose hashes differ in nothing but the cell."""
 
     shape: Shape
     variants: tuple[Variant, ...]
+    # (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked
     things: NDArray[np.float64]
-    message: Callable[[Cell], bytes]
-    lane: int
+    message: Callable[[Cell], bytes]  # the canonical bytes at a cell
+    lane: int  # of the first group
 
 
 class PaperSearch:
@@ -318,8 +308,8 @@ class PaperSearch:
         eye, pair, pairs = (float(seen.x_m), float(seen.y_m)), 0, len(batch.variants) * len(among.groups)
         groups = Groups(among.rows, self._steps, bins, self._rings)
         while True:
-            pair, left, numbers = self._searched.next_unsearched(
-                pair, batch.things, eye, turn, groups, batch.lane, budget.left
+            pair, left, numbers = next_unsearched(
+                pair, batch.things, eye, turn, groups, self._searched.table, batch.lane, budget.left
             )
             budget.spend(budget.left - left)
             if not 0 <= pair < pairs:

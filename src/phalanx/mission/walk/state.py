@@ -19,32 +19,23 @@ _NO_LENGTHS: Mapping[tuple[int, int], float] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """All that a walk remembers. `State()` is its beginning.
-
-    Args:
-        at: the last validated node; target: the one to be validated next.
-        t_s: of the last step; since_s: since when nothing was validated.
-        fixed_at_m, left_at_m: way travelled at the last fix, and when `at` was validated.
-        pulled_m: by how much landmarks seen again have moved the estimate since then, in all.
-        blocked: ways that timed out or were blocked.
-        others: nodes that other robots proved to have decoded.
-        keys: the robot's secrets; not in any encoding of the state.
-    """
+    """All that a walk remembers. `State()` is its beginning."""
 
     phase: Phase = Phase.SEEKING
-    at: int | None = None
-    target: int | None = None
-    t_s: float = -math.inf
-    since_s: float | None = None
-    fixed_at_m: float = 0.0
-    left_at_m: float = 0.0
+    at: int | None = None  # the last validated node
+    target: int | None = None  # the one to be validated next
+    t_s: float = -math.inf  # of the last step
+    since_s: float | None = None  # nothing was validated
+    fixed_at_m: float = 0.0  # way travelled at the last fix
+    left_at_m: float = 0.0  # way travelled when `at` was validated
+    # By how much landmarks seen again have moved the estimate since then, in all
     pulled_m: tuple[float, float] = (0.0, 0.0)
     opened: Mapping[int, Known] = field(default_factory=lambda: _NOTHING)
     lengths_m: Mapping[tuple[int, int], float] = field(default_factory=lambda: _NO_LENGTHS)
-    blocked: frozenset[tuple[int, int]] = frozenset()
-    others: frozenset[int] = frozenset()
+    blocked: frozenset[tuple[int, int]] = frozenset()  # ways that timed out or were blocked
+    others: frozenset[int] = frozenset()  # nodes that other robots proved to have decoded
     heard: tuple[bytes, ...] = ()
-    keys: Keyring = field(default_factory=Keyring)
+    keys: Keyring = field(default_factory=Keyring)  # the robot's secrets; not in any encoding of the state
 
     @property
     def known(self) -> tuple[Landmark, ...]:

@@ -22,12 +22,11 @@ from phalanx.mission.refused import Altered
 
 from .claims import Unshown
 from .finding import Find, Finder
-from .fix import Fix, allowed_m, seen_again
+from .fix import Fix, allowed_m, distance_m, seen_again
 from .found import Claim
 from .gate import StartKey
 from .opening import Opened, OpenWay
 from .outcome import Kind, Order, Outcome, Reason
-from .search import distance_m
 from .state import State
 from .table import Event, Phase
 from .table import step as next_phase

@@ -29,36 +29,24 @@ PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rates:
-    """Tries a second of an attacker. The defaults are assumptions and are printed; `crack` measures one core.
+    """Tries a second of an attacker. The defaults are assumptions and are printed; `crack` measures one core."""
 
-    Args:
-        hash_core, hash_gpu: SHA3-256 of one short message (hashcat 17400 on one RTX 4090).
-        kdf_core, kdf_gpu: scrypt with N = 2^12, r = 8 (hashcat 8900, scaled from N = 2^14).
-    """
-
-    hash_core: float = 1.4e7
-    hash_gpu: float = 5e9
-    kdf_core: float = 100.0
-    kdf_gpu: float = 28_000.0
+    hash_core: float = 1.4e7  # SHA3-256 of one short message (hashcat 17400 on one RTX 4090)
+    hash_gpu: float = 5e9  # likewise
+    kdf_core: float = 100.0  # scrypt with N = 2^12, r = 8 (hashcat 8900, scaled from N = 2^14)
+    kdf_gpu: float = 28_000.0  # likewise
 
 
 @dataclass(frozen=True, slots=True)
 class NodeAudit:
-    """One node.
-
-    Args:
-        candidates: to try in the worst case, for the alias that has fewest.
-        core_s, gpu_s: what that takes.
-        robot_ms: the robot's own worst search for one landmark in view, on one core.
-        problems: what the author should look at.
-    """
+    """One node."""
 
     name: str
-    candidates: float
-    core_s: float
-    gpu_s: float
-    robot_ms: float
-    problems: tuple[str, ...]
+    candidates: float  # to try in the worst case, for the alias that has fewest
+    core_s: float  # what that takes
+    gpu_s: float  # likewise
+    robot_ms: float  # the robot's own worst search for one landmark in view, on one core
+    problems: tuple[str, ...]  # what the author should look at
 
 
 @dataclass(frozen=True, slots=True)

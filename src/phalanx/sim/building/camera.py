@@ -10,6 +10,7 @@ import numpy as np
 import segno
 from numpy.typing import NDArray
 
+from phalanx.config.parameter import check_limits, within
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan, WallCode
 from phalanx.mission.landmarks.codepose import Intrinsics, Mount, code_pose, qr_landmark
@@ -29,31 +30,21 @@ NEAR_M = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """A camera, and how good its pictures are.
+    """A camera, and how good its pictures are. Source: Encoded graphs §V-B."""
 
-    Args:
-        intrinsics: of the lens; the default sees 60 degrees on 1280 x 720 pixels, as the paper's Logitech c270 does.
-        noise_grey: standard deviation of a pixel, of 255.
-        exposure_s: while the robot turns, the picture is smeared over so long.
-        light: brightness of the left and of the right border of the picture; 1 is daylight.
-        range_m: codes farther away are not drawn; nobody reads them.
-    Source: Encoded graphs §V-B.
-    """
-
+    # Of the lens; the default sees 60 degrees on 1280 x 720 pixels, as the paper's Logitech c270 does
     intrinsics: Intrinsics = field(
         default_factory=lambda: Intrinsics(fx=1108.0, fy=1108.0, cx=639.5, cy=359.5, width=1280, height=720)
     )
     mount: Mount = field(default_factory=Mount)
-    noise_grey: float = 3.0
-    exposure_s: float = 0.005
+    noise_grey: float = within(3.0, 0, 100)  # standard deviation of a pixel, of 255
+    exposure_s: float = within(0.005, 0, 1)  # while the robot turns, the picture is smeared over so long
+    # Brightness of the left and of the right border of the picture; 1 is daylight
     light: tuple[float, float] = (1.0, 0.8)
-    range_m: float = 6.0
+    range_m: float = within(6.0, NEAR_M, 100)  # codes farther away are not drawn; nobody reads them
 
     def __post_init__(self) -> None:
-        if not (0 <= self.noise_grey <= 100 and 0 <= self.exposure_s <= 1 and 0 < self.range_m <= 100):
-            raise UsageError(
-                f"a camera with noise {self.noise_grey}, exposure {self.exposure_s} s, range {self.range_m} m"
-            )
+        check_limits(self)
         if not all(0 <= side <= 4 for side in self.light):
             raise UsageError(f"light of {self.light}", "0 to 4 on both sides, 1 is daylight")
         if self.intrinsics.k1 or self.intrinsics.k2:

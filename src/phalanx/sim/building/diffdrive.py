@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from phalanx.errors import UsageError
+from phalanx.config.parameter import check_limits, within
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.drive import turned
 
@@ -15,19 +15,16 @@ from .odometry import Pose, along_arc
 class DiffDriveConfig:
     """A robot's body.
 
-    Args:
-        radius_m: of the round body; the paper's robot is 0.35 m wide.
     Raises: UsageError: a value is out of range.
     Source: Encoded graphs §V-A (the radius); TurtleBot 3 Burger (the rest, but faster).
     """
 
-    radius_m: float = 0.175
-    axle_m: float = 0.16
-    wheel_max_mps: float = 1.0
+    radius_m: float = within(0.175, 0.001, 5)  # of the round body; the paper's robot is 0.35 m wide
+    axle_m: float = within(0.16, 0.001, 10)
+    wheel_max_mps: float = within(1.0, 0.001, 100)
 
     def __post_init__(self) -> None:
-        if not (0 < self.radius_m <= 5 and 0 < self.axle_m <= 10 and 0 < self.wheel_max_mps <= 100):
-            raise UsageError(f"a body of radius {self.radius_m}, axle {self.axle_m}, speed {self.wheel_max_mps}")
+        check_limits(self)
 
 
 class DiffDrive:

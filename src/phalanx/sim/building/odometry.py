@@ -11,6 +11,7 @@ from enum import Enum
 
 import numpy as np
 
+from phalanx.config.parameter import check_limits, within
 from phalanx.errors import UsageError
 
 Pose = tuple[float, float, float]
@@ -28,19 +29,16 @@ class NoiseModel(Enum):
 class OdometryNoise:
     """How wrong odometry is.
 
-    Args:
-        sigma_t, sigma_r: for way and for turns; the paper's (0.03, 0.05) and others.
     Raises: UsageError: a sigma is negative or above 1.
     Source: Encoded graphs §VI-B, Fig. 8.
     """
 
-    sigma_t: float = 0.03
-    sigma_r: float = 0.05
+    sigma_t: float = within(0.03, 0, 1)  # for the way; (0.03, 0.05) is the paper's, and others
+    sigma_r: float = within(0.05, 0, 1)  # for turns
     model: NoiseModel = NoiseModel.STAGE
 
     def __post_init__(self) -> None:
-        if not (0 <= self.sigma_t <= 1 and 0 <= self.sigma_r <= 1):
-            raise UsageError(f"odometry noise of {self.sigma_t}, {self.sigma_r}", "0 to 1 for way and turns")
+        check_limits(self)
 
     @classmethod
     def parse(cls, text: str) -> OdometryNoise:

@@ -20,18 +20,12 @@ _SLACK_BEAMS = 1e-6
 
 
 class Beams(NamedTuple):
-    """A sweep's beams, as kernels take them.
+    """A sweep's beams, as kernels take them."""
 
-    Args:
-        first_rad: bearing of the first, robot frame.
-        step_rad: from one to the next.
-        cosines, sines: (b,) of their bearings.
-    """
-
-    first_rad: float
-    step_rad: float
-    cosines: Floats
-    sines: Floats
+    first_rad: float  # bearing of the first, robot frame
+    step_rad: float  # from one to the next
+    cosines: Floats  # (b,) of their bearings
+    sines: Floats  # likewise
     range_max_m: float
 
 

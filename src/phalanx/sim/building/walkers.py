@@ -59,10 +59,7 @@ class Walkers:
 
 
 def free_place(plan: FloorPlan, room_m: float, random: np.random.Generator) -> tuple[float, float]:
-    """A random place in a floor plan with so much room around it.
-
-    Raises: UsageError: none was found.
-    """
+    """A random place in a floor plan with so much room around it. Raises: UsageError: none was found."""
     x0, y0, x1, y1 = plan.bounds
     for _ in range(_TRIES):
         x, y = random.uniform(x0, x1), random.uniform(y0, y1)

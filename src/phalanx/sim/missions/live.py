@@ -36,34 +36,26 @@ REHEARSED_S = {"none": 0.5, "paper": 6.0, "bound": 6.0}
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Where a robot truly is (map frame), how far its mission has got, and who vouches for it.
-
-    Args:
-        vouchers: numbers of its auditors, each with the seconds for which its token still counts, the longest first.
-        attack: that it runs, or "".
-    """
+    """Where a robot truly is (map frame), how far its mission has got, and who vouches for it."""
 
     x_m: float
     y_m: float
     heading_rad: float
     phase: str
     why: str
+    # Numbers of its auditors, each with the seconds for which its token still counts, the longest first
     vouchers: tuple[tuple[int, float], ...] = ()
     safe_mode: bool = False
-    attack: str = ""
+    attack: str = ""  # that it runs, or ""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A tick: all robots, and what is new since the one before.
-
-    Args:
-        audits: that ended: auditor, auditee, why there was no token or "".
-    """
+    """A tick: all robots, and what is new since the one before."""
 
     robots: tuple[Standing, ...]
     news: tuple[News, ...]
-    audits: tuple[tuple[int, int, str], ...] = ()
+    audits: tuple[tuple[int, int, str], ...] = ()  # that ended: auditor, auditee, why there was no token or ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,21 +23,14 @@ File = tuple[EncodedMission, StartKey | None]
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What a fleet is given.
-
-    Args:
-        plan: the building, with the codes that the mission's author hung on its walls.
-        parts: robot i gets part i modulo their number.
-        controller: messages that a controller sends when the robots start.
-        unauditable: what robots must sense for it and no audit can show, "" as far as anybody here knows.
-    """
+    """What a fleet is given."""
 
     name: str
-    plan: FloorPlan
-    parts: tuple[Part, ...]
+    plan: FloorPlan  # the building, with the codes that the mission's author hung on its walls
+    parts: tuple[Part, ...]  # robot i gets part i modulo their number
     pool: tuple[Action, ...] = ()
-    controller: tuple[bytes, ...] = ()
-    unauditable: str = ""
+    controller: tuple[bytes, ...] = ()  # messages that a controller sends when the robots start
+    unauditable: str = ""  # what robots must sense for it and no audit can show, "" as far as anybody here knows
 
     def run(self, **how: Any) -> MissionRun:
         """The run in which robots live it; one for each part if nothing else is said.
@@ -102,10 +95,7 @@ def _things(plain: Mission) -> list[Observable]:
 
 
 def start_of(plan: FloorPlan) -> Pose:
-    """Where robots begin in a building.
-
-    Raises: UsageError: it does not say.
-    """
+    """Where robots begin in a building. Raises: UsageError: it does not say."""
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     return plan.start

@@ -28,41 +28,30 @@ _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
 @dataclass(slots=True)
 class Report:
-    """What became of a robot.
-
-    Args:
-        decoded: (t_s, node), in the order in which they were decoded; first times alone.
-        places: of decoded nodes, map frame, metres.
-        hashes_tried: hashes or KDFs.
-        false_fixes: fixes that left it more than FALSE_FIX_M or FALSE_FIX_RAD off.
-        search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest.
-        pose_error_m, odometry_error_m: of each step, with fixes and without.
-        not_validated: (t_s, reason).
-        trace: (t_s, true pose, estimate, odometry alone) of each step, if it is kept.
-        lacks: what nodes that it could have decoded next are made of, and its world does not have.
-        safe_mode_s: when it was stopped by those who audit it, or None.
-        audits_passed, audits_refused: of others, by it.
-    """
+    """What became of a robot."""
 
     robot: int
     done: bool = False
     t_s: float = 0.0
+    # (t_s, node), in the order in which they were decoded; first times alone
     decoded: list[tuple[float, int]] = field(default_factory=list)
-    places: dict[int, tuple[float, float]] = field(default_factory=dict)
-    hashes_tried: int = 0
-    false_fixes: int = 0
+    places: dict[int, tuple[float, float]] = field(default_factory=dict)  # of decoded nodes, map frame, metres
+    hashes_tried: int = 0  # hashes or KDFs
+    false_fixes: int = 0  # fixes that left it more than FALSE_FIX_M or FALSE_FIX_RAD off
+    # search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest
     search_ms: list[float] = field(default_factory=list)
     extraction_ms: list[float] = field(default_factory=list)
-    pose_error_m: list[float] = field(default_factory=list)
-    odometry_error_m: list[float] = field(default_factory=list)
-    not_validated: list[tuple[float, str]] = field(default_factory=list)
+    pose_error_m: list[float] = field(default_factory=list)  # of each step, with fixes
+    odometry_error_m: list[float] = field(default_factory=list)  # without
+    not_validated: list[tuple[float, str]] = field(default_factory=list)  # (t_s, reason)
     actions: list[tuple[float, str]] = field(default_factory=list)
+    # (t_s, true pose, estimate, odometry alone) of each step, if it is kept
     trace: list[tuple[float, Pose, Pose, Pose]] = field(default_factory=list)
     digest: str = ""
-    lacks: tuple[str, ...] = ()
-    safe_mode_s: float | None = None
-    audits_passed: int = 0
-    audits_refused: int = 0
+    lacks: tuple[str, ...] = ()  # what nodes that it could have decoded next are made of, and its world does not have
+    safe_mode_s: float | None = None  # when it was stopped by those who audit it, or None
+    audits_passed: int = 0  # of others, by it
+    audits_refused: int = 0  # likewise
 
 
 class ObservedController(MissionController):

@@ -37,41 +37,29 @@ class Part:
 class MissionRun:
     """All that decides a run.
 
-    Args:
-        plan: the building; its walls do not stop radio.
-        parts: of the mission; robot i gets part i modulo their number.
-        defence: "none", "paper" or "bound": whether, and by which protocol, robots audit each other.
-        f_max: compromised robots that audits tolerate.
-        noise: of their odometry.
-        begin_s: the mission's clock when it starts.
-        apart_s: from one robot's setting out to the next's, on the same part.
-        duration_s: robots that are not done by then have not completed.
-        controller: messages that a controller sends when the robots start, from a station in the middle.
-        meet_m: robots so near that see each other exchange what they decoded; 0 is never.
-        keep_trace: keep where robots were at every step.
-        people: who walk about, are seen by lidars and hide codes; robots stop when they touch one.
-        config: how hard robots try.
-        liars: what makes a compromised robot's c-node, by number.
     Raises: UsageError: a value is out of range, or audits cannot show what the mission needs.
     """
 
-    plan: FloorPlan
-    parts: tuple[Part, ...]
+    plan: FloorPlan  # the building; its walls do not stop radio
+    parts: tuple[Part, ...]  # of the mission; robot i gets part i modulo their number
     robots: int = 1
-    defence: str = "none"
-    f_max: int = 1
+    defence: str = "none"  # "none", "paper" or "bound": whether, and by which protocol, robots audit each other
+    f_max: int = 1  # compromised robots that audits tolerate
+    # Of their odometry
     noise: OdometryNoise = OdometryNoise()  # noqa: RUF009  # frozen
     seed: int = 0
-    begin_s: float = 0.0
-    apart_s: float = 0.0
-    duration_s: float = 1800.0
+    begin_s: float = 0.0  # the mission's clock when it starts
+    apart_s: float = 0.0  # from one robot's setting out to the next's, on the same part
+    duration_s: float = 1800.0  # robots that are not done by then have not completed
     pool: tuple[Action, ...] = ()
+    # Messages that a controller sends when the robots start, from a station in the middle
     controller: tuple[bytes, ...] = ()
-    meet_m: float = 0.0
-    keep_trace: bool = False
-    people: int = 0
+    meet_m: float = 0.0  # robots so near that see each other exchange what they decoded; 0 is never
+    keep_trace: bool = False  # keep where robots were at every step
+    people: int = 0  # who walk about, are seen by lidars and hide codes; robots stop when they touch one
+    # How hard robots try
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
-    liars: Mapping[int, MakeCNode] = field(default_factory=dict)
+    liars: Mapping[int, MakeCNode] = field(default_factory=dict)  # what makes a compromised robot's c-node, by number
 
     def __post_init__(self) -> None:
         if not 1 <= self.robots <= ROBOTS_MAX:
@@ -109,10 +97,7 @@ class MissionRun:
 
 
 def check_count(robots: int, f_max: int) -> None:
-    """Nothing, if so many robots can audit each other on missions.
-
-    Raises: UsageError.
-    """
+    """Nothing, if so many robots can audit each other on missions. Raises: UsageError."""
     if robots < f_max + 2:
         who = "1 robot" if robots == 1 else f"{robots} robots"
         hint = f"at least {f_max + 2}; or --defence none"

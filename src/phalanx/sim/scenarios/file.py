@@ -62,10 +62,7 @@ def find_scenario(name: str) -> Scenario:
 
 
 def read_scenario(path: Path) -> Scenario:
-    """The scenario in a file.
-
-    Raises: UsageError: no such file, or not a scenario. Unavailable: it cannot be read.
-    """
+    """The scenario in a file. Raises: UsageError: no such file, or not a scenario. Unavailable: it cannot be read."""
     try:
         with path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)

@@ -86,10 +86,7 @@ class Recording(Recorder):
         self.put("/scene", 0, self._ground())
 
     def write(self, run: Run, verdicts: list[tuple[float, int, int, Refusal]]) -> None:
-        """The run as it is now, and the verdicts since the last time.
-
-        Raises: Unavailable: the disk is full.
-        """
+        """The run as it is now, and the verdicts since the last time. Raises: Unavailable: the disk is full."""
         now_ns = round(run.now_s * NS)
         safe = run.in_safe_mode
         shields = run.shields()

@@ -22,36 +22,23 @@ Look = Callable[[Pose], LaserScan]
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """A mission on its way to a robot.
+    """A mission on its way to a robot."""
 
-    Args:
-        plain: what a robot without the shield gets.
-        file: what one with it gets; the paper's or ours.
-        key: the start key's bytes, which travel apart.
-    """
-
-    plain: Mission
-    file: bytes
-    key: bytes
+    plain: Mission  # what a robot without the shield gets
+    file: bytes  # what one with it gets; the paper's or ours
+    key: bytes  # the start key's bytes, which travel apart
     said: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class MissionPlan:
-    """What the adversary has and wants.
+    """What the adversary has and wants."""
 
-    Args:
-        start_s: from when on it lies, seconds from the robot's start.
-        yesterday: what the operator sent to this robot a day ago, recorded.
-        others: what the operator sent to another robot today, recorded.
-        wanted: what the adversary would have the robot do.
-    """
-
-    start_s: float
+    start_s: float  # from when on it lies, seconds from the robot's start
     chance: np.random.Generator
-    yesterday: Sent
-    others: Sent
-    wanted: Mission
+    yesterday: Sent  # what the operator sent to this robot a day ago, recorded
+    others: Sent  # what the operator sent to another robot today, recorded
+    wanted: Mission  # what the adversary would have the robot do
     options: Mapping[str, float | str] = field(default_factory=dict)
 
 

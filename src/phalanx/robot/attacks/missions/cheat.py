@@ -33,22 +33,16 @@ FULL_MMPS, MOST_MRADPS = 500, 1200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheatPlan:
-    """What the adversary knows, when it takes a robot over: the floor plan, and what accomplices have opened.
+    """What the adversary knows, when it takes a robot over: the floor plan, and what accomplices have opened."""
 
-    Args:
-        after_ms: it begins so long after the mission key was loaded.
-        toward_m: where it wants to be, map frame.
-        imagine: a scan's bytes as the robot's lidar would make them, in a building of the adversary's choice.
-        keys: gates that accomplices opened.
-        node, onward: of a node to be skipped: its number, and the node behind it.
-    """
-
-    after_ms: int
-    toward_m: tuple[float, float] = (0.0, 0.0)
+    after_ms: int  # it begins so long after the mission key was loaded
+    toward_m: tuple[float, float] = (0.0, 0.0)  # where it wants to be, map frame
+    # A scan's bytes as the robot's lidar would make them, in a building of the adversary's choice
     imagine: Callable[[Pose], bytes] = lambda _pose: b""
+    # Gates that accomplices opened
     keys: Keyring = Keyring()  # noqa: RUF009  # frozen
-    node: int = 0
-    onward: int = 0
+    node: int = 0  # to be skipped
+    onward: int = 0  # the node behind it
 
 
 class MissionCheat(CNode):

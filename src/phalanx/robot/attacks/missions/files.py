@@ -26,10 +26,7 @@ class FlipBit(Between):
     PLACE_BIT: ClassVar[int] = 12  # of millimetres: 4.096 m
 
     def deliver(self, sent: Sent) -> Sent:
-        """With the bit changed.
-
-        Raises: UsageError: the file has no such bit.
-        """
+        """With the bit changed. Raises: UsageError: the file has no such bit."""
         bits = BYTE * len(parse_mission(sent.file).signed_part())
         asked = float(self.plan.options.get("bit", self.plan.chance.integers(bits)))
         if not 0 <= asked < bits:

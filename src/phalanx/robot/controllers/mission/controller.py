@@ -61,49 +61,34 @@ _MOST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """What every robot knows of one robot's mission: nothing that decodes anything.
-
-    Args:
-        start: x, y in metres and heading in radians at which the robot is put, map frame.
-        begin_s: the mission's clock at the robot's first reading.
-        wait_s: so long after that reading the robot sets out.
-    """
+    """What every robot knows of one robot's mission: nothing that decodes anything."""
 
     mission: EncodedMission
-    start: Pose
+    start: Pose  # x, y in metres and heading in radians at which the robot is put, map frame
     pool: tuple[Action, ...] = ()
-    begin_s: float = 0.0
-    wait_s: float = 0.0
+    begin_s: float = 0.0  # the mission's clock at the robot's first reading
+    wait_s: float = 0.0  # so long after that reading the robot sets out
 
 
 @dataclass(frozen=True, slots=True)
 class Senses:
-    """What a robot takes in beside its readings where nobody audits it.
+    """What a robot takes in beside its readings where nobody audits it."""
 
-    Args:
-        codes: landmarks by its camera, where a pose of the robot puts them.
-        messages: that came by another road than the radio.
-    """
-
+    # Landmarks by its camera, where a pose of the robot puts them
     codes: Callable[[Pose], tuple[Landmark, ...]] = lambda _pose: ()
-    messages: tuple[bytes, ...] = ()
+    messages: tuple[bytes, ...] = ()  # that came by another road than the radio
 
 
 @dataclass(frozen=True, slots=True)
 class Missions:
-    """All robots' assignments, and how they sense: the same for whoever drives and whoever audits.
-
-    Args:
-        sensors: lidar and sectors.
-        say_every: control periods from one message to the next.
-        audited: decisions rest on what auditors are shown, and on nothing else.
-    """
+    """All robots' assignments, and how they sense: the same for whoever drives and whoever audits."""
 
     assigned: Mapping[int, Assignment]
+    # Lidar and sectors
     sensors: Sensors = Sensors()  # noqa: RUF009  # frozen
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
-    say_every: int = 6
-    audited: bool = True
+    say_every: int = 6  # control periods from one message to the next
+    audited: bool = True  # decisions rest on what auditors are shown, and on nothing else
 
     def controllers_of(
         self, rob_id: int, own: Walker, kind: type[MissionController] | None = None
@@ -141,18 +126,12 @@ class Missions:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What the controller remembers.
+    """What the controller remembers."""
 
-    Args:
-        origin: x, y, heading of the odometry's frame in the map's: fixes change it.
-        begun_ms: of the s-node's clock, at the first reading; 0 before.
-        blocked: the way was given up at the last step.
-    """
-
-    origin: Pose
-    begun_ms: int = 0
+    origin: Pose  # x, y, heading of the odometry's frame in the map's: fixes change it
+    begun_ms: int = 0  # of the s-node's clock, at the first reading; 0 before
     leg: Leg = Leg()  # noqa: RUF009  # frozen
-    blocked: bool = False
+    blocked: bool = False  # the way was given up at the last step
     said: tuple[bytes, ...] = ()
     walk: State = State()  # noqa: RUF009  # frozen
 
@@ -310,10 +289,7 @@ class MissionController(EvidenceController):
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
-        """It remembers what this checkpoint says; its keys are not in there.
-
-        Raises: MalformedMission.
-        """
+        """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
         reader = Reader(encoding)
         begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY)
         passed, tries, best_m, best_s, turning, blocked, said, crumbs = rest

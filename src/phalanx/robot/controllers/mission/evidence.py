@@ -42,10 +42,7 @@ class EvidenceController(Controller):
 
     @abstractmethod
     def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
-        """As `on_input`, with what was kept.
-
-        Raises: PeerError: the evidence does not bear out what it is for.
-        """
+        """As `on_input`, with what was kept. Raises: PeerError: the evidence does not bear out what it is for."""
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
         """The sensors said something of which nothing was kept."""

@@ -45,23 +45,17 @@ ABOUT = 0.25  # cosine of a course: what lies further aside is turned to on the 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """How far an instruction has been carried out.
+    """How far an instruction has been carried out."""
 
-    Args:
-        key: the instruction: its kind, target and the node where it begins; -1 for none.
-        passed: the place where it begins lies behind.
-        tries: begun anew after no headway.
-        best_m, best_s: least way that was left, and when.
-        trail: places of the way here from where the instruction began, map frame, cm; what leads back.
-        turning: 1 or -1 while it turns about, to the left or to the right, for a course that lies ahead; 0 otherwise.
-    """
-
+    # The instruction: its kind, target and the node where it begins; -1 for none
     key: tuple[int, int, int] = (-1, -1, -1)
-    passed: bool = False
-    tries: int = 0
-    best_m: float = math.inf
-    best_s: float = 0.0
+    passed: bool = False  # the place where it begins lies behind
+    tries: int = 0  # begun anew after no headway
+    best_m: float = math.inf  # least way that was left
+    best_s: float = 0.0  # when that was
+    # Places of the way here from where the instruction began, map frame, cm; what leads back
     trail: tuple[tuple[int, int], ...] = ()
+    # 1 or -1 while it turns about, to the left or to the right, for a course that lies ahead; 0 otherwise
     turning: int = 0
 
 
@@ -213,9 +207,9 @@ def _toward(goal: Point, points: Floats, sectors: Sectors, turning: int) -> tupl
     bearing = atan2(goal[1], goal[0])
     if _length(goal) < SHORT_M / 2:  # whoever has arrived looks around
         return Drive(0.0, TURN_RADPS if bearing >= 0.0 else -TURN_RADPS), 0
-    cosine, sine, free_m = course(points, sectors.cosines, sectors.sines, goal[0], goal[1])
-    if abs(bearing) > sectors.widest_rad:  # behind, where the lidar does not see
-        cosine, sine = -1.0, goal[1]
+    cosine, sine, free_m = -1.0, goal[1], 0.0  # behind, where the lidar does not see
+    if abs(bearing) <= sectors.widest_rad:
+        cosine, sine, free_m = course(points, sectors.cosines, sectors.sines, goal[0], goal[1])
     if cosine < ABOUT:
         turning = turning or (1 if sine >= 0.0 else -1)
         return Drive(0.0, turning * TURN_RADPS), turning

@@ -36,20 +36,14 @@ _STEPS[SILENT] = CLEAR
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A reading, parsed.
+    """A reading, parsed."""
 
-    Args:
-        x_m, y_m, heading_rad: odometry, its own frame.
-        travelled_m: way since the start, forwards and backwards.
-        clear: (sectors,) uint8, see the table.
-    """
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-    travelled_m: float
+    x_m: float  # odometry, its own frame
+    y_m: float  # likewise
+    heading_rad: float  # likewise
+    travelled_m: float  # way since the start, forwards and backwards
     scan_sha1: bytes
-    clear: NDArray[np.uint8]
+    clear: NDArray[np.uint8]  # (sectors,) uint8, see the table
 
 
 def scan_sha1(raw: bytes) -> bytes:
@@ -68,14 +62,12 @@ def with_hash_of(reading: bytes, raw: bytes) -> bytes:
 class Sensors:
     """How the robots of a mission see: the same for all, and known to auditors.
 
-    Args:
-        lidar: whose scans are hashed.
-        beams_per_sector: that one byte of room stands for.
     Raises: UsageError: the sectors do not divide the beams.
     """
 
+    # Whose scans are hashed
     lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
-    beams_per_sector: int = 12
+    beams_per_sector: int = 12  # that one byte of room stands for
 
     def __post_init__(self) -> None:
         if self.beams_per_sector < 1 or self.lidar.beams % self.beams_per_sector:
@@ -101,10 +93,7 @@ class Sensors:
         )
 
     def parse(self, raw: bytes) -> Reading:
-        """The reading in these bytes.
-
-        Raises: MalformedRecord: its length or its kind is another's.
-        """
+        """The reading in these bytes. Raises: MalformedRecord: its length or its kind is another's."""
         if len(raw) != self.reading_bytes or raw[0] != KIND_MISSION_READING:
             raise MalformedRecord("not a mission robot's reading")
         _, _, _, x, y, heading, travelled, sha1 = _HEAD.unpack_from(raw)
