@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
 from worlds import CHEAP, built, draws
 
-from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Walker, build
+from phalanx.experiments.missions import team
+from phalanx.experiments.missions.team import ELSEWHERE_M, LOBBY, STORE, STORE_WALL
+from phalanx.mission import Action, BuildOptions, Draft, Position, Profile, Walker, build
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCheat
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
@@ -23,26 +24,15 @@ from phalanx.sim.missions.setup import MissionRun, Part
 from phalanx.sim.missions.world import MissionWorld
 
 PLAN = load_floorplan("office_40x40")
-LOBBY = Landmark("doorway", 9.0, 12.0, math.pi / 2)
-STORE = Landmark("doorway", 11.6, 10.0, 0.0)
 POOL = (Action("inspect"), Action("pick", (("shelf", 3),)))
-# Of the store's wall, both sides of its door: a building of a liar's choice.
-STORE_WALL = np.array([[9.0, 10.0, 10.9, 10.0], [12.3, 10.0, 19.0, 10.0]])
 SENSORS = Sensors()
 ROBOTS = 5
-ELSEWHERE = (2.0, 11.0)
 
 
 @cache
 def errand(profile: Profile):
     """Built: start, lobby (inspect), store (pick; final)."""
-    draft = Draft("errand", coding=CHEAP if profile is Profile.SEALED else None)
-    draft.node("start", Position(*PLAN.start[:2]), start=True)
-    draft.node("the lobby", LOBBY, do=POOL[0])
-    draft.node("the store", STORE, do=POOL[1], final=True)
-    draft.way("start", "the lobby")
-    draft.way("the lobby", "the store")
-    return built(draft.mission(), profile)
+    return built(team.errand(PLAN, CHEAP if profile is Profile.SEALED else None, POOL), profile)
 
 
 @cache
@@ -88,7 +78,7 @@ def cheating(kind: type[MissionCheat], profile: Profile, defence: str, after_s: 
     """Robot 1 cheats."""
     plan = CheatPlan(
         after_ms=round(1000 * after_s),
-        toward_m=ELSEWHERE if kind is DriveDark else (STORE.x_m, STORE.y_m),
+        toward_m=ELSEWHERE_M if kind is DriveDark else (STORE.x_m, STORE.y_m),
         imagine=imagined_store,
         keys=all_gates(profile),
         node=1,

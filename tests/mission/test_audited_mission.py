@@ -7,7 +7,7 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from audited import ELSEWHERE, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
+from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
 from worlds import BOTH, built
 
 from phalanx.bti.refusal import Refusal
@@ -102,8 +102,8 @@ def test_without_audits_each_cheat_bites(name, profile):
     body, twin = run.robots[0].body, beside.robots[0].body
     walk = run.robots[0].controller.memory.walk
     if name == "drive-dark":
-        assert math.dist(body.wheels.pose[:2], ELSEWHERE) < 1.0
-        assert math.dist(twin.wheels.pose[:2], ELSEWHERE) > 5.0
+        assert math.dist(body.wheels.pose[:2], ELSEWHERE_M) < 1.0
+        assert math.dist(twin.wheels.pose[:2], ELSEWHERE_M) > 5.0
         return
     assert walk.phase is Phase.DONE
     done = [action[11:] for action in body.actions]
@@ -189,7 +189,7 @@ def test_robots_that_set_out_later_wait_and_are_audited_meanwhile():
 def test_a_robot_that_is_taken_over_in_the_middle_drives_elsewhere_and_is_stopped():
     run = swarm(Profile.PAPER)
     run.advance(AFTER_S)
-    run.compromise(1, ON_MISSIONS["drive-dark"], CheatPlan(after_ms=0, toward_m=ELSEWHERE))
+    run.compromise(1, ON_MISSIONS["drive-dark"], CheatPlan(after_ms=0, toward_m=ELSEWHERE_M))
     run.advance(END_S)
     assert told(run)["in_safe_mode"] == [2]
     assert AFTER_S < run.stopped_s(1) < AFTER_S + run.bti.t_val_ms / 1000 + 0.5

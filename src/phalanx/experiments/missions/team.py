@@ -16,7 +16,7 @@ import numpy as np
 
 from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
-from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Position, Profile, build
+from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Mission, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.robot.attacks.attack import Attack
@@ -76,7 +76,8 @@ def try_in_team(
     """
     plan = load_floorplan()
     profile = Profile.SEALED if defence == "bound" else Profile.PAPER
-    built = _errand(plan, profile, seed)
+    plain = errand(plan, CodingConfig(delta_mm=400, kdf_log2_n=2))
+    (built,) = build(plain, BuildOptions(profile=profile), random.Random(seed).randbytes)  # noqa: S311  # a simulation's
     honest = _world(plan, built, defence, seed)
     _live(honest, lambda share: on_progress(share / 2))
     kind: Callable[..., MissionCheat] = attack.kind
@@ -106,14 +107,15 @@ def try_in_team(
     )
 
 
-def _errand(plan: FloorPlan, profile: Profile, seed: int) -> Built:
-    draft = Draft("errand", coding=CodingConfig(delta_mm=400, kdf_log2_n=2))
+def errand(plan: FloorPlan, coding: CodingConfig | None, pool: tuple[Action, Action] = POOL) -> Mission:
+    """From where the plan has robots begin to the lobby's door and the store's, with an action at each."""
+    draft = Draft("errand", coding=coding)
     draft.node("start", Position(*start_of(plan)[:2]), start=True)
-    draft.node("the lobby", LOBBY, do=POOL[0])
-    draft.node("the store", STORE, do=POOL[1], final=True)
+    draft.node("the lobby", LOBBY, do=pool[0])
+    draft.node("the store", STORE, do=pool[1], final=True)
     draft.way("start", "the lobby")
     draft.way("the lobby", "the store")
-    return build(draft.mission(), BuildOptions(profile=profile), random.Random(seed).randbytes)[0]  # noqa: S311  # a simulation's
+    return draft.mission()
 
 
 def _world(
