@@ -141,7 +141,7 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
         raise UsageError(f"{name} has {len(walls)} walls", f"up to {WALLS_MAX}; larger ones as a map_server map")
     if len(walls) and np.any(np.hypot(walls[:, 0] - walls[:, 2], walls[:, 1] - walls[:, 3]) < 1e-3):
         raise UsageError(f"{name}: a wall has no length", "x, y of both ends")
-    start = start_pose(words, name)
+    start = start_pose(words["start_pose"], name) if "start_pose" in words else None
     x0, y0 = numbers(words.get("origin", [0.0, 0.0]), f"{name}: origin", 2)
     if "size" in words:
         width, height = numbers(words["size"], f"{name}: size", 2)
@@ -199,11 +199,9 @@ def numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     return tuple(float(item) for item in value)
 
 
-def start_pose(words: dict[Any, Any], name: str) -> tuple[float, float, float] | None:
-    """x, y, heading where robots begin, if a map says it. Raises: UsageError: it says something else."""
-    if "start_pose" not in words:
-        return None
-    x, y, heading = numbers(words["start_pose"], f"{name}: start_pose", 3)
+def start_pose(value: Any, name: str) -> tuple[float, float, float]:
+    """x, y, heading where robots begin. Raises: UsageError: it is something else."""
+    x, y, heading = numbers(value, f"{name}: start_pose", 3)
     return x, y, heading
 
 

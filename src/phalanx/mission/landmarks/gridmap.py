@@ -65,7 +65,8 @@ def map_words(data: bytes, name: str) -> MapWords:
     if not 0.001 <= resolution <= 10 or not 0 <= free < occupied <= 1:
         raise UsageError(f"{name}: resolution {resolution}, thresholds {free} and {occupied}", "metres; 0 to 1")
     x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
-    negate, start = bool(words.get("negate", 0)), start_pose(words, name)
+    negate = bool(words.get("negate", 0))
+    start = start_pose(words["start_pose"], name) if "start_pose" in words else None
     return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start)
 
 

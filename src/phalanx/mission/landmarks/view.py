@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 from phalanx.config.lidar import ExtractionConfig
@@ -45,26 +46,16 @@ class Limits(NamedTuple):
     room_min_m2: float
 
 
+@cache
 def limits_of(config: ExtractionConfig) -> Limits:
     """The limits of a configuration."""
     corner_sine, _ = sin_cos(config.corner_min_rad)
     graze_sine, graze_cosine = sin_cos(config.graze_rad)
     _, bend_cosine = sin_cos(config.door_bend_rad)
     return Limits(
-        split_m=config.split_m,
-        line_m=config.line_m,
-        wall_min_m=config.wall_min_m,
-        wall_min_points=float(config.wall_min_points),
         corner_sine=corner_sine,
-        corner_gap_m=config.corner_gap_m,
-        jump_m=config.jump_m,
         graze_slope=graze_cosine / graze_sine,
         graze_sine=graze_sine,
-        edge_error_m=config.edge_error_m,
-        door_min_m=config.door_min_m,
-        door_max_m=config.door_max_m,
         bend_cosine=bend_cosine,
-        door_depth_m=config.door_depth_m,
-        door_clear_m=config.door_clear_m,
-        room_min_m2=config.room_min_m2,
+        **{name: float(getattr(config, name)) for name in Limits._fields if hasattr(config, name)},
     )
