@@ -34,10 +34,7 @@ TYPED = {
 
 
 def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
-    """The scenario with what `swarm_options` were given.
-
-    Raises: UsageError: as for the scenario.
-    """
+    """The scenario with what `swarm_options` were given. Raises: UsageError: as for the scenario."""
     try:
         return scenario.with_options(
             robots=said["robots"],

@@ -62,10 +62,7 @@ class Figure:
         return folder / f"{self.name}.csv"
 
     def check(self, said: Mapping[str, Any]) -> None:
-        """Numbers are within their bounds.
-
-        Raises: UsageError: one is not.
-        """
+        """Numbers are within their bounds. Raises: UsageError: one is not."""
         for option in self.options:
             value = said.get(option.name, option.default)
             if not isinstance(value, str) and not option.least <= value <= option.most:

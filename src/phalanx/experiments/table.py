@@ -207,10 +207,7 @@ def measure(
 
 
 def _parse(path: Path, data: bytes, figure: str) -> tuple[Table, int]:
-    """(table, length of the part that ends with a whole case).
-
-    Raises: UsageError: it is none of ours.
-    """
+    """(table, length of the part that ends with a whole case). Raises: UsageError: it is none of ours."""
     lines = data[: data.rfind(b"\n") + 1].split(b"\n")[:-1]
     try:
         table, by_line = _parse_head(lines, figure)

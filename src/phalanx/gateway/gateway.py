@@ -116,10 +116,7 @@ class Gateway:
             self._drivers.drives(address, move.by, time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
-        """Whatever held it back: a broker that was paused obeys nobody's old words.
-
-        Raises: Late.
-        """
+        """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
         age_s = self._told.age_s(command.seen, time.monotonic()) if command.seen is not None else 0.0
         if age_s > LATE_S:
             raise Late(f"{age_s:.1f} s under way")

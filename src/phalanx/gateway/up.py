@@ -50,10 +50,7 @@ Say = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpOptions:
-    """What to run.
-
-    Raises: UsageError: a page is none.
-    """
+    """What to run. Raises: UsageError: a page is none."""
 
     broker: str = "auto"  # auto, mosquitto, amqtt or a URL
     broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further

@@ -68,10 +68,7 @@ class Waypoints:
 
 
 def parse_move_raw(payload: Any) -> MoveRaw:
-    """Wheel commands of a joystick.
-
-    Raises: BadPayload.
-    """
+    """Wheel commands of a joystick. Raises: BadPayload."""
     left, right = (_number(payload, key, -WHEEL_LIMIT, WHEEL_LIMIT) for key in ("left_y", "right_y"))
     left_pct, right_pct = (max(-100, min(100, round(value))) for value in (left, right))
     by = payload.get("by")
@@ -79,19 +76,13 @@ def parse_move_raw(payload: Any) -> MoveRaw:
 
 
 def parse_rgb_led(payload: Any) -> Led:
-    """A colour.
-
-    Raises: BadPayload.
-    """
+    """A colour. Raises: BadPayload."""
     red, green, blue = (round(_number(payload, key, 0, 255)) for key in ("red", "green", "blue"))
     return Led(red, green, blue)
 
 
 def parse_waypoints(payload: Any, area_mm: tuple[int, int], longest: int = MAX_WAYPOINTS) -> Waypoints:
-    """A route of at most `longest` points inside the area.
-
-    Raises: BadPayload.
-    """
+    """A route of at most `longest` points inside the area. Raises: BadPayload."""
     threshold = _number(payload, "threshold", *THRESHOLD_MM)
     points = payload["waypoints"] if isinstance(payload.get("waypoints"), list) else None
     if points is None or len(points) > longest:

@@ -110,10 +110,7 @@ def _transport(handler: Any) -> asyncio.WriteTransport | None:
 
 @contextlib.asynccontextmanager
 async def amqtt(at: Listeners) -> AsyncIterator[None]:
-    """A running amqtt, for as long as the context lasts.
-
-    Raises: Unavailable: it does not start (a port taken, say).
-    """
+    """A running amqtt, for as long as the context lasts. Raises: Unavailable: it does not start (a port taken, say)."""
     # It reports every packet as information, and every client that leaves as a warning with a trace.
     for name in ("amqtt", "transitions", "websockets"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

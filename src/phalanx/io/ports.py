@@ -17,10 +17,7 @@ class PortTaken(Unavailable):
 
 
 def is_free(port: int, host: str = LOOPBACK) -> bool:
-    """Whether `port` can be listened on at `host` just now.
-
-    Raises: Unavailable: this machine has no such address.
-    """
+    """Whether `port` can be listened on at `host` just now. Raises: Unavailable: this machine has no such address."""
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -36,10 +33,7 @@ def is_free(port: int, host: str = LOOPBACK) -> bool:
 
 
 def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
-    """`preferred` if it is free, else any free port.
-
-    Raises: Unavailable: this machine has no such address.
-    """
+    """`preferred` if it is free, else any free port. Raises: Unavailable: this machine has no such address."""
     if is_free(preferred, host) and preferred:
         return preferred
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:

@@ -38,10 +38,7 @@ class Envelope:
 
 
 def encode_json(value: Any) -> bytes:
-    """`value` as compact JSON.
-
-    Raises: ValueError, TypeError: it is not JSON (NaN included).
-    """
+    """`value` as compact JSON. Raises: ValueError, TypeError: it is not JSON (NaN included)."""
     return _ENCODER.encode(value).encode()
 
 

@@ -18,10 +18,7 @@ KEY_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """A pin with what is derived from it.
-
-    Source: Qrkey §III-D.
-    """
+    """A pin with what is derived from it. Source: Qrkey §III-D."""
 
     pin: Pin
     topic: str  # 24 characters; public, for every message travels under it
@@ -29,10 +26,7 @@ class Epoch:
 
 
 def derive_epoch(pin: Pin) -> Epoch:
-    """The epoch of `pin`.
-
-    Source: Qrkey §III-D; the info strings are those of the published packages.
-    """
+    """The epoch of `pin`. Source: Qrkey §III-D; the info strings are those of the published packages."""
     secret = pin.digits.encode("ascii")
     topic = base64.urlsafe_b64encode(hkdf_sha256(secret, TOPIC_INFO, TOPIC_BYTES)).decode("ascii")
     return Epoch(pin, topic, Key(hkdf_sha256(secret, KEY_INFO, KEY_BYTES)))

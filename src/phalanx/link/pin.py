@@ -20,11 +20,7 @@ class BadPin(UsageError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Pin:
-    """Decimal digits as text: leading zeros count.
-
-    Raises: BadPin.
-    Source: Qrkey §III-D.
-    """
+    """Decimal digits as text: leading zeros count. Raises: BadPin. Source: Qrkey §III-D."""
 
     digits: str
 

@@ -29,11 +29,7 @@ class BadQrUrl(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class QrUrl:
-    """Everything that a visitor needs.
-
-    Raises: BadQrUrl.
-    Source: docs/spec/link.md.
-    """
+    """Everything that a visitor needs. Raises: BadQrUrl. Source: docs/spec/link.md."""
 
     pin: Pin = field(repr=False)
     broker: str  # websocket URL of the broker

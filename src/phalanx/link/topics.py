@@ -69,11 +69,7 @@ def command_filter(root: str, epoch_topic: str) -> str:
 
 
 def split_topic(root: str, epoch_topic: str, topic: str) -> SubTopic:
-    """What `topic` is about, under this root and epoch.
-
-    Raises: WrongTopic.
-    Source: Qrkey Table I.
-    """
+    """What `topic` is about, under this root and epoch. Raises: WrongTopic. Source: Qrkey Table I."""
     base = f"{root}/{epoch_topic}/"
     if not topic.startswith(base):
         raise WrongTopic("not under this root and epoch")

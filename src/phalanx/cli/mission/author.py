@@ -220,10 +220,7 @@ def inspect(file: Path, as_json: bool) -> None:
 
 
 def verify(file: Path, trust: tuple[str, ...], robot: int | None, now_s: float | None, as_json: bool) -> int:
-    """Checks that a mission is whole and signed, and prints by whom.
-
-    Raises: PeerError: it is not.
-    """
+    """Checks that a mission is whole and signed, and prints by whom. Raises: PeerError: it is not."""
     trusted = [read_trusted(key) for key in trust] or None
     try:
         encoded = read_encoded(file)

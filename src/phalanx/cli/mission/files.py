@@ -49,10 +49,7 @@ _UniqueKeys.add_constructor(
 
 
 def read_bytes(path: Path, limit: int, what: str) -> bytes:
-    """A file's bytes.
-
-    Raises: UsageError: it cannot be read, or is longer than any of its kind.
-    """
+    """A file's bytes. Raises: UsageError: it cannot be read, or is longer than any of its kind."""
     try:
         with path.open("rb") as file:
             data: bytes = file.read(limit + 1)
@@ -64,10 +61,7 @@ def read_bytes(path: Path, limit: int, what: str) -> bytes:
 
 
 def read_plain(source: str) -> Mission:
-    """A plain mission: a file's, or one that comes with Phalanx.
-
-    Raises: UsageError.
-    """
+    """A plain mission: a file's, or one that comes with Phalanx. Raises: UsageError."""
     known = built_in("missions")
     wanted = f"a mission's YAML file, or one of {', '.join(known)}"
     data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
@@ -86,18 +80,12 @@ def read_plain(source: str) -> Mission:
 
 
 def read_encoded(path: Path) -> EncodedMission:
-    """An encoded mission.
-
-    Raises: UsageError: it cannot be read. PeerError: it is none.
-    """
+    """An encoded mission. Raises: UsageError: it cannot be read. PeerError: it is none."""
     return _built(path, "a file that phalanx mission build wrote", "an encoded mission", parse_mission)
 
 
 def read_start_key(path: Path) -> StartKey:
-    """A start key.
-
-    Raises: UsageError: it cannot be read. PeerError: it is none.
-    """
+    """A start key. Raises: UsageError: it cannot be read. PeerError: it is none."""
     return _built(path, "the .key file that phalanx mission build wrote", "a start key", parse_start_key)
 
 
@@ -112,10 +100,7 @@ def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -
 
 
 def read_signing_key(path: Path) -> Ed25519PrivateKey:
-    """An operator's key.
-
-    Raises: UsageError.
-    """
+    """An operator's key. Raises: UsageError."""
     try:
         key = load_pem_private_key(read_bytes(path, 1 << 16, KEY_HINT), None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
@@ -126,10 +111,7 @@ def read_signing_key(path: Path) -> Ed25519PrivateKey:
 
 
 def read_trusted(said: str) -> bytes:
-    """A public key: 64 hex digits, or the PEM file of it.
-
-    Raises: UsageError.
-    """
+    """A public key: 64 hex digits, or the PEM file of it. Raises: UsageError."""
     if re.fullmatch(r"[0-9a-fA-F]{64}", said):
         return bytes.fromhex(said)
     hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
@@ -143,10 +125,7 @@ def read_trusted(said: str) -> bytes:
 
 
 def parse_window(said: str) -> tuple[int, int]:
-    """FROM/TO in seconds on the mission's clock; either may be a date, or nothing.
-
-    Raises: UsageError.
-    """
+    """FROM/TO in seconds on the mission's clock; either may be a date, or nothing. Raises: UsageError."""
     begin, slash, end = said.partition("/")
     if not slash:
         raise UsageError(f"{said!r} is no window", "FROM/TO, like 2026-12-01T08:00/2026-12-01T18:00")
@@ -166,10 +145,7 @@ def _second(said: str, otherwise: int) -> int:
 
 
 def parse_robots(said: str) -> tuple[int, ...]:
-    """Robot ids: 1,2,7 or 1-5.
-
-    Raises: UsageError.
-    """
+    """Robot ids: 1,2,7 or 1-5. Raises: UsageError."""
     out: list[int] = []
     for part in said.split(","):
         if not (match := re.fullmatch(r"\s*(\d{1,5})(?:-(\d{1,5}))?\s*", part)):
@@ -183,10 +159,7 @@ def parse_robots(said: str) -> tuple[int, ...]:
 
 
 def parse_box(said: str) -> tuple[float, float, float, float]:
-    """X0,Y0,X1,Y1 in metres.
-
-    Raises: UsageError.
-    """
+    """X0,Y0,X1,Y1 in metres. Raises: UsageError."""
     try:
         x0, y0, x1, y1 = (float(part) for part in said.split(","))
     except ValueError as error:
@@ -197,19 +170,13 @@ def parse_box(said: str) -> tuple[float, float, float, float]:
 
 
 def check_folder(out: Path) -> None:
-    """Nothing, if there is a folder for the file that is to be made.
-
-    Raises: UsageError: there is none.
-    """
+    """Nothing, if there is a folder for the file that is to be made. Raises: UsageError: there is none."""
     if not out.absolute().parent.exists():
         raise UsageError(f"no folder {out.parent}", "make it first")
 
 
 def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
-    """Put a file there; a secret one so that others cannot read it.
-
-    Raises: Unavailable: it cannot be written.
-    """
+    """Put a file there; a secret one so that others cannot read it. Raises: Unavailable: it cannot be written."""
     try:
         if secret:
             path.unlink(missing_ok=True)

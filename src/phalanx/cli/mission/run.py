@@ -151,10 +151,7 @@ def _built(plain: Mission, profile: str, seed: int) -> list[Built]:
 
 
 def parse_start(said: str) -> Pose:
-    """X,Y[,DEGREES] as a pose.
-
-    Raises: UsageError: it is not written so.
-    """
+    """X,Y[,DEGREES] as a pose. Raises: UsageError: it is not written so."""
     try:
         x, y, degrees = (float(word) for word in (*said.split(","), "90")[:3])
     except ValueError as error:

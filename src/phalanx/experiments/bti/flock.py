@@ -117,10 +117,7 @@ class FlockRuns:
 
 
 def runs_of(table: Table) -> FlockRuns:
-    """The runs in a table.
-
-    Raises: UsageError: a case of it is no run of a flock.
-    """
+    """The runs in a table. Raises: UsageError: a case of it is no run of a flock."""
     try:
         return FlockRuns({split(case): _run(case, rows, table.kept[case]) for case, rows in table.cases.items()})
     except (ValueError, KeyError, TypeError, IndexError) as error:

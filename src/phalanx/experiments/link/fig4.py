@@ -51,10 +51,7 @@ CLOSE_TIMEOUT_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """Parameters of a measurement.
-
-    Raises: UsageError: out of range.
-    """
+    """Parameters of a measurement. Raises: UsageError: out of range."""
 
     duration_s: float = 60.0  # the paper's is 15 h
     interval_s: float = 0.5  # between two packets of one kind; the paper's

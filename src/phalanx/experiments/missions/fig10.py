@@ -62,10 +62,7 @@ COLUMNS = (
 
 
 def mission_of(plan: FloorPlan) -> EncodedMission:
-    """The codes of a floor plan, any of them at any time, in the paper profile.
-
-    Source: Encoded graphs §VI-D (2 cm).
-    """
+    """The codes of a floor plan, any of them at any time, in the paper profile. Source: Encoded graphs §VI-D (2 cm)."""
     assert plan.start is not None, "our floor plan says where robots begin"
     draft = Draft("codes", coding=CodingConfig(delta_mm=GRID_MM), roam=True)
     draft.node("start", Position(*plan.start[:2]), start=True)
