@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.errors import Unavailable
 
 from .figure import MATPLOTLIB_HINT, Figure
+from .statement import band
 from .table import read_table
 
 if TYPE_CHECKING:
@@ -48,6 +53,27 @@ def legend_above(axes: Axes, columns: int = 1) -> None:
 def lines_in(colour: str) -> dict[str, Any]:
     """All lines of a box plot in one colour."""
     return {part: {"color": colour} for part in ("boxprops", "medianprops", "whiskerprops", "capprops")}
+
+
+def boxes(axes: Axes, values: Sequence[NDArray[np.float64]], colour: str, **more: Any) -> None:
+    """A box for each of the values, with whiskers from 5 to 95 %; `more` as for any box plot."""
+    axes.boxplot(values, whis=(5, 95), showfliers=False, **lines_in(colour), **more)
+
+
+def banded(
+    axes: Axes, along: NDArray[np.float64], values: NDArray[np.float64], colour: str, label: str, band_label: str = ""
+) -> None:
+    """The median over the seeds, and the band from 5 to 95 %, of values (S, T)."""
+    middle, low, high = band(values)
+    axes.fill_between(along, low, high, color=colour, alpha=0.3, linewidth=0, label=band_label or None)
+    axes.plot(along, middle, color=colour, linewidth=1.4, label=label)
+
+
+def draw_walls(axes: Axes, walls_m: NDArray[np.float64]) -> None:
+    """A building's walls, (W, 4), on axes for the ground."""
+    for x0, y0, x1, y1 in walls_m.tolist():
+        axes.plot((x0, x1), (y0, y1), color="0.7", linewidth=1)
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
 def _empty(width_in: float, height_in: float) -> Picture:

@@ -177,6 +177,16 @@ class TableFile:
         return Unavailable(f"cannot write {self.path}: {error.strerror}", "choose another folder with --out")
 
 
+def by_seed(seeds: int) -> list[str]:
+    """The cases of a figure that has one a seed."""
+    return [f"seed {seed}" for seed in range(seeds)]
+
+
+def seed_of(case: str) -> int:
+    """The seed that ends a case's name."""
+    return int(case.rpartition("seed ")[2])
+
+
 def measure(
     folder: Path, figure: Figure, seeds: int, on_progress: Callable[[float, int], None] = lambda _done, _of: None
 ) -> Path:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, legend_above
-from phalanx.experiments.statement import band
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, legend_above
 from phalanx.experiments.table import Table
 
 from .flock import CASES, HONEST, LIAR, STOPPED, Flock, FlockRun, FlockRuns, mean_distances_m, read_reference, runs_of
@@ -48,9 +47,8 @@ def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -
     if run.liars.any():
         axes.plot([], [], color=VERMILION, linewidth=1.2, label="the compromised robot")
         _shade(axes, run)
-    middle, low, high = band(mean_distances_m(table, run.case, goal_m))
-    axes.fill_between(run.times_s, low, high, color=BLUE, alpha=0.3, linewidth=0, label="5 to 95 % of seeds")
-    axes.plot(run.times_s, middle, color=BLUE, linewidth=2, label="mean of correct robots, median of seeds")
+    means_m = mean_distances_m(table, run.case, goal_m)
+    banded(axes, run.times_s, means_m, BLUE, "mean of correct robots, median of seeds", "5 to 95 % of seeds")
     reference = read_reference()[flock.reference[run.case]]
     axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
     axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")

@@ -1,4 +1,4 @@
-"""What Figures 8a, 8b and 8c have in common: one drive through the office, and its localisation by what is encoded.
+"""What Figures 8a, 8b, 8c and 10 have in common: one drive through the office, and its localisation by what is encoded.
 
 The drive is recorded once (true poses, turns of the wheels, ranges); then every noise of the odometry, every kind of
 landmark and every grid is replayed on the same scans, as the paper does with its recording of 150 s.
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
+from phalanx.experiments.plot import banded, draw_walls
+from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.walk.walker import State, Walker
@@ -28,7 +31,12 @@ from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 Motion = tuple[float, float]
+# Paths that are drawn: the columns' name, colour, words.
+Ways = tuple[tuple[str, str, str], ...]
 
 TICK_S = 0.1
 DURATION_S = 150.0
@@ -163,3 +171,26 @@ def errors_m(drive: Drive, poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(T,): from the true places to those believed."""
     errors: NDArray[np.float64] = np.hypot(*(poses[:, :2] - drive.poses[:, :2]).T)
     return errors
+
+
+def path_errors_m(table: Table, way: str) -> list[Rows]:
+    """(T,) of each case: from the true path to another, both columns of the table."""
+
+    def apart(case: str, axis: str) -> Rows:
+        return table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m")
+
+    return [np.hypot(apart(case, "x"), apart(case, "y")) for case in table.cases]
+
+
+def draw_paths(table: Table, ways: Ways, walls_m: NDArray[np.float64], ground: Axes, over_time: Axes) -> None:
+    """The first case's true path and others on the floor plan, and the errors of all cases as long as it over time."""
+    first = next(iter(table.cases))
+    times_s = table.column(first, "t_s")
+    draw_walls(ground, walls_m)
+    ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")
+    for way, colour, words in ways:
+        x, y = (table.column(first, f"{way}_{axis}_m") for axis in "xy")
+        ground.plot(x, y, color=colour, linewidth=1.2, label=words)
+        errors_m = [errors_m for errors_m in path_errors_m(table, way) if len(errors_m) == len(times_s)]
+        banded(over_time, times_s, np.array(errors_m), colour, words)
+    over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log")

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.experiments.table import Rows
+from phalanx.experiments.table import Rows, by_seed, seed_of
 from phalanx.mission import BuildOptions, Profile, Walker, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -35,11 +35,7 @@ CELL_M = 0.5
 KNOWS_M = 5.0
 COLUMNS = ("t_s", "robot", "x_m", "y_m", "found", "told", "area", "error_m", "team")
 LANDMARKS = 32
-
-
-def cases(seeds: int) -> list[str]:
-    """One a seed."""
-    return [f"seed {seed}" for seed in range(seeds)]
+cases = by_seed
 
 
 def measure_case(case: str, _tell: object = None) -> Rows:
@@ -48,7 +44,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     Columns: found: landmarks that it decoded itself; told: more that others proved to it; area: the share of the free
     floor whose raw data it has; error_m: of its pose; team: landmarks that somebody decoded.
     """
-    seed = int(case.removeprefix("seed "))
+    seed = seed_of(case)
     plan = load_floorplan(DEFAULT)
     assert plan.start is not None, "our floor plan says where robots begin"
     walker = _walker()

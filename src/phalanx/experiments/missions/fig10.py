@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.experiments.plot import BLUE, ORANGE, lines_in
+from phalanx.experiments.plot import BLUE, ORANGE, boxes
 from phalanx.experiments.statement import Statement, quantiles
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.search import Budget, PaperSearch
@@ -27,7 +27,7 @@ from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, Pose
 
-from .drive import PATIENT, TICK_S, driven
+from .drive import PATIENT, TICK_S, draw_paths, driven, path_errors_m
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Picture
@@ -50,6 +50,7 @@ PATH_M = (
     (24.7, 2.5), (27.8, 2.5), (24.0, 2.5), (11.7, 2.5), (11.7, -7.5), (11.7, -3.5), (14.0, -3.5), (11.7, -2.0),
     (11.7, 2.5), (4.2, 2.5), (4.2, -2.5), (4.2, 2.5), (2.0, 2.5),
 )  # fmt: skip
+WAYS = (("odometry", ORANGE, "odometry alone"), ("hash", BLUE, "with codes"))
 STAGES = {
     "qrv_s": "codes read, one in view",
     "qrg_s": "codes looked for, none in view",
@@ -59,6 +60,7 @@ STAGES = {
 COLUMNS = (
     "t_s", "true_x_m", "true_y_m", "odometry_x_m", "odometry_y_m", "hash_x_m", "hash_y_m", "decoded", *STAGES,
 )  # fmt: skip
+cases = by_seed
 
 
 def mission_of(plan: FloorPlan) -> EncodedMission:
@@ -82,14 +84,9 @@ def _place() -> tuple[FloorPlan, EncodedMission]:
     return plan, mission_of(plan)
 
 
-def cases(seeds: int) -> list[str]:
-    """One a seed."""
-    return [f"seed {seed}" for seed in range(seeds)]
-
-
 def measure_case(case: str, _tell: object = None) -> Rows:
     """The drive of one seed: a row for each picture."""
-    seed = int(case.removeprefix("seed "))
+    seed = seed_of(case)
     plan, mission = _place()
     assert plan.start is not None, "our floor plan says where robots begin"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
@@ -133,12 +130,6 @@ def _as_trusted(mark: Landmark, eye: Pose) -> Landmark:
     return mark if slanted else replace(mark, orientation_rad=None)
 
 
-def _errors_m(table: Table, way: str, case: str) -> Rows:
-    x, y = (table.column(case, f"{way}_{axis}_m") - table.column(case, f"true_{axis}_m") for axis in "xy")
-    errors: Rows = np.hypot(x, y)
-    return errors
-
-
 def _times_s(table: Table, stage: str) -> Rows:
     times = np.concatenate([table.column(case, stage) for case in table.cases])
     known: Rows = times[~np.isnan(times)]
@@ -147,12 +138,12 @@ def _times_s(table: Table, stage: str) -> Rows:
 
 def compare(table: Table) -> list[Statement]:
     """What §VI-D says of Fig. 10, and ours."""
-    largest = np.array([_errors_m(table, "hash", case).max() for case in table.cases])
-    last = np.array([_errors_m(table, "odometry", case).max() for case in table.cases])
+    with_codes_m = path_errors_m(table, "hash")
+    largest = np.array([errors.max() for errors in with_codes_m])
+    last = np.array([errors.max() for errors in path_errors_m(table, "odometry")])
     used = np.array([table.column(case, "decoded")[-1] for case in table.cases])
-    sight = np.concatenate(
-        [_errors_m(table, "hash", case)[~np.isnan(table.column(case, "qrv_s"))] for case in table.cases]
-    )
+    in_sight = [~np.isnan(table.column(case, "qrv_s")) for case in table.cases]
+    sight = np.concatenate([errors[seen] for errors, seen in zip(with_codes_m, in_sight, strict=True)])
     read_s, hash_s = (float(np.median(_times_s(table, stage))) for stage in ("qrv_s", "hqr_s"))
     return [
         Statement(
@@ -197,30 +188,13 @@ def draw(table: Table, picture: Picture) -> None:
     """The path, the error over time, the time of each stage."""
     plan, _ = _place()
     ground, over_time, stages = picture.subplots(1, 3, width_ratios=(5, 4, 4))
-    first = next(iter(table.cases))
-    for x0, y0, x1, y1 in plan.walls.tolist():
-        ground.plot((x0, x1), (y0, y1), color="0.7", linewidth=1)
     ground.plot(
         [c.x_m for c in plan.codes], [c.y_m for c in plan.codes], "s", mfc="none", mec="0.3", ms=5, label="codes"
     )
-    ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")
-    times_s = table.column(first, "t_s")
-    for way, colour, words in (("odometry", ORANGE, "odometry alone"), ("hash", BLUE, "with codes")):
-        x, y = (table.column(first, f"{way}_{axis}_m") for axis in "xy")
-        ground.plot(x, y, color=colour, linewidth=1.2, label=words)
-        errors = np.array([_errors_m(table, way, case) for case in table.cases if len(table.cases[case]) == len(x)])
-        low, middle, high = np.quantile(errors, (0.05, 0.5, 0.95), axis=0)
-        over_time.fill_between(times_s, low, high, color=colour, alpha=0.3, linewidth=0)
-        over_time.plot(times_s, middle, color=colour, linewidth=1.2, label=words)
+    draw_paths(table, WAYS, plan.walls, ground, over_time)
     over_time.axhline(PAPER_MAX_M, color="0.4", linewidth=0.8, linestyle=":", label="paper's largest, 0.413 m")
-    over_time.set(xlabel="time (s)", ylabel="error (m); median and 5 to 95 % of seeds", yscale="log", ylim=(1e-4, 10))
-    ground.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    stages.boxplot(
-        [_times_s(table, stage) for stage in STAGES],
-        whis=(5, 95),
-        showfliers=False,
-        **lines_in(BLUE),
-    )
+    over_time.set_ylim(1e-4, 10)
+    boxes(stages, [_times_s(table, stage) for stage in STAGES], BLUE)
     labels = [f"{name.removesuffix('_s').upper()}\n{words.replace(', ', chr(10))}" for name, words in STAGES.items()]
     stages.set_xticks(range(1, 1 + len(STAGES)), labels, fontsize=7)
     stages.set(ylabel="time for one picture (s)", yscale="log")

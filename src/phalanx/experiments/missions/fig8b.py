@@ -14,7 +14,7 @@ import numpy as np
 
 from phalanx.experiments.plot import BLUE, ORANGE, lines_in
 from phalanx.experiments.statement import Statement, quantiles
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
 
 from .drive import encoded, errors_m, record, replay
@@ -56,7 +56,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     setting, sigmas, named = case.split(";")
     model, reach_m, _ = setting.split()
     sigma_t, sigma_r = map(float, sigmas.split())
-    seed = int(named.removeprefix("seed "))
+    seed = seed_of(named)
     drive = record(seed)
     done = replay(drive, encoded(), OdometryNoise(sigma_t, sigma_r, NoiseModel(model)), seed, float(reach_m))
     ways = (errors_m(drive, poses) for poses in (done.odometry, done.estimates))
@@ -70,59 +70,41 @@ def _over_seeds(table: Table, model: NoiseModel, reach_m: float, level: tuple[fl
 
 def compare(table: Table) -> list[Statement]:
     """What §VI-B says of Fig. 8b, and ours."""
-    out = []
-    for model, reach_m in SETTINGS:
-        for level in LEVELS[:3]:
-            ours = _over_seeds(table, model, reach_m, level, "hash_p50_m")
-            out.append(
-                Statement(
-                    what=f"median error at {level}, {model.value}, features to {reach_m:g} m, m",
-                    paper="robust up to sigma_t = 0.05",
-                    ours=quantiles(ours, ".3f"),
-                    agrees=bool(np.all(ours <= ZERO_M)),
-                    why=f"at most {ZERO_M} m in every seed: the paper calls it virtually zero",
-                )
-            )
-    for model, reach_m in SHORT:
-        for level in LEVELS[:3]:
-            ours = _over_seeds(table, model, reach_m, level, "hash_p100_m")
-            turns = level[1] and model is NoiseModel.FIXED
-            out.append(
-                Statement(
-                    what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
-                    paper="robust up to sigma_t = 0.05",
-                    ours=quantiles(ours, ".2f"),
-                    agrees=bool(np.all(ours <= LOST_M)),
-                    why=f"found again in every seed: at most {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m"
-                    + (
-                        "; 5 % of an about-turn at 125 s is more than the ±6 degrees that are searched" if turns else ""
-                    ),
-                )
-            )
-    model, reach_m = SETTINGS[0]
-    for level in LEVELS[3:]:
-        ours = _over_seeds(table, model, reach_m, level, "hash_p100_m")
-        out.append(
-            Statement(
-                what=f"largest error at {level}, {model.value}, features to {reach_m:g} m, m",
-                paper="a limit around sigma_t = 0.06: landmarks are not matched any more",
-                ours=quantiles(ours, ".2f"),
-                agrees=bool(np.all(ours > LOST_M)),
-                why=f"lost in every seed: more than {LOST_M:g} m, twice the search's ±{TOLERANCE_M} m",
-            )
-        )
-    for model, reach_m in SETTINGS[2:]:
-        ours = _over_seeds(table, model, reach_m, LEVELS[4], "hash_p50_m")
-        out.append(
-            Statement(
-                what=f"median error at {LEVELS[4]}, {model.value}, features to {reach_m:g} m, m",
-                paper="",
-                ours=quantiles(ours, ".3f"),
-                agrees=bool(np.all(ours <= ZERO_M)),
-                why="no limit found: landmarks that are seen from 10 m leave no way long enough to drift 0.5 m",
-            )
-        )
-    return out
+    first = SETTINGS[0]
+    robust, limit = "robust up to sigma_t = 0.05", "a limit around sigma_t = 0.06: landmarks are not matched any more"
+    zero = f"at most {ZERO_M} m in every seed: the paper calls it virtually zero"
+    lost = f"{LOST_M:g} m, twice the search's ±{TOLERANCE_M} m"
+    found, turned = (
+        f"found again in every seed: at most {lost}",
+        ("; 5 % of an about-turn at 125 s is more than the ±6 degrees that are searched"),
+    )
+    near = "no limit found: landmarks that are seen from 10 m leave no way long enough to drift 0.5 m"
+    asked = [
+        *((setting, level, "median", robust, zero) for setting in SETTINGS for level in LEVELS[:3]),
+        *(
+            (setting, level, "largest", robust, found + turned * (level[1] > 0 and setting[0] is NoiseModel.FIXED))
+            for setting in SHORT
+            for level in LEVELS[:3]
+        ),
+        *((first, level, "lost", limit, f"lost in every seed: more than {lost}") for level in LEVELS[3:]),
+        *((setting, LEVELS[4], "median", "", near) for setting in SETTINGS[2:]),
+    ]
+    return [_statement(table, *each) for each in asked]
+
+
+def _statement(
+    table: Table, setting: tuple[NoiseModel, float], level: tuple[float, float], which: str, paper: str, why: str
+) -> Statement:
+    (model, reach_m), middle = setting, which == "median"
+    ours = _over_seeds(table, model, reach_m, level, "hash_p50_m" if middle else "hash_p100_m")
+    agrees = {"median": ours <= ZERO_M, "largest": ours <= LOST_M, "lost": ours > LOST_M}[which]
+    return Statement(
+        what=f"{'median' if middle else 'largest'} error at {level}, {model.value}, features to {reach_m:g} m, m",
+        paper=paper,
+        ours=quantiles(ours, ".3f" if middle else ".2f"),
+        agrees=bool(np.all(agrees)),
+        why=why,
+    )
 
 
 def draw(table: Table, picture: Picture) -> None:
@@ -143,13 +125,8 @@ def _draw(axes: Axes, table: Table, model: NoiseModel, reach_m: float) -> None:
                 for share in SHARES[:5]
             )
             boxes.append({"whislo": low, "q1": first, "med": middle, "q3": third, "whishi": high, "fliers": []})
-        axes.bxp(
-            boxes,
-            positions=np.arange(len(LEVELS)) + offset,
-            widths=0.34,
-            showfliers=False,
-            **lines_in(colour),
-        )
+        places = np.arange(len(LEVELS)) + offset
+        axes.bxp(boxes, positions=places, widths=0.34, showfliers=False, **lines_in(colour))
         axes.plot([], [], color=colour, label={"odometry": "odometry alone", "hash": "encoded landmarks"}[way])
     axes.axvspan(2.5, 4.5, color="0.93", zorder=0)
     axes.text(2.55, 3.3, "beyond the\npaper's limit", fontsize=7, color="0.35")

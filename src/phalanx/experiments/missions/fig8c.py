@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import Targets
 from phalanx.errors import Unavailable
-from phalanx.experiments.plot import BLUE, VERMILION, lines_in
+from phalanx.experiments.plot import BLUE, VERMILION, boxes
 from phalanx.experiments.statement import Statement
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.walk.search import Budget, PaperSearch, rings_of
@@ -66,7 +66,7 @@ def cases(seeds: int) -> list[str]:
 def measure_case(case: str, _tell: object = None) -> Rows:
     """(SCANS, 3) times of one drive's scans, and hashes tried."""
     kind, named = case.split(";")
-    seed = int(named.removeprefix("seed "))
+    seed = seed_of(named)
     drive = record(seed)
     picked = np.linspace(0, len(drive.scans) - 1, SCANS).astype(int)
     scans = [drive.scans[i] for i in picked]
@@ -193,15 +193,8 @@ def draw(table: Table, picture: Picture) -> None:
             (-0.2, VERMILION, [EXTRACTION] * len(GRIDS_MM)),
             (0.2, BLUE, [f"grid {grid_mm}" for grid_mm in GRIDS_MM]),
         ):
-            panel.boxplot(
-                [_all(table, kind, column) for kind in kinds],
-                positions=np.arange(len(GRIDS_MM)) + offset,
-                widths=0.34,
-                whis=(5, 95),
-                showfliers=False,
-                manage_ticks=False,
-                **lines_in(colour),
-            )
+            values, places = [_all(table, kind, column) for kind in kinds], np.arange(len(GRIDS_MM)) + offset
+            boxes(panel, values, colour, positions=places, widths=0.34, manage_ticks=False)
         panel.set_xticks(range(len(GRIDS_MM)), [f"{grid_mm / 1000:g}" for grid_mm in GRIDS_MM])
         panel.set(xlabel=f"grid (m); {words}", yscale="log")
     axes[0].set_ylabel("time for one scan (s); box and 5 to 95 %")

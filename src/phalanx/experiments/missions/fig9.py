@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, draw_walls
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Table
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -58,8 +58,7 @@ def draw(table: Table, picture: Picture) -> None:
     """The paths of the first seed on the floor plan, and landmarks found over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
     rows = next(iter(table.cases.values()))
-    for x0, y0, x1, y1 in load_floorplan(DEFAULT).walls.tolist():
-        ground.plot((x0, x1), (y0, y1), color="0.7", linewidth=1)
+    draw_walls(ground, load_floorplan(DEFAULT).walls)
     places = [node.place for node in office().nodes if node.place]
     ground.plot(*zip(*places, strict=True), "o", mfc="none", mec="0.4", ms=5, label="encoded landmarks")
     for number, colour in enumerate(COLOURS):
@@ -69,7 +68,6 @@ def draw(table: Table, picture: Picture) -> None:
         over_time.plot(own[:, 0], own[:, 4] + own[:, TOLD], color=colour, linestyle=":")
     over_time.plot([], [], color="0.4", linestyle=":", label="with those told by others")
     over_time.axhline(LANDMARKS, color="0.6", linewidth=0.8)
-    ground.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     over_time.set(xlabel="time (s)", ylabel="landmarks found", ylim=(0, LANDMARKS + 4))
     ground.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0, 1.08), ncols=3, frameon=False)
     over_time.legend(fontsize=8, loc="upper left")

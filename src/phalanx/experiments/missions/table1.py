@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from phalanx.experiments.plot import BLUE, lines_in
+from phalanx.experiments.plot import BLUE, boxes
 from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table
 
@@ -30,30 +30,27 @@ def _ends(table: Table, column: int) -> Rows:
 
 def compare(table: Table) -> list[Statement]:
     """Table I, and ours: robots by rank."""
-    found, area_pct = _ends(table, FOUND), 100 * _ends(table, AREA)
-    out = []
-    for rank in range(ROBOTS):
-        paper = sorted(PAPER_FOUND)[rank]
-        out.append(
+    out, area_pct = [], 100 * _ends(table, AREA)
+    for words, papers, ours, near, why in (
+        (f"hashes found of {LANDMARKS}", PAPER_FOUND, _ends(table, FOUND), 4, "the paper's routes are not known"),
+        (
+            "area known, %",
+            PAPER_AREA_PCT,
+            area_pct,
+            10,
+            f"floor swept within {KNOWS_M:g} m; the paper says not how it counts",
+        ),
+    ):
+        out += [
             Statement(
-                what=f"hashes found of {LANDMARKS}, robot {rank + 1} by rank",
+                what=f"{words}, robot {rank + 1} by rank",
                 paper=str(paper),
-                ours=quantiles(found[:, rank], ".0f"),
-                agrees=abs(float(np.median(found[:, rank])) - paper) <= 4,
-                why="median within 4: the paper's routes are not known",
+                ours=quantiles(ours[:, rank], ".0f"),
+                agrees=abs(float(np.median(ours[:, rank])) - paper) <= near,
+                why=f"median within {near}: {why}",
             )
-        )
-    for rank in range(ROBOTS):
-        paper = sorted(PAPER_AREA_PCT)[rank]
-        out.append(
-            Statement(
-                what=f"area known, %, robot {rank + 1} by rank",
-                paper=str(paper),
-                ours=quantiles(area_pct[:, rank], ".0f"),
-                agrees=abs(float(np.median(area_pct[:, rank])) - paper) <= 10,
-                why=f"median within 10: floor swept within {KNOWS_M:g} m; the paper says not how it counts",
-            )
-        )
+            for rank, paper in enumerate(sorted(papers))
+        ]
     most = area_pct.max(axis=1)
     out.append(
         Statement(
@@ -77,14 +74,7 @@ def draw(table: Table, picture: Picture) -> None:
         strict=True,
     ):
         ranks = np.arange(1, ROBOTS + 1)
-        axes.boxplot(
-            list(values.T),
-            positions=ranks,
-            widths=0.4,
-            whis=(5, 95),
-            showfliers=False,
-            **lines_in(BLUE),
-        )
+        boxes(axes, list(values.T), BLUE, positions=ranks, widths=0.4)
         axes.plot([], [], color=BLUE, label="phalanx, box and 5 to 95 % of seeds")
         axes.plot(ranks, sorted(paper), "o", mfc="none", mec="black", ms=7, label="paper")
         axes.set(xlabel="robot, by rank", ylabel=words, ylim=(0, None))
