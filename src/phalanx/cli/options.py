@@ -17,105 +17,78 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
 
 
-def link_options(command: Command) -> Command:
-    """--pin-digits, --rotate-s, --overlap-s, --root."""
-    for option in reversed(
-        (
-            click.option(
-                "--pin-digits",
-                type=int,
-                default=DEFAULTS.pin_digits,
-                show_default=True,
-                help="Digits of the pin; the paper's 12 can be guessed offline.",
-            ),
-            click.option(
-                "--rotate-s", type=float, default=DEFAULTS.rotate_s, show_default=True, help="Seconds between two pins."
-            ),
-            click.option(
-                "--overlap-s",
-                type=float,
-                default=DEFAULTS.overlap_s,
-                show_default=True,
-                help="Seconds for which both are accepted.",
-            ),
-            click.option("--root", default=DEFAULTS.root, show_default=True, help="First part of every MQTT topic."),
-        )
-    ):
-        command = option(command)
-    return command
+def option(*names: str, **more: Any) -> Callable[[Command], Command]:
+    """As click has it; its default is shown, unless it is none or empty."""
+    return click.option(*names, **{"show_default": more.get("default") not in (None, "")} | more)
 
 
-def broker_options(command: Command) -> Command:
-    """--broker, --broker-ws, --broker-login: for commands that send visitors to the broker."""
-    for option in (
-        login_option,
-        click.option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it."),
-        click.option(
-            "--broker",
-            default="auto",
-            show_default=True,
-            help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL.",
-        ),
-    ):
-        command = option(command)
-    return command
+def together(*options: Callable[[Any], Any]) -> Callable[[Command], Command]:
+    """Several options as one, shown in this order."""
 
+    def added(command: Command) -> Command:
+        for each in reversed(options):
+            command = each(command)
+        return command
 
-def login_option(command: Command) -> Command:
-    """--broker-login."""
-    return click.option(
-        "--broker-login",
-        type=click.Path(path_type=Path),
-        help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
-    )(command)
-
-
-def swarm_options(command: Command) -> Command:
-    """--robots, --spacing, --duration, --f-max, --t-audit, --t-val, --seed: what people change of a scenario."""
-    for option in reversed(
-        (
-            click.option("--robots", type=int, metavar="N", help="How many, on a square grid."),
-            click.option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
-            click.option("--duration", type=float, metavar="S", help="Simulated seconds."),
-            click.option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
-            click.option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
-            click.option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
-            click.option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
-        )
-    ):
-        command = option(command)
-    return command
+    return added
 
 
 def defence_option(**more: Any) -> Callable[[Command], Command]:
     """--defence, in words of the command's own."""
-    return click.option("--defence", type=click.Choice(DEFENCES), **more)
+    return option("--defence", type=click.Choice(DEFENCES), **more)
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-controller_option = click.option(
+FILE = click.Path(path_type=Path)
+link_options = together(
+    option(
+        "--pin-digits", default=DEFAULTS.pin_digits, help="Digits of the pin; the paper's 12 can be guessed offline."
+    ),
+    option("--rotate-s", default=DEFAULTS.rotate_s, help="Seconds between two pins."),
+    option("--overlap-s", default=DEFAULTS.overlap_s, help="Seconds for which both are accepted."),
+    option("--root", default=DEFAULTS.root, help="First part of every MQTT topic."),
+)
+login_option = option(
+    "--broker-login",
+    type=FILE,
+    help="File with user:password for the broker; or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD.",
+)
+# For commands that send visitors to the broker.
+broker_options = together(
+    option("--broker", default="auto", help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
+    option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it."),
+    login_option,
+)
+# What people change of a scenario.
+swarm_options = together(
+    option("--robots", type=int, metavar="N", help="How many, on a square grid."),
+    option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
+    option("--duration", type=float, metavar="S", help="Simulated seconds."),
+    option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
+    option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
+    option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
+    option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
+)
+json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
+controller_option = option(
     "--controller",
+    help="What honest robots run: a controller of your own, or flock.",
     shell_complete=a_controller,
     metavar="FILE.py:CLASS",
-    help="What honest robots run: a controller of your own, or flock.",
 )
-record_option = click.option(
-    "--record", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap", help="Record it for Foxglove."
+record_option = option(
+    "--record", help="Record it for Foxglove.", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.mcap"
 )
-out_folder_option = click.option(
+out_folder_option = option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("out"),
-    show_default=True,
     help="Folder for the CSV and the figure.",
 )
-duration_option = click.option(
-    "--duration", type=click.FloatRange(min=0, min_open=True), help="End after so many seconds."
-)
-furnish_option = click.option(
+duration_option = option("--duration", help="End after so many seconds.", type=click.FloatRange(min=0, min_open=True))
+furnish_option = option(
     "--furnish",
-    metavar="MISSION.yaml|BUILTIN",
-    shell_complete=a_mission,
     help="What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"
     " its actions, and puts them where its parts begin.",
+    metavar="MISSION.yaml|BUILTIN",
+    shell_complete=a_mission,
 )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import json_option, login_option
+from phalanx.cli.options import json_option, login_option, option
 
 from .runs import runs
 
 
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
-@click.option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
+@option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
 @login_option
 @json_option
 @runs("doctor", "doctor")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import broker_options, duration_option, json_option, link_options, login_option
+from phalanx.cli.options import broker_options, duration_option, json_option, link_options, login_option, option
 
 from .runs import runs
 
@@ -18,16 +18,16 @@ def link() -> None:
     epilog="Example: phalanx link connect 'http://192.168.1.7:8080/#v=1&pin=…' --drive Ada --left 60 --right 60 --for 2"
 )
 @click.argument("qr_url", required=False)
-@click.option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
-@click.option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
-@click.option("--root", default="/qrkey", show_default=True, help="First part of every MQTT topic.")
+@option("--pin", help="The pin, if you have no link; every user of this machine can read it while this runs.")
+@option("--broker", help="Where to connect: mqtt(s):// or ws(s):// URL; with a link, instead of the one in it.")
+@option("--root", help="First part of every MQTT topic.", default="/qrkey")
 @login_option
-@click.option("--drive", metavar="ROBOT", help="Drive this robot: its address or its name.")
-@click.option("--left", type=click.IntRange(-100, 100), help="Left wheel, percent.  [default: 0]")
-@click.option("--right", type=click.IntRange(-100, 100), help="Right wheel, percent.  [default: 0]")
-@click.option("--for", "for_s", type=click.FloatRange(0, 3600), help="Seconds to drive.  [default: 1.0]")
-@click.option("--watch", is_flag=True, help="Print notifications as they come, until Ctrl-C.")
-@click.option("--timeout", type=click.FloatRange(0.1, 3600), default=10.0, show_default=True, help="Seconds to wait.")
+@option("--drive", help="Drive this robot: its address or its name.", metavar="ROBOT")
+@option("--left", help="Left wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
+@option("--right", help="Right wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
+@option("--for", "for_s", help="Seconds to drive.  [default: 1.0]", type=click.FloatRange(0, 3600))
+@option("--watch", help="Print notifications as they come, until Ctrl-C.", is_flag=True)
+@option("--timeout", help="Seconds to wait.", type=click.FloatRange(0.1, 3600), default=10.0)
 @json_option
 @runs("link", "connect")
 def connect() -> None:
@@ -40,9 +40,9 @@ def connect() -> None:
 @link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
 @link_options
 @broker_options
-@click.option("--frontend", default="", help="Page of the published kind to make the link for.")
+@option("--frontend", help="Page of the published kind to make the link for.", default="")
 @duration_option
-@click.option("--events", is_flag=True, help="Print one JSON object a line.")
+@option("--events", help="Print one JSON object a line.", is_flag=True)
 @runs("link", "serve")
 def serve() -> None:
     """Serve the link alone: answer every request with itself, tell every command to everybody."""

@@ -9,33 +9,31 @@ from typing import Any
 import click
 
 from phalanx.cli.complete import a_map, a_mission, a_mission_or_encoded, an_encoded_mission
-from phalanx.cli.options import defence_option, furnish_option, json_option, record_option
+from phalanx.cli.options import FILE, defence_option, furnish_option, json_option, option, record_option
 
 from .runs import runs
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 OWN_MAP = "One of your own: docs/maps.md."
 PROFILES = click.Choice(["paper", "sealed"])
-profile_option = click.option(
-    "--profile", type=PROFILES, default="sealed", show_default=True, help="paper hides nothing from who tries all."
-)
-start_option = click.option(
+profile_option = option("--profile", help="paper hides nothing from who tries all.", type=PROFILES, default="sealed")
+start_option = option(
     "--start",
-    metavar="X,Y[,DEGREES]",
     help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
+    metavar="X,Y[,DEGREES]",
 )
 source_argument = click.argument("source", required=False, shell_complete=a_mission, metavar="[MISSION.yaml|BUILTIN]")
-file_argument = click.argument("file", type=click.Path(path_type=Path), shell_complete=an_encoded_mission)
+file_argument = click.argument("file", type=FILE, shell_complete=an_encoded_mission)
 
 
 def map_option(words: str) -> Decorator:
     """--map, in words of the command's own."""
-    return click.option("--map", "plan", metavar="MAP", shell_complete=a_map, help=f"{words} {OWN_MAP}")
+    return option("--map", "plan", help=f"{words} {OWN_MAP}", metavar="MAP", shell_complete=a_map)
 
 
 def out_option(words: str) -> Decorator:
     """--out, a file that is made."""
-    return click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help=words)
+    return option("--out", help=words, type=click.Path(path_type=Path, dir_okay=False), required=True)
 
 
 @click.group(epilog="Example: phalanx mission build office --out office.phxm")
@@ -49,11 +47,13 @@ def mission() -> None:
 @profile_option
 @map_option("Floor plan: explore it, or check the mission against it.")
 @start_option
-@click.option("--sign-key", type=click.Path(path_type=Path), help="Ed25519 key of the operator, PEM.")
-@click.option("--robots", metavar="IDS", default="", help="Who may run it: 1,2,7 or 1-5; anybody without.")
-@click.option("--valid", metavar="FROM/TO", default="/", help="When: seconds or dates; either may be empty.")
-@click.option("--open-start", is_flag=True, help="Put the start key into the file: anybody may begin.")
-@click.option("--seed", type=int, help="Same bytes again; the secrets can be guessed, so never in earnest.")
+@option("--sign-key", help="Ed25519 key of the operator, PEM.", type=FILE)
+@option("--robots", help="Who may run it: 1,2,7 or 1-5; anybody without.", metavar="IDS", default="")
+@option(
+    "--valid", help="When: seconds or dates; either may be empty.", metavar="FROM/TO", default="/", show_default=False
+)
+@option("--open-start", help="Put the start key into the file: anybody may begin.", is_flag=True)
+@option("--seed", help="Same bytes again; the secrets can be guessed, so never in earnest.", type=int)
 @json_option
 @runs("mission.author", "build_files")
 def build() -> None:
@@ -73,9 +73,9 @@ def inspect() -> None:
 
 @mission.command(epilog="Example: phalanx mission verify office.phxm --trust operator.pub --robot 7")
 @file_argument
-@click.option("--trust", multiple=True, metavar="KEY", help="Public key: 64 hex digits or a PEM file; repeatable.")
-@click.option("--robot", type=click.IntRange(0, 65_535), help="Whether this robot may run it.")
-@click.option("--at", "now_s", type=float, help="When, in seconds on the mission's clock; now without.")
+@option("--trust", help="Public key: 64 hex digits or a PEM file; repeatable.", multiple=True, metavar="KEY")
+@option("--robot", help="Whether this robot may run it.", type=click.IntRange(0, 65_535))
+@option("--at", "now_s", help="When, in seconds on the mission's clock; now without.", type=float)
 @json_option
 @runs("mission.author", "verify")
 def verify() -> None:
@@ -90,7 +90,7 @@ def verify() -> None:
 @profile_option
 @map_option("The mission that build makes of this map, or what to check against.")
 @start_option
-@click.option("--open-start", is_flag=True, help="Suppose that the start key was captured too.")
+@option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
 @json_option
 @runs("mission.author", "tell_worth")
 def audit() -> None:
@@ -102,8 +102,8 @@ def audit() -> None:
 @out_option("A .png or .svg file.")
 @map_option("Floor plan to draw behind it; without, the one the mission names. Alone: draw what build makes of it.")
 @start_option
-@click.option("--run", "simulate", is_flag=True, help="Simulate a robot on the map (one for each part): draw its path.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of --run.")
+@option("--run", "simulate", help="Simulate a robot on the map (one for each part): draw its path.", is_flag=True)
+@option("--seed", help="Of --run.", type=click.IntRange(0), default=0)
 @runs("mission.author", "draw")
 def draw() -> None:
     """Draw a mission's landmarks and ways on its map.
@@ -114,9 +114,9 @@ def draw() -> None:
 
 @mission.command(epilog="Example: phalanx mission crack office.phxm --box 0,0,40,40 --budget 60")
 @file_argument
-@click.option("--key", type=click.Path(path_type=Path), help="The start key, captured too (sealed profile).")
-@click.option("--box", metavar="X0,Y0,X1,Y1", default="0,0,40,40", show_default=True, help="Where to look, metres.")
-@click.option("--budget", type=click.FloatRange(min=0.1), default=30.0, show_default=True, help="Seconds to go on.")
+@option("--key", help="The start key, captured too (sealed profile).", type=FILE)
+@option("--box", help="Where to look, metres.", metavar="X0,Y0,X1,Y1", default="0,0,40,40")
+@option("--budget", help="Seconds to go on.", type=click.FloatRange(min=0.1), default=30.0)
 @json_option
 @runs("mission.crack", "crack")
 def crack() -> None:
@@ -128,51 +128,47 @@ def crack() -> None:
     "phalanx mission run two-a.phxm two-b.phxm --furnish inspection"
 )
 @click.argument("sources", nargs=-1, required=True, shell_complete=a_mission_or_encoded, metavar="FILE...|BUILTIN")
-@click.option(
+@option(
     "--world",
+    help=f"The building; without, the one the mission names, or office_40x40. {OWN_MAP}",
     metavar="NAME|FILE",
     shell_complete=a_map,
-    help=f"The building; without, the one the mission names, or office_40x40. {OWN_MAP}",
 )
 @furnish_option
-@click.option("--robots", type=int, help="How many; without, one for each part of the mission.")
-@click.option(
+@option("--robots", help="How many; without, one for each part of the mission.", type=int)
+@option(
     "--noise",
-    default="0.03,0.05",
-    show_default=True,
-    metavar="SIGMA_T,SIGMA_R[,stage|fixed|step]",
     help="Of the odometry: for way and turns, and where the factor comes from.",
+    default="0.03,0.05",
+    metavar="SIGMA_T,SIGMA_R[,stage|fixed|step]",
 )
-@click.option(
-    "--profile", type=PROFILES, default="sealed", show_default=True, help="In which a plain mission is encoded first."
-)
-@click.option("--key", type=click.Path(path_type=Path), help="Start key of one sealed FILE; without, FILE.key.")
-@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a FILE that none of these signed; repeatable.")
-@click.option("--at", "at_s", type=float, help="The mission's clock at the start, s; without, when it becomes valid.")
-@click.option(
+@option("--profile", help="In which a plain mission is encoded first.", type=PROFILES, default="sealed")
+@option("--key", help="Start key of one sealed FILE; without, FILE.key.", type=FILE)
+@option("--trust", help="Refuse a FILE that none of these signed; repeatable.", multiple=True, metavar="KEY")
+@option("--at", "at_s", help="The mission's clock at the start, s; without, when it becomes valid.", type=float)
+@option(
     "--start",
     "said_start",
-    metavar="X,Y[,DEGREES]",
     help="Where robots are put; without, where the mission or the map says.",
+    metavar="X,Y[,DEGREES]",
 )
 @defence_option(
     default="none",
     show_default=True,
     help="Whether robots audit each other: up to 32, without codes, sensors and --meet.",
 )
-@click.option(
+@option(
     "--f-max",
+    help="Liars that audits tolerate; of at least f_max + 2 robots: each finds f_max + 1 others to vouch for it.",
     type=click.IntRange(1, 15),
     default=1,
-    show_default=True,
-    help="Liars that audits tolerate; of at least f_max + 2 robots: each finds f_max + 1 others to vouch for it.",
 )
-@click.option("--people", type=int, default=0, show_default=True, help="Who walk about in the building.")
-@click.option("--duration", type=float, default=1800.0, show_default=True, help="Simulated seconds at most.")
-@click.option(
-    "--meet", "meet_m", type=float, default=0.0, help="Robots so near, metres, tell each other where they were."
+@option("--people", help="Who walk about in the building.", default=0)
+@option("--duration", help="Simulated seconds at most.", default=1800.0)
+@option(
+    "--meet", "meet_m", help="Robots so near, metres, tell each other where they were.", default=0.0, show_default=False
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of everything that is drawn.")
+@option("--seed", help="Of everything that is drawn.", default=0)
 @record_option
 @json_option
 @runs("mission.run", "run")

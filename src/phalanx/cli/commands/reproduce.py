@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from functools import partial, update_wrapper
-from pathlib import Path
 from typing import Any
 
 import click
 
-from phalanx.cli.options import json_option, login_option
+from phalanx.cli.options import json_option, login_option, option, out_folder_option, together
 from phalanx.experiments.figure import SEEDS, Figure
 from phalanx.experiments.library import FIGURES
 
@@ -32,17 +31,8 @@ def reproduce() -> None:
 def _command(figure: Figure) -> click.Command:
     measure: Any = runs("reproduce", "reproduce")(lambda: None)
     command = update_wrapper(partial(measure, figure=figure.name), measure)
-    command = click.option(
-        "--out",
-        type=click.Path(path_type=Path, file_okay=False),
-        default=Path("out"),
-        show_default=True,
-        help="Folder for the CSV and the figure.",
-    )(json_option(command))
-    for option in reversed(figure.options):
-        command = click.option(f"--{option.name}", default=option.default, show_default=True, help=option.help)(command)
-    if figure.has_login:
-        command = login_option(command)
+    own = [option(f"--{each.name}", help=each.help, default=each.default) for each in figure.options]
+    command = together(*[login_option] * figure.has_login, *own, out_folder_option, json_option)(command)
     example = f"Example: phalanx reproduce {figure.name} {figure.example}"
     notes = NOTES + FINDINGS * (SEEDS in figure.options)
     return click.command(figure.name, help=f"{figure.about}.\n\n{notes}", epilog=example)(command)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import controller_option, defence_option, json_option, record_option, swarm_options
+from phalanx.cli.options import controller_option, defence_option, json_option, option, record_option, swarm_options
 
 from .runs import runs
 
@@ -22,13 +22,13 @@ def sim() -> None:
 @click.argument("scenario", shell_complete=a_scenario)
 @swarm_options
 @defence_option(help="none, the paper's as printed, or ours.")
-@click.option(
+@option(
     "--attack",
     "attacks",
+    help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
     multiple=True,
     shell_complete=an_attack_by_robots,
     metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
-    help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
 )
 @controller_option
 @record_option
@@ -56,9 +56,7 @@ def schema() -> None:
 
 @sim.command(epilog="Example: phalanx sim check examples/own_controller.py:GoThere")
 @click.argument("controller", metavar="FILE.py:CLASS|flock|wheels")
-@click.option(
-    "--seed", type=click.IntRange(0, (1 << 32) - 1), default=0, show_default=True, help="Of the life it lives."
-)
+@option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @json_option
 @runs("check", "check")
 def check() -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from phalanx.cli.complete import a_map, a_mission_or_encoded
 from phalanx.cli.options import (
+    FILE,
     broker_options,
     defence_option,
     duration_option,
     furnish_option,
     link_options,
+    option,
 )
 
 from .runs import runs
@@ -22,49 +22,47 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
 @click.command(epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office")
 @link_options
-@click.option("--robots", type=int, help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the robots' places and batteries.")
-@click.option(
+@option("--robots", help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]", type=int)
+@option("--seed", help="Of the robots' places and batteries.", default=0)
+@option(
     "--mission",
     "missions",
+    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
+    " Repeatable, for the FILEs of its parts.",
     multiple=True,
     metavar="FILE|BUILTIN",
     shell_complete=a_mission_or_encoded,
-    help="Robots live this mission, and are not driven; the operator's page has an editor for others."
-    " Repeatable, for the FILEs of its parts.",
 )
 @furnish_option
-@click.option(
+@option(
     "--world",
-    metavar="NAME|FILE",
-    shell_complete=a_map,
     help="The building in which robots live missions; without, the one the mission names. Alone: they wait for one."
     " One of your own: docs/maps.md.",
+    metavar="NAME|FILE",
+    shell_complete=a_map,
 )
-@click.option("--start-key", type=click.Path(path_type=Path), help="Of one sealed --mission FILE; without, FILE.key.")
-@click.option("--trust", multiple=True, metavar="KEY", help="Refuse a --mission FILE none of these signed; repeatable.")
+@option("--start-key", help="Of one sealed --mission FILE; without, FILE.key.", type=FILE)
+@option("--trust", help="Refuse a --mission FILE none of these signed; repeatable.", multiple=True, metavar="KEY")
 @defence_option(
     help="What robots do about liars among them: audit each other (bound), as the paper has it, or nothing."
     "  [default: bound, for up to 100 robots; on a mission, where an audit can show what they read]"
 )
-@click.option(
+@option(
     "--f-max",
-    type=click.IntRange(1, 15),
     help="Liars that are tolerated; of at least 2 f_max + 2 robots: once f_max are stopped, the others go on auditing."
     "  [default: 3, or what so few robots allow]",
+    type=click.IntRange(1, 15),
 )
 @broker_options
-@click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Address to listen on for visitors; 0.0.0.0 for all."
-)
-@click.option("--port", type=click.IntRange(0, 65535), help="Of the visitors' page.  [default: 8080, or any free one]")
-@click.option("--page-url", default="", help="Where visitors find our page, if not here: behind an https proxy, say.")
-@click.option("--frontend", default="", help="Send visitors to this page of the published kind instead of ours.")
+@option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
+@option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))
+@option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
+@option("--frontend", help="Send visitors to this page of the published kind instead of ours.", default="")
 @duration_option
-@click.option(
+@option(
     "--events",
-    is_flag=True,
     help="Print a JSON object a line instead of a QR code; the first is 'ready' ('waiting' while there is no broker).",
+    is_flag=True,
 )
 @runs("up", "up")
 def up() -> None:
