@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from phalanx.cli.commands.mission import mission as group
-from phalanx.cli.mission.files import read_encoded, read_plain
+from phalanx.cli.mission.files import Wanted, read_encoded, read_plain
 from phalanx.cli.up import _orders
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import plain_mission
@@ -79,13 +79,14 @@ def test_each_file_belongs_to_a_part_and_one_key_to_one_file(tmp_path: Path) -> 
 
 def test_robots_before_visitors_get_the_files_of_both_parts_and_begin_where_these_do(tmp_path: Path) -> None:
     files = tuple(built(tmp_path, "inspection"))
-    _, orders = _orders(files, "inspection", None, None, ())
+    _, orders = _orders(Wanted(files, "inspection", None, (), "--start-key"), None)
     assert orders is not None
     assert [part.mission for part in orders.parts] == [read_encoded(Path(file)) for file in files]
     assert all(part.key is not None for part in orders.parts)
     assert [part.start for part in orders.parts] == [(3.0, 1.5, NORTH), (4.0, 1.5, NORTH)]
     (alone,) = built(tmp_path / "d", "delivery")
-    furnished, bare = (_orders((alone,), told, None, None, ())[1] for told in ("delivery", None))
+    wanted = (Wanted((alone,), told, None, (), "--start-key") for told in ("delivery", None))
+    furnished, bare = (_orders(each, None)[1] for each in wanted)
     assert furnished is not None
     assert bare is not None
     assert [code.text for code in furnished.plan.codes] == ["7d1f0c52a9e84b3666c0e2f1b8d49a07"]

@@ -19,7 +19,7 @@ from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
-from phalanx.mission import BuildOptions, build, check_signature
+from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -27,7 +27,7 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .login import read_login
-from .mission.files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
+from .mission.files import Wanted
 from .qr import qr_text
 from .run import run
 from .stop_word import heed_stop_words
@@ -76,7 +76,8 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
-    with _robots(missions, furnish, world, start_key, trust, count, seed, defence, f_max) as lived:
+    wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
+    with _robots(wanted, world, count, seed, defence, f_max) as lived:
         swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
         if events:
             lines = EventLines()
@@ -90,47 +91,24 @@ def up(
 
 @contextlib.contextmanager
 def _robots(
-    missions: tuple[str, ...],
-    furnish: str | None,
-    world: str | None,
-    start_key: Path | None,
-    trust: tuple[str, ...],
-    count: int,
-    seed: int,
-    defence: str | None,
-    f_max: int | None,
+    wanted: Wanted, world: str | None, count: int, seed: int, defence: str | None, f_max: int | None
 ) -> Iterator[Swarm | None]:
     """Robots that live missions, and have begun the first if there is one; None if no mission is wanted."""
-    if (start_key is not None or trust or furnish) and not (missions and is_encoded(missions[0])):
-        raise UsageError(
-            "--start-key, --trust and --furnish are for encoded missions", "phalanx mission build makes one"
-        )
-    if not missions and world is None:
+    if not wanted.sources and world is None:
+        wanted.read()  # nothing may be said of files that are not there
         yield None
         return
-    plan, orders = _orders(missions, furnish, world, start_key, trust)
+    plan, orders = _orders(wanted, world)
     with mission_swarm(plan, orders, count, seed, defence, f_max, talk) as swarm:
         yield swarm
 
 
-def _orders(
-    missions: tuple[str, ...], furnish: str | None, world: str | None, start_key: Path | None, trust: tuple[str, ...]
-) -> tuple[FloorPlan, Orders | None]:
-    if not missions:
-        return load_floorplan(world or DEFAULT), None
-    if is_encoded(missions[0]):
-        files = read_files(missions, start_key, "--start-key")
-        for encoded, _ in files:
-            if trust or encoded.signer:
-                check_signature(encoded, [read_trusted(key) for key in trust] or None)
-        plain = read_plain(furnish) if furnish else None
-        plan = load_floorplan(world or (plain.floor_plan if plain else "") or DEFAULT)
-        return plan, orders_of_files(Path(missions[0]).stem, files, plan, plain)
-    if len(missions) > 1:
-        raise UsageError(*SEVERAL)
-    told = read_plain(missions[0])
-    plan = load_floorplan(world or told.floor_plan or DEFAULT)
-    return plan, orders_of(told, build(told, BuildOptions(), os.urandom), plan)
+def _orders(wanted: Wanted, world: str | None) -> tuple[FloorPlan, Orders | None]:
+    files, plain = wanted.read()
+    plan = load_floorplan(world or (plain.floor_plan if plain else "") or DEFAULT)
+    if files:
+        return plan, orders_of_files(Path(wanted.sources[0]).stem, files, plan, plain)
+    return plan, orders_of(plain, build(plain, BuildOptions(), os.urandom), plan) if plain else None
 
 
 def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,17 +15,26 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 from phalanx.errors import Unavailable, UsageError
-from phalanx.mission import EncodedMission, Mission, Profile, StartKey, parse_mission, parse_start_key, plain_mission
+from phalanx.mission import (
+    EncodedMission,
+    Mission,
+    Profile,
+    StartKey,
+    check_signature,
+    parse_mission,
+    parse_start_key,
+    plain_mission,
+)
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import not_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.builtin import built_in
+from phalanx.sim.missions.orders import File
 
 Parsed = TypeVar("Parsed")
 TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
 ENDING = ".phxm"
-SEVERAL = ("several missions", "one that is not encoded, or the encoded files of all its parts")
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
 
@@ -199,7 +209,7 @@ def is_encoded(source: str) -> bool:
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 
 
-def read_files(paths: Sequence[str], key: Path | None, option: str) -> list[tuple[EncodedMission, StartKey | None]]:
+def read_files(paths: Sequence[str], key: Path | None, option: str) -> list[File]:
     """Encoded missions, each with its start key: the one given, or those that lie beside them.
 
     Raises: UsageError: one cannot be read, or has no start key; `option` is where to say it. PeerError: one is none.
@@ -221,3 +231,39 @@ def start_key_of(path: Path, given: Path | None, encoded: EncodedMission, option
     if encoded.header.profile is Profile.SEALED and not encoded.header.flags & OPEN_START:
         raise UsageError(f"{path} needs its start key", f"{option} FILE, or {beside.name} beside it")
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Missions as options ask for them: the encoded files of all parts with what belongs to them, or a plain one."""
+
+    sources: tuple[str, ...]
+    furnish: str | None  # what the files were built from
+    key: Path | None  # of one file
+    trust: tuple[str, ...]  # whoever must have signed them
+    key_option: str  # as people know it
+
+    @property
+    def trusted(self) -> list[bytes] | None:
+        """Public keys; None if any signature will do."""
+        return [read_trusted(key) for key in self.trust] or None
+
+    def read(self) -> tuple[list[File], Mission | None]:
+        """What robots get, and what their mission's author says, if somebody asks him; no files, if he alone is asked.
+
+        Raises: UsageError: one cannot be read, or what was asked does not go together. PeerError: a file is refused.
+        """
+        encoded = bool(self.sources) and is_encoded(self.sources[0])
+        if not encoded and (self.key is not None or self.trust or self.furnish):
+            words = f"{self.key_option}, --trust and --furnish are for encoded missions"
+            raise UsageError(words, "phalanx mission build makes one")
+        if encoded:
+            files = read_files(self.sources, self.key, self.key_option)
+            for file, _ in files:
+                if self.trust or file.signer:
+                    check_signature(file, self.trusted)
+            return files, read_plain(self.furnish) if self.furnish else None
+        if len(self.sources) > 1:
+            words = "one that is not encoded, or the encoded files of all its parts"
+            raise UsageError("several missions", words)
+        return [], read_plain(self.sources[0]) if self.sources else None

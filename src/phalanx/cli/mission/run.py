@@ -13,19 +13,19 @@ import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
 from phalanx.errors import UsageError
-from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature
+from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.walker import LONGEST_S
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise, Pose
-from phalanx.sim.missions.orders import File, orders_of_files
+from phalanx.sim.missions.orders import orders_of_files
 from phalanx.sim.missions.recording import write_recording
 from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import check_count
 
-from .files import SEVERAL, is_encoded, read_files, read_plain, read_trusted
+from .files import Wanted
 
 
 def run(
@@ -49,8 +49,7 @@ def run(
     as_json: bool,
 ) -> int:
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
-    trusted = [read_trusted(word) for word in trust] or None
-    files, plain = _missions(sources, key, furnish, trusted)
+    files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     count = robots if robots is not None else len(files or (plain.parts if plain else ()))
     if defence != "none":  # before anything is encoded
         check_count(count, f_max)
@@ -66,7 +65,7 @@ def run(
     if not 0 <= begin_s < LONGEST_S:
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
-        _admit(encoded, trusted, len(range(i, count, len(files))), begin_s)
+        _admit(encoded, len(range(i, count, len(files))), begin_s)
     setting = orders.run(
         robots=count,
         defence=defence,
@@ -102,22 +101,6 @@ def run(
     return 0 if told["completed"] == told["robots"] else 1
 
 
-def _missions(
-    sources: tuple[str, ...],
-    key: Path | None,
-    furnish: str | None,
-    trusted: list[bytes] | None,
-) -> tuple[list[File], Mission | None]:
-    """What robots get, and what their mission's author says, if somebody asks him; no files, if he alone is asked."""
-    if is_encoded(sources[0]):
-        return read_files(sources, key, "--key"), read_plain(furnish) if furnish else None
-    if len(sources) > 1:
-        raise UsageError(*SEVERAL)
-    if trusted or key or furnish:
-        raise UsageError("--trust, --key and --furnish are for encoded missions", "phalanx mission build makes one")
-    return [], read_plain(sources[0])
-
-
 def _building(name: str, *, told: bool) -> FloorPlan:
     """A floor plan; with a place where robots begin, if nobody has told it."""
     plan = load_floorplan(name)
@@ -136,10 +119,8 @@ def _so_far(share: float, duration_s: float) -> str:
     return "simulated to the end" if share >= 1 else f"{100 * share:.0f} % of at most {duration_s:g} s simulated"
 
 
-def _admit(encoded: EncodedMission, trusted: list[bytes] | None, robots: int, now_s: float) -> None:
-    """Refuse what a robot would: a mission that nobody trusted signed, for others, or for another time."""
-    if trusted or encoded.signer:
-        check_signature(encoded, trusted)
+def _admit(encoded: EncodedMission, robots: int, now_s: float) -> None:
+    """Refuse what a robot would: a mission for others, or for another time."""
     if encoded.header.robots and robots > len(encoded.header.robots):
         raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
     admit(encoded, (encoded.header.robots or (1,))[0], now_s, ())
