@@ -1,4 +1,7 @@
-"""Where robots are, in six bytes each (docs/spec/vocabulary.md#places): frames are mostly this."""
+"""Where robots are, in six bytes each (docs/spec/vocabulary.md#places): frames are mostly this.
+
+Source: docs/spec/vocabulary.md.
+"""
 
 from __future__ import annotations
 
@@ -49,20 +52,14 @@ class Places:
         return len(self._records)
 
     def piece(self, start: int, stop: int) -> list[Any]:
-        """Records `start` to `stop` as one of a frame's `places`: `[number, x, y, step, records]`.
-
-        Source: docs/spec/vocabulary.md.
-        """
+        """Records `start` to `stop` as one of a frame's `places`: `[number, x, y, step, records]`."""
         first = int(self._next[start - 1]) if start else self._first
         records = urlsafe_b64encode(self._records[start:stop].tobytes()).decode()
         return [first, *self._corner.tolist(), self._step_mm, records]
 
 
 def in_places(rows: NDArray[np.int64]) -> list[Places]:
-    """The rows in as few `Places` as tell them well: a robot far from the others does not make their places coarse.
-
-    Source: docs/spec/vocabulary.md.
-    """
+    """The rows in as few `Places` as tell them well: a robot far from the others does not make their places coarse."""
     if not len(rows):
         return []
     at = rows[:, 1:3]

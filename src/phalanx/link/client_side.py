@@ -1,4 +1,7 @@
-"""The client's side of the link in mode qrkey: bytes and a time in, events and asks out."""
+"""The client's side of the link in mode qrkey: bytes and a time in, events and asks out.
+
+Source: Qrkey §III, Table I; docs/spec/link.md.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,6 @@ class ClientSide:
     secret, and no proof of anything.
 
     Raises: UsageError: the client id has characters that a topic may not have.
-    Source: Qrkey §III; docs/spec/link.md.
     """
 
     def __init__(self, config: LinkConfig, random_bytes: Callable[[int], bytes], pin: Pin, client_id: str) -> None:
@@ -56,12 +58,12 @@ class ClientSide:
         return self._reply.client_id
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every topic to be subscribed to now. Source: docs/spec/link.md."""
+        """Every topic to be subscribed to now."""
         root, topic = self.config.root, self._epoch.topic
         return full_topic(root, topic, "notify"), full_topic(root, topic, self._reply)
 
     def receive(self, topic: str, token: bytes, now_s: float) -> Notification | Reply | ReplyPart | Moved | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted. Source: docs/spec/link.md."""
+        """What a message from the broker says. Never raises: what is refused is counted."""
         try:
             return self._receive(topic, token, now_s)
         except PeerError as error:
@@ -73,27 +75,17 @@ class ClientSide:
         return Rejected(error)
 
     def command(self, to: CommandTopic, payload: Any, now_s: float) -> Publish:
-        """A command for one robot.
-
-        Raises: UsageError: the payload is not JSON, or more than a server reads.
-        Source: Qrkey Table I.
-        """
+        """A command for one robot. Raises: UsageError: the payload is not JSON, or more than a server reads."""
         return self._publish(to, payload, now_s)
 
     def request(self, number: int, now_s: float, **words: Any) -> Publish:
-        """A request; the answer comes as a `Reply` of the same number.
-
-        Raises: UsageError: more than a server reads.
-        Source: Qrkey Table I; docs/spec/link.md.
-        """
+        """A request; the answer comes as a `Reply` of the same number. Raises: UsageError: more than a server reads."""
         return self._publish("request", {"request": number, "reply": self.client_id, "parts": True, **words}, now_s)
 
     def fall_back(self, asked: Epoch) -> Moved | None:
         """Go back to the last epoch if nobody speaks in this one; for a client that `asked` there and got no answer.
 
         Somebody may have forged the pin message that led here. If nobody did, the server tells the way again.
-
-        Source: docs/spec/link.md.
         """
         if self._left is None or asked is not self._epoch:
             return None

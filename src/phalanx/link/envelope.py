@@ -1,4 +1,7 @@
-"""The envelope: a timestamp and a payload, sealed; and the one message that goes without, the pin message."""
+"""The envelope: a timestamp and a payload, sealed; and the one message that goes without, the pin message.
+
+Source: docs/spec/link.md.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +22,7 @@ PIN_MESSAGE_CMD = 255
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What a client of ours seals beside its payload. Published peers neither say nor read it.
-
-    Source: docs/spec/link.md.
-    """
+    """What a client of ours seals beside its payload. Published peers neither say nor read it."""
 
     sub: str | None = None  # topic below the epoch that it was sealed for, or None
     seen: int | None = None  # number of the last frame that its sender had read, or None
@@ -30,7 +30,7 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """An authentic, fresh message that was not seen before. Source: docs/spec/link.md."""
+    """An authentic, fresh message that was not seen before."""
 
     timestamp_s: float
     payload: Any
@@ -43,11 +43,7 @@ def encode_json(value: Any) -> bytes:
 
 
 def encode_envelope(payload: Any, now_s: float, bound: Bound = Bound()) -> bytes:
-    """The plaintext of an envelope.
-
-    Raises: ValueError, TypeError: the payload is not JSON (NaN included).
-    Source: docs/spec/link.md.
-    """
+    """The plaintext of an envelope. Raises: ValueError, TypeError: the payload is not JSON (NaN included)."""
     words = {"sub": bound.sub, "seen": bound.seen}
     return encode_json({"timestamp": now_s, "payload": payload, **{k: v for k, v in words.items() if v is not None}})
 
@@ -56,7 +52,6 @@ def encode_to_send(payload: Any, now_s: float, max_bytes: int, readers: str, bou
     """The plaintext of an envelope that `readers` will not refuse for its size.
 
     Raises: UsageError: the payload is not JSON, or longer than `max_bytes`.
-    Source: docs/spec/link.md.
     """
     try:
         plaintext = encode_envelope(payload, now_s, bound)
@@ -76,7 +71,7 @@ def encode_pin_message(pin: Pin) -> bytes:
 
 
 def seal(plaintext: bytes, epoch: Epoch, iv: bytes) -> bytes:
-    """`plaintext` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes. Source: docs/spec/link.md."""
+    """`plaintext` sealed for everybody in `epoch`; `iv` is 12 fresh random bytes."""
     return seal_jwe(plaintext, epoch.key, iv)
 
 
@@ -88,7 +83,6 @@ def open_envelope(
     The cache is entered once the message is authentic and fresh. `now_s` is the receiver's clock, seconds since 1970.
 
     Raises: OpenError, whatever went wrong; its `cause` says what.
-    Source: docs/spec/link.md.
     """
     try:
         iv, plaintext = open_jwe(token, epoch.key, max_bytes)

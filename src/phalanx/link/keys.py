@@ -18,7 +18,7 @@ KEY_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """A pin with what is derived from it. Source: Qrkey §III-D."""
+    """A pin with what is derived from it."""
 
     pin: Pin
     topic: str  # 24 characters; public, for every message travels under it

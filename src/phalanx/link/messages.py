@@ -1,4 +1,7 @@
-"""What the two sides of the link say to the program around them, and what they ask of the broker."""
+"""What the two sides of the link say to the program around them, and what they ask of the broker.
+
+Source: Qrkey §III-D, Table I; docs/spec/link.md.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +41,7 @@ Ask = Publish | Subscribe | Unsubscribe
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A visitor's command for one robot. The payload is authentic JSON, and not checked further.
-
-    Source: Qrkey Table I.
-    """
+    """A visitor's command for one robot. The payload is authentic JSON, and not checked further."""
 
     topic: CommandTopic
     payload: Any = field(repr=False)
@@ -61,10 +61,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload, for extensions such as `frames`.
-
-    Source: Qrkey Table I; docs/spec/link.md.
-    """
+    """A visitor's request. `words` is the whole payload, for extensions such as `frames`."""
 
     number: int
     client_id: str
@@ -80,7 +77,7 @@ class Knock:
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """What the server tells everybody. Source: Qrkey Table I."""
+    """What the server tells everybody."""
 
     payload: Any = field(repr=False)
     timestamp_s: float
@@ -88,7 +85,7 @@ class Notification:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a request of ours. Source: Qrkey Table I."""
+    """The answer to a request of ours."""
 
     number: int
     data: Any = field(repr=False)
@@ -103,7 +100,7 @@ class ReplyPart:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """A pin message was followed: the client now lives in `epoch`. Source: Qrkey §III-D."""
+    """A pin message was followed: the client now lives in `epoch`."""
 
     epoch: Epoch
     asks: tuple[Ask, ...] = field(repr=False)

@@ -1,6 +1,8 @@
 """Answers in parts: a list too long for one small message travels as several, and arrives as one.
 
 Small messages matter: mosquitto 2.0, the broker of most labs, sends a browser about 4 KB per 100 ms of any longer one.
+
+Source: docs/adr/0009.
 """
 
 from __future__ import annotations
@@ -23,7 +25,6 @@ def split_list(data: Sequence[Any], limit_bytes: int) -> list[list[Any]]:
     """`data` in order, in pieces of at most `limit_bytes` of JSON each; a longer element makes a piece of its own.
 
     Raises: ValueError, TypeError: an element is not JSON.
-    Source: docs/adr/0009.
     """
     pieces: list[list[Any]] = [[]]
     used = 0
@@ -44,10 +45,7 @@ class _Open:
 
 
 class PartsInbox:
-    """Puts answers together again, a few at a time; the oldest unfinished one is forgotten first.
-
-    Source: docs/adr/0009.
-    """
+    """Puts answers together again, a few at a time; the oldest unfinished one is forgotten first."""
 
     def __init__(self) -> None:
         self._open: dict[tuple[int, int], _Open] = {}
@@ -56,7 +54,6 @@ class PartsInbox:
         """The whole list once its last part is here, else None; a reply has `data`, `answer`, `part` and `parts`.
 
         Raises: BadPayload.
-        Source: docs/adr/0009.
         """
         answer, part, parts = (words.get(key) for key in ("answer", "part", "parts"))
         if not all(type(value) is int for value in (answer, part, parts)) or not isinstance(words.get("data"), list):

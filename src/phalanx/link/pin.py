@@ -20,7 +20,7 @@ class BadPin(UsageError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Pin:
-    """Decimal digits as text: leading zeros count. Raises: BadPin. Source: Qrkey §III-D."""
+    """Decimal digits as text: leading zeros count. Raises: BadPin."""
 
     digits: str
 
@@ -33,10 +33,7 @@ class Pin:
 
 
 def new_pin(digits: int, random_bytes: Callable[[int], bytes]) -> Pin:
-    """A pin of so many digits, each equally likely; `random_bytes` makes n bytes from a cryptographic source.
-
-    Source: Qrkey §III-D.
-    """
+    """A pin of so many digits, each equally likely; `random_bytes` makes n bytes from a cryptographic source."""
     chosen = ""
     while len(chosen) < digits:
         # 250 is the last multiple of 10 in a byte; keeping 250..255 would favour the digits 0 to 5.

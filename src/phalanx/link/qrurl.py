@@ -1,4 +1,7 @@
-"""What a QR code says: our own form keeps the pin in the fragment, the published form has it in the query."""
+"""What a QR code says: our own form keeps the pin in the fragment, the published form has it in the query.
+
+Source: docs/spec/link.md.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ class BadQrUrl(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class QrUrl:
-    """Everything that a visitor needs. Raises: BadQrUrl. Source: docs/spec/link.md."""
+    """Everything that a visitor needs. Raises: BadQrUrl."""
 
     pin: Pin = field(repr=False)
     broker: str  # websocket URL of the broker
@@ -51,10 +54,7 @@ class QrUrl:
             raise BadQrUrl(str(error)) from None
 
     def for_page(self, page: str) -> str:
-        """Link to our own page: parameters in the fragment, which browsers keep to themselves.
-
-        Source: docs/spec/link.md.
-        """
+        """Link to our own page: parameters in the fragment, which browsers keep to themselves."""
         words = {"v": VERSION, "pin": self.pin.digits, "broker": self.broker}
         # Defaults are left out: every character makes the code finer and harder to scan.
         if self.root != DEFAULT_ROOT:
@@ -85,7 +85,6 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
     """What a scanned link says, in either form; `root` is used for the published one, which does not name one.
 
     Raises: BadQrUrl, BadPin.
-    Source: docs/spec/link.md.
     """
     try:
         parts = urlsplit(url.strip())

@@ -32,7 +32,6 @@ class ReplayCache:
         The epoch is its topic; the timestamp is the sender's, and finite.
 
         Raises: Stale, Replayed, CacheFull.
-        Source: docs/spec/link.md.
         """
         skew_s = timestamp_s - now_s
         if not abs(skew_s) <= self._tolerance_s:

@@ -9,7 +9,7 @@ from enum import Enum
 
 
 class State(Enum):
-    """What lives beside the current epoch. Source: Qrkey §III-D; docs/spec/link.md."""
+    """What lives beside the current epoch."""
 
     FIRST = "first"  # nothing: no rotation yet
     OVERLAP = "overlap"  # the old epoch, in full
@@ -17,7 +17,7 @@ class State(Enum):
 
 
 class Event(Enum):
-    """What happens to a rotation. Source: docs/spec/link.md."""
+    """What happens to a rotation."""
 
     ROTATE_DUE = "rotate due"
     OVERLAP_OVER = "overlap over"
@@ -26,7 +26,7 @@ class Event(Enum):
 
 
 class Act(Enum):
-    """What a server does, in the order of the table. Source: docs/spec/link.md."""
+    """What a server does, in the order of the table."""
 
     FORGET_LAST = "forget the last epoch"
     NEW_EPOCH = "make a new pin and subscribe to its topics"
@@ -46,8 +46,5 @@ TABLE: dict[tuple[State, Event], tuple[State, tuple[Act, ...]]] = {
 
 
 def step(state: State, event: Event) -> tuple[State, tuple[Act, ...]]:
-    """The next state and what to do; an event that the table does not name changes nothing.
-
-    Source: Qrkey §III-D; docs/spec/link.md.
-    """
+    """The next state and what to do; an event that the table does not name changes nothing."""
     return TABLE.get((state, event), (state, ()))

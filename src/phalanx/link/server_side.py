@@ -2,6 +2,8 @@
 
 Nothing here waits, sleeps or opens a socket; `phalanx.io.server` does, and drives this. A mode with other keys is
 another class with the same methods.
+
+Source: Qrkey §III; docs/spec/link.md.
 """
 
 from __future__ import annotations
@@ -29,8 +31,6 @@ class ServerSide:
 
     `random_bytes` makes n bytes from a cryptographic source. `uptime_s` is of a clock that is never set (monotonic): it
     times the rotation.
-
-    Source: Qrkey §III; docs/spec/link.md.
     """
 
     def __init__(
@@ -58,21 +58,18 @@ class ServerSide:
         return self._rotated_at_s
 
     def live_epochs(self) -> tuple[Epoch, ...]:
-        """Epochs under which messages are accepted and published, the current one first. Source: Qrkey §III-D."""
+        """Epochs under which messages are accepted and published, the current one first."""
         return (self._epoch, self._old) if self.state is State.OVERLAP and self._old else (self._epoch,)
 
     def subscriptions(self) -> tuple[str, ...]:
-        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them.
-
-        Source: docs/spec/link.md.
-        """
+        """Every filter to be subscribed to now; after a reconnect the broker has forgotten them."""
         filters = [f for epoch in self.live_epochs() for f in self._filters(epoch)]
         if self.state is State.SETTLED and self._old:
             filters.append(full_topic(self.config.root, self._old.topic, "request"))
         return tuple(filters)
 
     def receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock | Rejected:
-        """What a message from the broker says. Never raises: what is refused is counted. Source: docs/spec/link.md."""
+        """What a message from the broker says. Never raises: what is refused is counted."""
         try:
             return self._receive(topic, token, now_s, uptime_s)
         except PeerError as error:
@@ -87,7 +84,6 @@ class ServerSide:
         """Sealed once per live epoch, whatever the number of visitors.
 
         Raises: UsageError: the payload is not JSON, or more than a client reads.
-        Source: Qrkey §III; docs/spec/link.md.
         """
         return self._publish("notify", payload, now_s)
 
@@ -120,7 +116,7 @@ class ServerSide:
         )
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
-        """Rotate, or end an overlap, if it is due. Source: Qrkey §III-D."""
+        """Rotate, or end an overlap, if it is due."""
         config = self.config
         since_s = uptime_s - self._rotated_at_s
         asks: tuple[Ask, ...] = ()
@@ -140,7 +136,7 @@ class ServerSide:
         return self._rotated_at_s + wait
 
     def reconnected(self, uptime_s: float) -> tuple[Ask, ...]:
-        """What to say again after the broker was away. Source: docs/spec/link.md."""
+        """What to say again after the broker was away."""
         return self._step(Event.RECONNECTED, uptime_s)
 
     def _receive(self, topic: str, token: bytes, now_s: float, uptime_s: float) -> Command | Request | Knock:

@@ -20,7 +20,7 @@ CLIENT_ID = re.compile(r"[0-9A-Za-z_.:-]{1,128}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class CommandTopic:
-    """Where a command for one robot goes. Source: Qrkey Table I."""
+    """Where a command for one robot goes."""
 
     address: str
     application: str
@@ -34,7 +34,7 @@ class CommandTopic:
 
 @dataclass(frozen=True, slots=True)
 class ReplyTopic:
-    """Where the answers for one client go. Source: Qrkey Table I."""
+    """Where the answers for one client go."""
 
     client_id: str
 
@@ -47,12 +47,12 @@ SubTopic = CommandTopic | ReplyTopic | Literal["request", "notify"]
 
 
 def full_topic(root: str, epoch_topic: str, sub: SubTopic) -> str:
-    """The topic on the broker: root, the epoch's topic, and what it is about. Source: Qrkey Table I."""
+    """The topic on the broker: root, the epoch's topic, and what it is about."""
     return f"{root}/{epoch_topic}/{below_epoch(sub)}"
 
 
 def below_epoch(sub: SubTopic) -> str:
-    """The part of a topic that says what it is about. Source: Qrkey Table I."""
+    """The part of a topic that says what it is about."""
     if isinstance(sub, CommandTopic):
         return f"command/{SWARM}/{sub.address}/{sub.application}/{sub.name}"
     if isinstance(sub, ReplyTopic):
@@ -61,15 +61,12 @@ def below_epoch(sub: SubTopic) -> str:
 
 
 def command_filter(root: str, epoch_topic: str) -> str:
-    """Subscription for every command of an epoch, misdirected ones included: those are counted.
-
-    Source: Qrkey Table I.
-    """
+    """Subscription for every command of an epoch, misdirected ones included: those are counted."""
     return f"{root}/{epoch_topic}/command/#"
 
 
 def split_topic(root: str, epoch_topic: str, topic: str) -> SubTopic:
-    """What `topic` is about, under this root and epoch. Raises: WrongTopic. Source: Qrkey Table I."""
+    """What `topic` is about, under this root and epoch. Raises: WrongTopic."""
     base = f"{root}/{epoch_topic}/"
     if not topic.startswith(base):
         raise WrongTopic("not under this root and epoch")
