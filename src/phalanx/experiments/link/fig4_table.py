@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, cast, get_args
 
 from phalanx.errors import UsageError
@@ -19,19 +19,6 @@ COLUMNS = ("seq", "kind", "sent_at_s", "outcome", "latency_ms")
 SLOW_MS = 200.0  # the paper's limit
 # The paper's own, Qrkey §V: one kind of packet, through HiveMQ's public broker, for 15 h.
 PAPER = {"sent": 108_471, "lost": 0, "mean_ms": 21.55, "slow_pct": 1.194, "longest_slow_run": 70}
-METRICS = {
-    "sent": ("packets sent", "d"),
-    "lost": ("lost", "d"),
-    "late": ("  of these, back too late", "d"),
-    "undecided": ("under way when interrupted", "d"),
-    "reliability_pct": ("reliability, %", ".4f"),
-    "mean_ms": ("mean latency, ms", ".2f"),
-    "median_ms": ("median, ms", ".2f"),
-    "p99_ms": ("99th percentile, ms", ".2f"),
-    "max_ms": ("largest, ms", ".2f"),
-    "slow_pct": ("above 200 ms, %", ".3f"),
-    "longest_slow_run": ("longest run above 200 ms", "d"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +69,28 @@ def packets(table: Table) -> Packets:
     return {kind: tuple(rows[seq] for seq in sorted(rows)) for kind, rows in found.items()}
 
 
+def _told(words: str, form: str) -> dict[str, str]:
+    """How a figure is told to people."""
+    return {"words": words, "form": form}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """The figures of Qrkey §V, for one kind of packet."""
+    """The figures of Qrkey §V, for one kind of packet; None where there are no packets of which to tell."""
 
-    sent: int  # packets published
-    undecided: int  # of these, under way when the measurement was interrupted; not counted below
-    lost: int  # not back in time
-    late: int  # of the lost, those that came back after all
-    reliability_pct: float | None
-    # These four over every packet that came back, however late; None if none did.
-    mean_ms: float | None
-    median_ms: float | None
-    p99_ms: float | None
-    max_ms: float | None
-    slow_pct: float | None  # share of packets above 200 ms, the lost among them; None if there are no packets
-    longest_slow_run: int  # most packets in a row above 200 ms, the lost among them
+    sent: int = field(metadata=_told("packets sent", "d"))
+    lost: int = field(metadata=_told("lost", "d"))
+    late: int = field(metadata=_told("  of these, back too late", "d"))
+    undecided: int = field(metadata=_told("under way when interrupted", "d"))  # counted in nothing below
+    reliability_pct: float | None = field(metadata=_told("reliability, %", ".4f"))
+    # These four over every packet that came back, however late.
+    mean_ms: float | None = field(metadata=_told("mean latency, ms", ".2f"))
+    median_ms: float | None = field(metadata=_told("median, ms", ".2f"))
+    p99_ms: float | None = field(metadata=_told("99th percentile, ms", ".2f"))
+    max_ms: float | None = field(metadata=_told("largest, ms", ".2f"))
+    # The lost among them.
+    slow_pct: float | None = field(metadata=_told("above 200 ms, %", ".3f"))
+    longest_slow_run: int = field(metadata=_told("longest run above 200 ms", "d"))
 
 
 def summarize(rows: Sequence[Row]) -> Summary:
@@ -129,15 +122,13 @@ def report(table: Table) -> Report:
     """The paper's figures, and ours for each kind of packet."""
     ours = {kind: asdict(summarize(rows)) for kind, rows in packets(table).items()}
     paper = {**PAPER, "reliability_pct": 100.0}
-    rows: list[dict[str, Any]] = [
-        {"metric": metric, "paper": paper.get(metric), **{kind: ours[kind][metric] for kind in KINDS}}
-        for metric in METRICS
-    ]
+    rows: list[dict[str, Any]] = []
     lines = [f"{'':28}" + "".join(f"{who:>10}" for who in ("paper", *KINDS))]
-    for row in rows:
-        words, form = METRICS[row["metric"]]
-        told = ("-" if row[who] is None else format(row[who], form) for who in ("paper", *KINDS))
-        lines.append(f"{words:28}" + "".join(f"{cell:>10}" for cell in told))
+    for each in fields(Summary):
+        row = {"paper": paper.get(each.name), **{kind: ours[kind][each.name] for kind in KINDS}}
+        rows.append({"metric": each.name, **row})
+        told = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
+        lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in told))
     return Report(rows, lines, {"broker": table.origin["broker"]})
 
 
