@@ -30,7 +30,6 @@ from phalanx.experiments.bti.flock import (
     read_reference,
     runs_of,
 )
-from phalanx.experiments.bti.flock_plot import draw_flock
 from phalanx.experiments.figure import Figure
 from phalanx.experiments.library import FIGURES
 from phalanx.experiments.plot import draw
@@ -57,19 +56,14 @@ SMALL = Scenario(
 class SmallFlock(Flock):
     """The same measurement over a swarm that is done in a moment."""
 
-    COLUMNS = COLUMNS
-    cases = staticmethod(bti_flock.cases)
-    check = staticmethod(runs_of)
-
     def scenario(self, case, seed):
         return replace(SMALL, seed=seed, attacks=SMALL.attacks if case == "attacked" else ())
 
-    def draw(self, table, picture):
-        return draw_flock(self, table, picture)
-
 
 SMALL_FIGURE = Figure(
-    name="bti-fig9", about="small", made_by=SmallFlock(name="bti-fig9", reference=bti_fig9.FLOCK.reference)
+    name="bti-fig9",
+    about="small",
+    made_by=SmallFlock(name="bti-fig9", reference=bti_fig9.FLOCK.reference, find=bti_fig9.compare_runs),
 )
 
 

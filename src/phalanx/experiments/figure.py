@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from phalanx.errors import UsageError
@@ -45,7 +45,7 @@ class Figure:
 
     name: str  # as typed, and of its files
     about: str  # what it shows, one line with its place in the paper
-    made_by: Any  # a module of this package by its name, or whatever else has what is said above
+    made_by: Any  # what has that: a module of this package, "module:name" in one, or anything else
     example: str = "--seeds 5"  # options that somebody may want
     options: tuple[Option, ...] = (SEEDS,)  # what can be asked of it
     has_login: bool = False  # whether it asks for a broker's login
@@ -55,7 +55,7 @@ class Figure:
     @property
     def body(self) -> Any:
         """What it is made by."""
-        return import_module(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
+        return resolve_name(f"{__package__}.{self.made_by}") if isinstance(self.made_by, str) else self.made_by
 
     def csv(self, folder: Path) -> Path:
         """Where its rows are."""

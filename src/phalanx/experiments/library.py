@@ -32,12 +32,12 @@ FIGURES = {
         flock(
             name="bti-fig8",
             about="One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)",
-            made_by="bti.fig8",
+            made_by="bti.fig8:FLOCK",
         ),
         flock(
             name="bti-fig9",
             about="One robot lies and the others stop it: the flock arrives (RoboRebound Fig. 9)",
-            made_by="bti.fig9",
+            made_by="bti.fig9:FLOCK",
         ),
         Figure(
             name="mission-fig8a",

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from phalanx.experiments.statement import Statement, quantiles
-from phalanx.experiments.table import Table
 
 from .attack_trial import stop_bound_s
-from .flock import COLUMNS, Flock, FlockRuns, at_times, cases, mean_distances_m, read_reference, runs_of
-from .flock_plot import draw_flock
+from .flock import Flock, FlockRuns, at_times, mean_distances_m, read_reference
 
-__all__ = ["COLUMNS", "cases", "check", "compare", "draw", "measure_case", "origin"]
-
-FLOCK = Flock(name="bti-fig9", reference={"honest": "honest", "attacked": "stopped_at_25s"})
-origin, measure_case, check, draw = FLOCK.origin, FLOCK.measure_case, runs_of, partial(draw_flock, FLOCK)
 TIMES_S = (50.0, 100.0, 150.0)
 # How far the reference's flock ever is from its own baseline when its liar is switched off after 10 s.
 NEAR_M = 4.0
 HONEST_SHARE = 0.03
-
-
-def compare(table: Table) -> list[Statement]:
-    """What the paper says, the independent reference, and ours."""
-    return compare_runs(runs_of(table))
 
 
 def compare_runs(table: FlockRuns) -> list[Statement]:
@@ -88,3 +75,6 @@ def compare_runs(table: FlockRuns) -> list[Statement]:
             )
         )
     return statements
+
+
+FLOCK = Flock(name="bti-fig9", reference={"honest": "honest", "attacked": "stopped_at_25s"}, find=compare_runs)

@@ -1,4 +1,7 @@
-"""What Figures 8 and 9 have in common: the flock of RoboRebound §5.3 over many seeds, with a liar and without."""
+"""What Figures 8 and 9 have in common: the flock of RoboRebound §5.3 over many seeds, with a liar and without.
+
+They are drawn from their CSV alone: distance to the goal over time, and where everybody ends.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,23 @@ import importlib.resources
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, legend_above
+from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Picture
 
 CASES = ("honest", "attacked")
 COLUMNS = ("t_s", "robot", "state", "x_m", "y_m")
@@ -25,39 +34,11 @@ HONEST, LIAR, STOPPED = STATES = 0, 1, 2  # what a robot is, in `state`
 EVERY_S = 5.0
 # A run is advanced in steps, so that progress is seen and Ctrl-C heard.
 STEP_S = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Flock:
-    """What one of the figures measures."""
-
-    name: str  # of the built-in scenario
-    reference: dict[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours
-
-    def scenario(self, case: str, seed: int) -> Scenario:
-        """What runs: the built-in scenario, in the honest case without its attack."""
-        chosen = replace(find_scenario(self.name), seed=seed)
-        return chosen if case == "attacked" else replace(chosen, attacks=())
-
-    def origin(self) -> dict[str, Any]:
-        """What two measurements that share a file must agree in: what was run, all of it, and how often looked at."""
-        return {"scenario": repr(self.scenario("attacked", 0)), "every_s": EVERY_S}
-
-    def measure_case(self, case: str, tell: Callable[[float], None]) -> tuple[Rows, dict[str, Any]]:
-        """A row for each sample and robot; and the run's summary, less the series and what was the machine's."""
-        kind, seed = split(case)
-        scenario = self.scenario(kind, seed)
-        run, rows = Run(scenario), []
-        with ctrl_c_between_steps() as check:
-            for sample in range(math.floor(scenario.duration_s / EVERY_S) + 1):
-                t_s = sample * EVERY_S
-                while run.now_s < t_s:
-                    run.advance(min(run.now_s + STEP_S, t_s))
-                    tell(run.now_s / scenario.duration_s)
-                    check()
-                rows.append(np.column_stack([np.full(len(run.ids), t_s), run.ids, _states(run), run.positions_m]))
-        drop = ("distance_series", "real_time_factor")
-        return np.concatenate(rows), {key: value for key, value in run.summary().items() if key not in drop}
+COLOUR = {HONEST: BLUE, LIAR: VERMILION, STOPPED: GREY}
+WORDS = {HONEST: "honest", LIAR: "compromised", STOPPED: "in Safe Mode"}
+# How far from the goal the paper's attacker wants everybody, RoboRebound §5.3.
+PAPER_Z_M = 150.0
+MARGIN_M = 40.0
 
 
 def cases(seeds: int) -> list[str]:
@@ -163,3 +144,108 @@ def read_reference() -> dict[str, NDArray[np.float64]]:
         numbers = [float(row[name]) for name in ("t_s", "mean_m", "least_m", "most_m")]
         series.setdefault(row["series"], []).append(numbers)
     return {name: np.array(rows) for name, rows in series.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flock:
+    """What makes one of the figures."""
+
+    COLUMNS = COLUMNS
+    cases = staticmethod(cases)
+    check = staticmethod(runs_of)
+
+    name: str  # of the built-in scenario
+    reference: dict[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours
+    find: Callable[[FlockRuns], list[Statement]]  # what the paper says, the independent reference, and ours
+
+    def scenario(self, case: str, seed: int) -> Scenario:
+        """What runs: the built-in scenario, in the honest case without its attack."""
+        chosen = replace(find_scenario(self.name), seed=seed)
+        return chosen if case == "attacked" else replace(chosen, attacks=())
+
+    def origin(self) -> dict[str, Any]:
+        """What two measurements that share a file must agree in: what was run, all of it, and how often looked at."""
+        return {"scenario": repr(self.scenario("attacked", 0)), "every_s": EVERY_S}
+
+    def measure_case(self, case: str, tell: Callable[[float], None]) -> tuple[Rows, dict[str, Any]]:
+        """A row for each sample and robot; and the run's summary, less the series and what was the machine's."""
+        kind, seed = split(case)
+        scenario = self.scenario(kind, seed)
+        run, rows = Run(scenario), []
+        with ctrl_c_between_steps() as check:
+            for sample in range(math.floor(scenario.duration_s / EVERY_S) + 1):
+                t_s = sample * EVERY_S
+                while run.now_s < t_s:
+                    run.advance(min(run.now_s + STEP_S, t_s))
+                    tell(run.now_s / scenario.duration_s)
+                    check()
+                rows.append(np.column_stack([np.full(len(run.ids), t_s), run.ids, _states(run), run.positions_m]))
+        drop = ("distance_series", "real_time_factor")
+        return np.concatenate(rows), {key: value for key, value in run.summary().items() if key not in drop}
+
+    def compare(self, table: Table) -> list[Statement]:
+        """What is found in a table."""
+        return self.find(runs_of(table))
+
+    def draw(self, table: Table, picture: Picture) -> str:
+        """Of each case, the distances over time and the ground. Source: RoboRebound Fig. 8, Fig. 9."""
+        runs = runs_of(table)
+        seeds = runs.seeds()
+        rows = picture.subplots(len(CASES), 2, width_ratios=(7, 5))
+        for case, (over_time, ground) in zip(CASES, rows, strict=True):
+            run = runs.runs[case, seeds[0]]
+            _draw_over_time(over_time, runs, self, run)
+            _draw_ground(ground, self, run)
+            for axes in (over_time, ground):
+                legend_above(axes, columns=2)
+        return (
+            f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}; "
+            f"hollow: an independent script\nphalanx {table.version}"
+        )
+
+
+def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -> None:
+    goal_m = flock.scenario(run.case, run.seed).goal_m
+    distances_m = run.distances_m(goal_m)
+    axes.plot(run.times_s, distances_m[:, ~run.liars], color=BLUE, alpha=0.25, linewidth=0.7)
+    axes.plot(run.times_s, distances_m[:, run.liars], color=VERMILION, linewidth=1.2)
+    if run.liars.any():
+        axes.plot([], [], color=VERMILION, linewidth=1.2, label="the compromised robot")
+        _shade(axes, run)
+    means_m = mean_distances_m(table, run.case, goal_m)
+    banded(axes, run.times_s, means_m, BLUE, "mean of correct robots, median of seeds", "5 to 95 % of seeds")
+    reference = read_reference()[flock.reference[run.case]]
+    axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
+    axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")
+    axes.text(0, PAPER_Z_M, " paper's z = 150 m", fontsize=7.5, color="0.35", va="bottom")
+    axes.set(xlabel="time (s)", ylabel=f"distance to the goal (m), {_case_words(run)}")
+    axes.set_xlim(0, run.times_s[-1])
+    axes.set_ylim(0, None)
+
+
+def _shade(axes: Axes, run: FlockRun) -> None:
+    """The time in which the compromised robot acts, as in the paper."""
+    for told in run.summary["compromised"]:
+        if told["first_deviation_s"] is not None:
+            end_s = run.times_s[-1] if told["safe_mode_s"] is None else told["safe_mode_s"]
+            axes.axvspan(told["first_deviation_s"], end_s, color=VERMILION, alpha=0.15, linewidth=0, label="it lies")
+
+
+def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
+    goal_m = flock.scenario(run.case, run.seed).goal_m
+    start_m = run.positions_m[0]
+    axes.plot(start_m[:, 0], start_m[:, 1], "o", mfc="none", mec=BLUE, ms=3.5, label="at the start")
+    for state in (HONEST, LIAR, STOPPED):
+        there_m = run.positions_m[-1, run.states[-1] == state]
+        if len(there_m):
+            label = f"at {run.times_s[-1]:g} s, {WORDS[state]}"
+            axes.plot(there_m[:, 0], there_m[:, 1], "o", color=COLOUR[state], ms=3.5, label=label)
+    axes.plot(*goal_m, "x", color=GREEN, ms=9, mew=2.5, label="goal")
+    axes.set_aspect("equal")
+    shown_m = np.vstack((run.positions_m.reshape(-1, 2), goal_m))
+    (left_m, bottom_m), (right_m, top_m) = shown_m.min(axis=0) - MARGIN_M, shown_m.max(axis=0) + MARGIN_M
+    axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(left_m, right_m), ylim=(bottom_m, top_m))
+
+
+def _case_words(run: FlockRun) -> str:
+    return "with a liar" if run.liars.any() else "all honest"

@@ -125,7 +125,7 @@ def report(table: Table) -> Report:
     rows: list[dict[str, Any]] = []
     lines = [f"{'':28}" + "".join(f"{who:>10}" for who in ("paper", *KINDS))]
     for each in fields(Summary):
-        row = {"paper": paper.get(each.name), **{kind: ours[kind][each.name] for kind in KINDS}}
+        row: dict[str, Any] = {"paper": paper.get(each.name), **{kind: ours[kind][each.name] for kind in KINDS}}
         rows.append({"metric": each.name, **row})
         told = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
         lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in told))
