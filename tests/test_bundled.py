@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,10 @@ from phalanx import kernel as kernel_module
 from phalanx.config.flock import FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.declaration import Declaration
 from phalanx.sim.audited.body import POINT_MASS, WHEELS, driven_by
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
-from phalanx.wire.table import ACCELERATION, SENSOR, STATE, WHEELS_COMMAND
+from phalanx.wire.table import WHEELS_COMMAND
 
 SRC = Path(kernel_module.__file__).parent
 DRIFT = '''
@@ -29,9 +29,8 @@ import numpy as np
 
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.fields import put_f32
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.wire.fields import get_u32, put_u16, put_u32, put_u64
+from phalanx.wire.fields import get_u32, put_f32, put_u32
 from phalanx.wire.record import Field, Record
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD, KIND_ACCELERATION, SENSOR, STATE
 
@@ -39,14 +38,14 @@ MEMORY = Record("drift_memory", (Field("steps", "u32", ""),), "how often it drif
 STEPS = MEMORY.at("steps")
 CAPACITY = MEMORY.size
 LENGTH = ACCELERATION.size
-ID, TIME, AX, AY = map(ACCELERATION.at, ("id", "t", "ax_mps2", "ay_mps2"))
+AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 
 
 def params(config):
     return np.array([0.25])
 
 
-CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, params=params)
+CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, remembers=(MEMORY,), params=params)
 
 
 @kernel
@@ -78,10 +77,7 @@ def on_recv(_params, _rob_id, _t_ms, _frame, _length, _state):
 @kernel
 def on_input(params, rob_id, _step, t_ms, _reading, _length, state, out):
     put_u32(state, STEPS, get_u32(state, STEPS) + 1)
-    at = put_head(out, 0, ENTRY_ACMD, LENGTH)
-    out[at] = KIND_ACCELERATION
-    put_u16(out, at + ID, rob_id)
-    put_u64(out, at + TIME, t_ms)
+    at = put_head(out, 0, ENTRY_ACMD, LENGTH, KIND_ACCELERATION, rob_id, t_ms)
     put_f32(out, at + AX, params[0])
     put_f32(out, at + AY, 0.0)
     return at + LENGTH
@@ -150,8 +146,7 @@ def test_each_bundled_controller_has_a_number_a_body_and_kernels():
 
 def test_a_body_that_there_is_not_is_refused():
     with pytest.raises(UsageError, match="no body says sensor and obeys wheels_command"):
-        driven_by(Declaration(reads=SENSOR, commands=WHEELS_COMMAND, says=STATE))
-    assert driven_by(Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE)) == POINT_MASS
+        driven_by(replace(dispatch.BUNDLED["flock"], commands=WHEELS_COMMAND))
 
 
 def test_a_controller_that_waits_for_orders_is_not_a_scenarios():

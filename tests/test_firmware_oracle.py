@@ -9,10 +9,11 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from asked_nodes import Nodes
 from oracle import nodes as oracle
 from oracle.lightmac import lightmac
 from phalanx.bti import trusted
-from phalanx.bti.nodes import Limits, Nodes, Refused, seal_mission_key
+from phalanx.bti.nodes import Limits, Refused, seal_mission_key
 
 MASTER = bytes(range(100, 120))
 MISSION = bytes(range(7, 27))

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import PeerError
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.fields import get_f32, put_f32
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Send, compiled
+from phalanx.wire.fields import get_f32, put_f32
 
 HERE = Path(__file__).parent
 PERIOD_MS = 250

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import UsageError
+from phalanx.robot.attacks.spoof import spoofed_state
 from phalanx.robot.controllers.python_controller import Send
 from phalanx.robot.controllers.sine import sine, sine_cosine
-from phalanx.robot.controllers.spoof import spoofed_state
 from test_flock import CONFIG, PERIOD_MS, acceleration, reading, robot, state
 
 REFERENCE = Path(__file__).parent / "data" / "flock_reference.csv"

@@ -15,8 +15,8 @@ from phalanx import kernel as kernel_module
 from phalanx.bti.audit import make_work
 from phalanx.bundle import pack
 from phalanx.config import BtiConfig
-from phalanx.robot.controllers.fields import whole
 from phalanx.sim.audited.events import Queue, make_queue, pop, push
+from phalanx.wire.fields import whole
 
 SRC = Path(kernel_module.__file__).parent
 
@@ -46,7 +46,7 @@ def test_a_bundle_is_itself_where_nothing_is_compiled(monkeypatch):
 
 def test_scratch_memory_holds_the_longest_batch_of_entries():
     work = make_work(BtiConfig())
-    assert len(work.batch_a) == 10 * (7 + 2048) == len(work.batch_s)
+    assert work.batch.shape == (2, 10 * (7 + 2048))
 
 
 def test_whoever_calls_with_a_constant_or_a_narrow_number_gets_the_kernel_of_every_number():

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phalanx.errors import UsageError
-from phalanx.sim.audited.motion import advance, command, halt, obstacle_contacts, robot_contacts
+from phalanx.sim.audited.motion import advance, command, obstacle_contacts, robot_contacts
 from phalanx.sim.radio.reach import make_reach, rebuild
 
 NO_DISCS, NO_BOXES = np.zeros((0, 3)), np.zeros((0, 4))
@@ -54,12 +54,6 @@ class TestMotion:
         acc = np.full((2, 2), 9.0)
         command(acc, 1, asked, 1.0, 5.0)
         assert acc.tolist() == [[9.0, 9.0], [done, 1.0]]
-
-    def test_a_halted_robot_stays_where_it_is(self):
-        pos, vel, acc = np.ones((1, 2)), np.ones((1, 2)), np.ones((1, 2))
-        halt(vel, acc, 0)
-        advance(pos, vel, acc, np.zeros(1, np.int64), 0, 60_000_000)
-        assert pos.tolist() == [[1.0, 1.0]]
 
 
 class TestReach:

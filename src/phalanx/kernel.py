@@ -17,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
+import inspect
 import os
 import re
 import tempfile
@@ -159,4 +160,16 @@ def kernel(function: _F) -> _F:
         _share(compiled)
         _take_whole_numbers_alike(compiled)
     result: _F = compiled
+    return result
+
+
+def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:
+    """The kernel of a function that is only declared: `body` are its lines, `scope` what they name."""
+    lines = [f"def {declared.__name__}({', '.join(inspect.signature(declared).parameters)}):", *body]
+    # In its file, at its own line: numba keeps compiled code beside the file of its source.
+    code = declared.__code__
+    source = "\n" * (code.co_firstlineno - 1) + "\n    ".join(lines)
+    names = {"__name__": declared.__module__, **scope}
+    exec(compile(source, code.co_filename, "exec"), names)  # noqa: S102 - of declarations of ours
+    result: _F = kernel(names[declared.__name__])
     return result

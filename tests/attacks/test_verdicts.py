@@ -13,8 +13,7 @@ from phalanx.config.defence import DEFENCES
 from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Plan, lying
-from phalanx.sim.audited.loop import clock_ms
-from phalanx.sim.audited.world import PYTHON
+from phalanx.sim.audited.world import PYTHON, clock_ms
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec
 

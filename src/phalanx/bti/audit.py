@@ -18,45 +18,16 @@ from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
-from phalanx.wire.table import (
-    ENTRY_ACMD,
-    ENTRY_HEADER_BYTES,
-    ENTRY_INPUT,
-    ENTRY_RECV,
-    ENTRY_SEND,
-    HASH_BYTES,
-    MAC_BYTES,
-)
+from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
-from . import trusted
+from . import request, rounds, trusted
 from .fleet import BOUND, PAPER, Fleet, records
 from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
-from .request import (
-    AT_AUTH_A,
-    AT_AUTH_S,
-    AT_CHECKPOINT_LEN,
-    AT_FLAGS,
-    AT_HCKPT,
-    AT_SEGMENT_LEN,
-    AT_T,
-    AT_TEE,
-    AT_TOKENS,
-    AT_TOP_A,
-    AT_TOP_S,
-    AT_TREQ_MAC,
-    HEAD_BYTES,
-    TOKEN_BYTES,
-    TOKEN_MAC,
-    TOKEN_T,
-    TOKEN_TOR,
-    VERSION,
-)
-from .rounds import AT_A_TOP, AT_DUE, AT_S_TOP, AT_STEP, AT_T_KEY, BOOTED_BYTES, CHECKPOINT_BYTES, phase_of
 
-INPUT, RECV, SEND, ACMD = ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, ENTRY_ACMD
+INPUT, RECV, SEND, ACMD = table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD
 END = 0
-ENTRY_HEAD_BYTES = ENTRY_HEADER_BYTES
+ENTRY_HEAD_BYTES = table.ENTRY_HEADER_BYTES
 ENTRY_T, ENTRY_LENGTH = map(table.ENTRY.at, ("t", "payload"))
 OUTPUT_LENGTH = table.OUTPUT.at("payload")
 OUTPUT_HEAD_BYTES = table.OUTPUT.size
@@ -83,33 +54,20 @@ CASE = np.dtype(
 
 
 class Work(NamedTuple):
-    """Scratch memory of one auditor at a time.
+    """Scratch memory of one auditor at a time."""
 
-    Args:
-        case: (1,) CASE, how far the audit is.
-        batch_s, batch_a: entries not hashed yet.
-        tops: (4, 20): s- and a-chain while they are re-hashed, and at the checkpoint.
-        state: the replayed controller's state, behind room for the rest of a checkpoint.
-        out: outputs of one step of the controller.
-        waiting: outputs that the log still has to show, as entries of their cause's time.
-        evidence: what the log keeps beside the INPUT; as long as the longest that is read, 0 where there is none.
-        small: (4, 32): token requests, authenticators, hashes.
-        frame, entry: a radio frame and a chained entry.
-        told: (8,) int64: what happened, for whoever called (see robot/node.py).
-    """
-
-    case: NDArray[Any]
-    batch_s: NDArray[np.uint8]
-    batch_a: NDArray[np.uint8]
-    tops: NDArray[np.uint8]
-    state: NDArray[np.uint8]
-    out: NDArray[np.uint8]
-    waiting: NDArray[np.uint8]
-    evidence: NDArray[np.uint8]
-    small: NDArray[np.uint8]
-    frame: NDArray[np.uint8]
-    entry: NDArray[np.uint8]
-    told: NDArray[np.int64]
+    case: NDArray[Any]  # (1,) CASE, how far the audit is
+    batch: NDArray[np.uint8]  # (2, ...): entries of the s- and of the a-chain that are not hashed yet
+    held: NDArray[np.int64]  # (2, 2): of each, how many entries, and bytes
+    tops: NDArray[np.uint8]  # (4, 20): s- and a-chain while they are re-hashed, and at the checkpoint
+    state: NDArray[np.uint8]  # the replayed controller's state, behind room for the rest of a checkpoint
+    out: NDArray[np.uint8]  # outputs of one step of the controller
+    waiting: NDArray[np.uint8]  # outputs that the log still has to show, as entries of their cause's time
+    evidence: NDArray[np.uint8]  # what the log keeps beside the INPUT; as long as the longest that is read
+    small: NDArray[np.uint8]  # (4, 32): token requests, authenticators, hashes
+    frame: NDArray[np.uint8]  # a radio frame
+    entry: NDArray[np.uint8]  # a chained entry
+    told: NDArray[np.int64]  # (8,): what happened, for whoever called (see robot/node.py)
 
 
 WorkType, WorkRef = reference(Work)
@@ -125,10 +83,10 @@ def make_work(config: BtiConfig) -> Work:
     entry = ENTRY_HEAD_BYTES + config.frame_max_bytes
     work = Work(
         case=records(1, CASE),
-        batch_s=np.zeros(config.batch_size * entry, np.uint8),
-        batch_a=np.zeros(config.batch_size * entry, np.uint8),
+        batch=np.zeros((2, config.batch_size * entry), np.uint8),
+        held=np.zeros((2, 2), np.int64),
         tops=np.zeros((4, HASH_BYTES), np.uint8),
-        state=np.zeros(config.checkpoint_capacity_bytes + CHECKPOINT_BYTES, np.uint8),
+        state=np.zeros(config.checkpoint_capacity_bytes + rounds.CHECKPOINT_BYTES, np.uint8),
         out=np.zeros(2 * entry, np.uint8),
         waiting=np.zeros(4 * entry, np.uint8),
         evidence=np.zeros(config.evidence_max_bytes, np.uint8),
@@ -143,23 +101,23 @@ def make_work(config: BtiConfig) -> Work:
 @kernel
 def open_request(w: Work, q: Row, length: int) -> int:
     """The request's parts are found and fill it exactly; `w.case` is set. Source: docs/spec/rebound.md."""
-    if length < HEAD_BYTES or q[0] != VERSION or q[AT_FLAGS] > 1:
+    if length < request.HEAD_BYTES or q[0] != request.VERSION or q[request.AT_FLAGS] > 1:
         return Refusal.MALFORMED
     c = w.case[0]
-    c.tee = get_u16(q, AT_TEE)
-    c.t = get_u32(q, AT_T)
-    c.tokens = q[AT_TOKENS]
-    c.start_len = get_u16(q, AT_CHECKPOINT_LEN)
-    segment = get_u32(q, AT_SEGMENT_LEN)
-    c.start_at = HEAD_BYTES + c.tokens * TOKEN_BYTES
+    c.tee = get_u16(q, request.AT_TEE)
+    c.t = get_u32(q, request.AT_T)
+    c.tokens = q[request.AT_TOKENS]
+    c.start_len = get_u16(q, request.AT_CHECKPOINT_LEN)
+    segment = get_u32(q, request.AT_SEGMENT_LEN)
+    c.start_at = request.HEAD_BYTES + c.tokens * request.TOKEN_BYTES
     c.at = c.start_at + c.start_len
     c.end = c.at + segment
     c.waiting = 0
     if c.end != length or c.tee == 0:
         return Refusal.MALFORMED
-    if q[AT_FLAGS] == 1 and (c.start_len != BOOTED_BYTES or c.tokens != 0):
+    if q[request.AT_FLAGS] == 1 and (c.start_len != rounds.BOOTED_BYTES or c.tokens != 0):
         return Refusal.MALFORMED
-    if q[AT_FLAGS] == 0 and (c.start_len < CHECKPOINT_BYTES or c.start_len > w.state.shape[0]):
+    if q[request.AT_FLAGS] == 0 and (c.start_len < rounds.CHECKPOINT_BYTES or c.start_len > w.state.shape[0]):
         return Refusal.MALFORMED
     return 0
 
@@ -168,13 +126,13 @@ def open_request(w: Work, q: Row, length: int) -> int:
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
-    if q[AT_FLAGS] == 1:
+    if q[request.AT_FLAGS] == 1:
         c.step = 0
         # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
-        t_key = get_u32(q, c.start_at + AT_T_KEY)
+        t_key = get_u32(q, c.start_at + rounds.AT_T_KEY)
         if t_key > c.t:
             return Refusal.OUT_OF_ORDER
-        c.due = t_key + phase_of(s.mission_seed, c.tee, s.t_control)
+        c.due = t_key + rounds.phase_of(s.mission_seed, c.tee, s.t_control)
         w.tops[0:2] = 0
         return 0
     if c.tokens < s.f_max + 1:
@@ -185,18 +143,18 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     copy(w.state, 0, q, c.start_at, c.start_len)
     trusted.sha1(w.state, c.start_len, hckpt)
     for k in range(c.tokens):
-        at = HEAD_BYTES + k * TOKEN_BYTES
-        tor = get_u16(q, at + TOKEN_TOR)
+        at = request.HEAD_BYTES + k * request.TOKEN_BYTES
+        tor = get_u16(q, at + request.TOKEN_TOR)
         for other in range(k):
-            if get_u16(q, HEAD_BYTES + other * TOKEN_BYTES + TOKEN_TOR) == tor:
+            if get_u16(q, request.HEAD_BYTES + other * request.TOKEN_BYTES + request.TOKEN_TOR) == tor:
                 return Refusal.TOKEN_TWICE
-        t, mac = get_u32(q, at + TOKEN_T), q[at + TOKEN_MAC : at + TOKEN_BYTES]
+        t, mac = get_u32(q, at + request.TOKEN_T), q[at + request.TOKEN_MAC : at + request.TOKEN_BYTES]
         if trusted.anode_check_token(s.profile, f.anode[i], tor, c.tee, t, hckpt, mac) != 0:
             return Refusal.TOKEN_INVALID
-    c.due = get_u32(q, c.start_at + AT_DUE)
-    c.step = get_u32(q, c.start_at + AT_STEP)
-    copy(w.tops[0], 0, q, c.start_at + AT_S_TOP, HASH_BYTES)
-    copy(w.tops[1], 0, q, c.start_at + AT_A_TOP, HASH_BYTES)
+    c.due = get_u32(q, c.start_at + rounds.AT_DUE)
+    c.step = get_u32(q, c.start_at + rounds.AT_STEP)
+    copy(w.tops[0], 0, q, c.start_at + rounds.AT_S_TOP, HASH_BYTES)
+    copy(w.tops[1], 0, q, c.start_at + rounds.AT_A_TOP, HASH_BYTES)
     return 0
 
 
@@ -207,21 +165,24 @@ def check_authenticators(f: Fleet, i: int, w: Work, q: Row) -> int:
     Source: RoboRebound Alg. 3; docs/spec/rebound.md (stale log).
     """
     tee, s = w.case[0].tee, f.settings[0]
-    nonce = q[AT_TREQ_MAC : AT_TREQ_MAC + MAC_BYTES]
-    top, mac = q[AT_TOP_S : AT_TOP_S + HASH_BYTES], q[AT_AUTH_S : AT_AUTH_S + MAC_BYTES]
+    nonce = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
+    top, mac = q[request.AT_TOP_S : request.AT_TOP_S + HASH_BYTES], q[request.AT_AUTH_S : request.AT_AUTH_S + MAC_BYTES]
     if trusted.snode_check_auth(s.profile, f.snode[i], top, tee, nonce, mac) != 0:
         return Refusal.AUTHENTICATOR_INVALID
     if s.profile == PAPER:
-        top, mac = q[AT_TOP_A : AT_TOP_A + HASH_BYTES], q[AT_AUTH_A : AT_AUTH_A + MAC_BYTES]
+        top = q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES]
+        mac = q[request.AT_AUTH_A : request.AT_AUTH_A + MAC_BYTES]
         if trusted.snode_check_auth_a(s.profile, f.snode[i], top, tee, mac) != 0:
             return Refusal.AUTHENTICATOR_INVALID
     return 0
 
 
 @kernel
-def _batched(w_batch: Row, n: int, q: Row, at: int, length: int) -> int:
-    copy(w_batch, n, q, at, length)
-    return n + length
+def _flush(w: Work, chain: int) -> None:
+    """What the s-chain (0) or the a-chain (1) has held back is hashed."""
+    if w.held[chain, 1] > 0:
+        trusted.chain_extend(w.tops[chain], w.batch[chain], w.held[chain, 1])
+    w.held[chain] = 0
 
 
 @kernel
@@ -232,11 +193,11 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
     """
     c, s = w.case[0], f.settings[0]
     bound = s.profile == BOUND
-    s_n, s_len, a_n, a_len = 0, 0, 0, 0
+    w.held[:] = 0
     at, newest, due, checkpoints = c.at, -1, c.due, 0
-    if q[AT_FLAGS] == 1:
+    if q[request.AT_FLAGS] == 1:
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
-        newest = get_u32(q, c.start_at + AT_T_KEY)
+        newest = get_u32(q, c.start_at + rounds.AT_T_KEY)
     longest = ENTRY_HEAD_BYTES + s.frame_max
     after_input = False
     while at < c.end:
@@ -250,16 +211,10 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
             continue
         after_input = kind == INPUT
         if kind & MARK:
-            if kind == FLUSH_S:
-                if s_len > 0:
-                    trusted.chain_extend(w.tops[0], w.batch_s, s_len)
-                s_n, s_len = 0, 0
-            elif kind == FLUSH_A:
-                if a_len > 0:
-                    trusted.chain_extend(w.tops[1], w.batch_a, a_len)
-                a_n, a_len = 0, 0
+            if kind in (FLUSH_S, FLUSH_A):
+                _flush(w, kind - FLUSH_S)
             elif kind == CHECKPOINT:
-                if s_len + a_len > 0:
+                if w.held[0, 1] + w.held[1, 1] > 0:
                     return Refusal.CHECKPOINT_NOT_FLUSHED
                 checkpoints += 1
                 copy(w.tops[2], 0, w.tops[0], 0, HASH_BYTES)
@@ -282,27 +237,22 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
             if bound and (t < due - s.delta or t > due + s.delta):
                 return Refusal.INPUT_OFF_GRID
             due += s.t_control
-            s_len = _batched(w.batch_s, s_len, q, at, length)
-            s_n += 1
-            if s_n == s.batch_size:
-                trusted.chain_extend(w.tops[0], w.batch_s, s_len)
-                s_n, s_len = 0, 0
-        else:
-            if kind != ACMD and q[at + ENTRY_HEAD_BYTES] & MARK:
-                return Refusal.AUDIT_FRAME_LOGGED
-            a_len = _batched(w.batch_a, a_len, q, at, length)
-            a_n += 1
-            if a_n == s.batch_size:
-                trusted.chain_extend(w.tops[1], w.batch_a, a_len)
-                a_n, a_len = 0, 0
+        elif kind != ACMD and q[at + ENTRY_HEAD_BYTES] & MARK:
+            return Refusal.AUDIT_FRAME_LOGGED
+        chain = 0 if kind == INPUT else 1
+        copy(w.batch[chain], w.held[chain, 1], q, at, length)
+        w.held[chain, 0] += 1
+        w.held[chain, 1] += length
+        if w.held[chain, 0] == s.batch_size:
+            _flush(w, chain)
         at += length
     if bound and due < c.t - s.delta:
         return Refusal.INPUT_MISSING
     if checkpoints != 1:
         return Refusal.CHECKPOINT_MISSING
-    if s_len > 0 or not same(w.tops[0], 0, q, AT_TOP_S, HASH_BYTES):
+    if w.held[0, 1] > 0 or not same(w.tops[0], 0, q, request.AT_TOP_S, HASH_BYTES):
         return Refusal.S_CHAIN
-    if a_len > 0 or not same(w.tops[1], 0, q, AT_TOP_A, HASH_BYTES):
+    if w.held[1, 1] > 0 or not same(w.tops[1], 0, q, request.AT_TOP_A, HASH_BYTES):
         return Refusal.A_CHAIN
     return 0
 
@@ -385,12 +335,12 @@ def expect(f: Fleet, w: Work, length: int) -> int:
 def check_state(w: Work, q: Row, state_len: int) -> int:
     """The replayed state, of so many bytes in `w.state`, is what the claimed hash covers. Source: RoboRebound §3.7."""
     c = w.case[0]
-    put_u32(w.state, AT_DUE, c.due)
-    put_u32(w.state, AT_STEP, c.step)
-    copy(w.state, AT_S_TOP, w.tops[2], 0, HASH_BYTES)
-    copy(w.state, AT_A_TOP, w.tops[3], 0, HASH_BYTES)
+    put_u32(w.state, rounds.AT_DUE, c.due)
+    put_u32(w.state, rounds.AT_STEP, c.step)
+    copy(w.state, rounds.AT_S_TOP, w.tops[2], 0, HASH_BYTES)
+    copy(w.state, rounds.AT_A_TOP, w.tops[3], 0, HASH_BYTES)
     hckpt = w.small[3]
-    trusted.sha1(w.state, CHECKPOINT_BYTES + state_len, hckpt)
-    if not same(hckpt, 0, q, AT_HCKPT, HASH_BYTES):
+    trusted.sha1(w.state, rounds.CHECKPOINT_BYTES + state_len, hckpt)
+    if not same(hckpt, 0, q, request.AT_HCKPT, HASH_BYTES):
         return Refusal.CHECKPOINT_WRONG
     return 0

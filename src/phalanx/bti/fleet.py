@@ -97,39 +97,23 @@ SETTINGS = np.dtype(
 
 
 class Fleet(NamedTuple):
-    """N robots' c-nodes; every array but `settings` and `params` has one row a robot.
+    """N robots' c-nodes; every array but `settings` and `params` has one row a robot."""
 
-    Args:
-        settings: (1,) SETTINGS.
-        params: (P,) float64, the controllers' parameters, the same for all: the mission.
-        robot: (N,) ROBOT.
-        snode, anode: (N, size) uint8, the trusted nodes' memory.
-        log: (N, L) uint8; begins at the start checkpoint.
-        state: (N, C) uint8, the controller's live state, which is its own encoding.
-        checkpoint: (N, 2, C + 48) uint8: the one at which the log begins, and the one that waits for tokens.
-        hckpt: (N, 2, 20) uint8: their hashes.
-        token: (N, 2, K) TOKEN: the tokens that cover them.
-        peer: (N, n_max) PEER: robots whose AUDIT frames or tokens were heard.
-        request: (N, R) uint8: the request under way.
-        rx: (N, RX_SLOTS, R) uint8 and rx_info (N, RX_SLOTS) RX: requests that arrive in fragments.
-        taken: (N, 12 f_max) int64: when the last requests were taken for audit.
-    """
-
-    settings: NDArray[Any]
-    params: NDArray[np.float64]
-    robot: NDArray[Any]
-    snode: NDArray[np.uint8]
-    anode: NDArray[np.uint8]
-    log: NDArray[np.uint8]
-    state: NDArray[np.uint8]
-    checkpoint: NDArray[np.uint8]
-    hckpt: NDArray[np.uint8]
-    token: NDArray[Any]
-    peer: NDArray[Any]
-    request: NDArray[np.uint8]
-    rx: NDArray[np.uint8]
-    rx_info: NDArray[Any]
-    taken: NDArray[np.int64]
+    settings: NDArray[Any]  # (1,) SETTINGS
+    params: NDArray[np.float64]  # (P,), the controllers' parameters, the same for all: the mission
+    robot: NDArray[Any]  # (N,) ROBOT
+    snode: NDArray[np.uint8]  # (N, size), the trusted nodes' memory
+    anode: NDArray[np.uint8]  # the same
+    log: NDArray[np.uint8]  # (N, L); begins at the start checkpoint
+    state: NDArray[np.uint8]  # (N, C), the controller's live state, which is its own encoding
+    checkpoint: NDArray[np.uint8]  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
+    hckpt: NDArray[np.uint8]  # (N, 2, 20): their hashes
+    token: NDArray[Any]  # (N, 2, K) TOKEN: the tokens that cover them
+    peer: NDArray[Any]  # (N, n_max) PEER: robots whose AUDIT frames or tokens were heard
+    request: NDArray[np.uint8]  # (N, R): the request under way
+    rx: NDArray[np.uint8]  # (N, RX_SLOTS, R): requests that arrive in fragments
+    rx_info: NDArray[Any]  # (N, RX_SLOTS) RX
+    taken: NDArray[np.int64]  # (N, 12 f_max): when the last requests were taken for audit
 
 
 FleetType, FleetRef = reference(Fleet)
@@ -157,17 +141,9 @@ def make_fleet(
     snode: NDArray[np.uint8],
     anode: NDArray[np.uint8],
 ) -> Fleet:
-    """A fleet of `n` robots that are not powered up yet, with ids 1..n.
+    """A fleet of `n` robots that are not powered up yet, with ids 1..n, of manufactured nodes, (n, size).
 
-    Args:
-        n: robots.
-        config: sizes and times.
-        params: (P,), the controllers' parameters.
-        profile: BOUND or PAPER.
-        controller: which bundled controller runs, as its number; 0 for one in plain Python.
-        mission_seed: spreads the sensors' phases.
-        snode: (n, size), manufactured s-nodes.
-        anode: (n, size), manufactured a-nodes.
+    `controller` is a bundled one's number, 0 for one in plain Python; `mission_seed` spreads the sensors' phases.
     Source: docs/spec/rebound.md.
     """
     settings = records(1, SETTINGS)

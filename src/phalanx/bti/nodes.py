@@ -1,7 +1,6 @@
 """The trusted nodes of N robots, from the factory to Safe Mode, and the operator's side of their mission key.
 
-`Nodes` owns their memory and has one method for each function of theirs, bytes in and bytes out, for tools, tests and a
-single robot; kernels take `snode` and `anode` rows and call bti.trusted. Only this file makes nodes.
+`Nodes` owns their memory; kernels take `snode` and `anode` rows and call bti.trusted. Only this file makes nodes.
 """
 
 from __future__ import annotations
@@ -10,42 +9,29 @@ from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.errors import PeerError, UsageError
 from phalanx.wire.fields import Row
-from phalanx.wire.table import (
-    AUDIT_FRAGMENT,
-    AUDIT_TOKEN,
-    ENTRY_HEADER_BYTES,
-    FRAME_MAX,
-    HASH_BYTES,
-    KEY_BYTES,
-    MAC_BYTES,
-    MKEY,
-    STATE,
-)
+from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
 
 from . import trusted
-
-REASONS = {code: name.removeprefix("E_").lower() for name, code in vars(trusted).items() if name.startswith("E_")}
 
 
 class Refused(PeerError):
     """A trusted node refused what its c-node asked for; nothing has happened.
 
     Args:
-        code: one of trusted.E_*; `reason` is its name in lower case.
+        code: one of trusted.REASONS.
     """
 
     reason = "refused"
 
     def __init__(self, code: int) -> None:
-        super().__init__(f"a trusted node refused: {REASONS[code]}")
+        super().__init__(f"a trusted node refused: {trusted.REASONS[code]}")
         self.code = code
-        self.reason = REASONS[code]  # type: ignore[misc]
+        self.reason = trusted.REASONS[code]  # type: ignore[misc]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,13 +59,9 @@ class Limits:
         """The limits that leave an honest robot room and nobody more than a few times its needs.
 
         Ordinary frames: 4 times the airtime of its state broadcasts. AUDIT frames: twice that of a round's requests to
-        2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies.
+        2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies. A frame takes
+        `fixed_us`, however short, and each byte its ns on top.
 
-        Args:
-            config: the audits' parameters.
-            fixed_us: airtime of any frame, however short.
-            ns_per_byte_broadcast: airtime of each byte, ns.
-            ns_per_byte_unicast: the same where one robot is addressed.
         Source: RoboRebound §3.8, §5.1; docs/spec/rebound-nodes.md.
         """
         auditors = 2 * config.f_max + 1
@@ -171,113 +153,17 @@ class Nodes:
 
     # --- from outside the c-node -----------------------------------------------------------------------------------
 
-    def power_up(self, i: int) -> None:
-        """Both nodes of robot i have lost what was in RAM. Source: RoboRebound §3.3."""
-        self._lib.phx_snode_power_up(self._s(i))
-        self._lib.phx_anode_power_up(self._a(i))
-
-    def check_all(self, now_ms: NDArray[np.uint32]) -> NDArray[np.uint8]:
-        """CheckTokens of every a-node.
-
-        Args:
-            now_ms: (n,), each robot's own clock.
-        Returns: (n,), 1 for those in Safe Mode.
-        Source: RoboRebound Alg. 4.
-        """
-        clocks = np.ascontiguousarray(now_ms, np.uint32)
-        if clocks.shape != (len(self.anode),):
-            raise UsageError(f"{clocks.shape} clocks for {len(self.anode)} robots")
-        safe = np.zeros(len(self.anode), np.uint8)
-        give = self._ffi.from_buffer
-        self._lib.phx_anodes_check(
-            give("phx_anode *", self.anode), len(safe), give("uint32_t *", clocks), give("uint8_t *", safe)
-        )
-        return safe
-
-    def is_safe(self, i: int) -> bool:
-        """Whether robot i is in Safe Mode. Source: RoboRebound §3.1."""
-        return bool(self._lib.phx_anode_is_safe(self._a(i)))
-
-    # --- what a c-node can call; each raises Refused ---------------------------------------------------------------
-
     def load_master(self, i: int, key: bytes, robot_id: int) -> None:
         """Both nodes of robot i have their master key, for ever. Source: RoboRebound Alg. 2."""
-        for load, node in (
-            (self._lib.phx_snode_load_master, self._s(i)),
-            (self._lib.phx_anode_load_master, self._a(i)),
-        ):
-            _checked(load(node, _exactly(key, KEY_BYTES), robot_id))
+        key = _exactly(key, KEY_BYTES)
+        _checked(self._lib.phx_snode_load_master(self._s(i), key, robot_id))
+        _checked(self._lib.phx_anode_load_master(self._a(i), key, robot_id))
 
     def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
         """Both nodes of robot i have the mission key. Source: RoboRebound Alg. 2."""
         k, r, mac = _exactly(sealed.k, KEY_BYTES), _exactly(sealed.r, KEY_BYTES), _exactly(sealed.mac, MAC_BYTES)
-        for load, node in (
-            (self._lib.phx_snode_load_mission, self._s(i)),
-            (self._lib.phx_anode_load_mission, self._a(i)),
-        ):
-            _checked(load(node, now, k, r, sealed.seq, mac))
-
-    def poll(self, i: int, now: int, reading: bytes) -> bytes:
-        """The entry of a sensor reading, chained. Source: RoboRebound Alg. 3."""
-        return self._forward(trusted.snode_poll, self.snode[i], now, reading)
-
-    def recv(self, i: int, now: int, frame: bytes) -> bytes:
-        """The entry of a frame from the radio. Source: RoboRebound Alg. 4."""
-        return self._forward(trusted.anode_recv, self.anode[i], now, frame)
-
-    def send(self, i: int, now: int, frame: bytes) -> bytes:
-        """The entry of a frame to the radio; on air goes what is behind its header. Source: RoboRebound Alg. 4."""
-        return self._forward(trusted.anode_send, self.anode[i], now, frame)
-
-    def actuate(self, i: int, now: int, command: bytes) -> bytes:
-        """The entry of a command to the actuators. Source: RoboRebound Alg. 4."""
-        return self._forward(trusted.anode_actuate, self.anode[i], now, command)
-
-    def _forward(self, function: Any, node: Row, now: int, payload: bytes) -> bytes:
-        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), FRAME_MAX), np.uint8)
-        return bytes(entry[: _checked(function(self.profile, node, now, _row(payload), len(payload), entry))])
-
-    def make_auth(self, i: int, nonce: bytes) -> bytes:
-        """The record `authenticator` of the s-chain. Source: RoboRebound Alg. 2."""
-        out = np.zeros(trusted.AUTH_BYTES, np.uint8)
-        _checked(trusted.snode_make_auth(self.profile, self.snode[i], _row(nonce), out))
-        return out.tobytes()
-
-    def check_auth(self, i: int, top: bytes, robot_id: int, nonce: bytes, mac: bytes) -> None:
-        """Robot i's s-node knows the authenticator for good. Source: RoboRebound Alg. 3."""
-        rows = _row(top), robot_id, _row(nonce), _row(mac)
-        _checked(trusted.snode_check_auth(self.profile, self.snode[i], *rows))
-
-    def make_auth_a(self, i: int) -> bytes:
-        """`paper` only: the record `authenticator` of the a-chain. Source: RoboRebound Alg. 2."""
-        out = np.zeros(trusted.AUTH_BYTES, np.uint8)
-        _checked(trusted.anode_make_auth(self.profile, self.anode[i], out))
-        return out.tobytes()
-
-    def check_auth_a(self, i: int, top: bytes, robot_id: int, mac: bytes) -> None:
-        """`paper` only: robot i's s-node knows an a-node's authenticator for good. Source: RoboRebound Alg. 3."""
-        _checked(trusted.snode_check_auth_a(self.profile, self.snode[i], _row(top), robot_id, _row(mac)))
-
-    def token_request(self, i: int, now: int, tor: int) -> bytes:
-        """The record `token_request`. Source: RoboRebound Alg. 4."""
-        out = np.zeros(trusted.TREQ_BYTES, np.uint8)
-        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, tor, out))
-        return out.tobytes()
-
-    def issue_token(self, i: int, tee: int, t: int, top: bytes, treq_mac: bytes, hckpt: bytes) -> bytes:
-        """The MAC of robot i's token for `tee`. Source: RoboRebound Alg. 4."""
-        mac = np.zeros(MAC_BYTES, np.uint8)
-        rows = _row(top), _row(treq_mac), _row(hckpt), mac
-        _checked(trusted.anode_issue_token(self.profile, self.anode[i], tee, t, *rows))
-        return mac.tobytes()
-
-    def check_token(self, i: int, tor: int, tee: int, t: int, hckpt: bytes, mac: bytes) -> None:
-        """Robot i's a-node knows the token for good. Source: RoboRebound Alg. 4."""
-        _checked(trusted.anode_check_token(self.profile, self.anode[i], tor, tee, t, _row(hckpt), _row(mac)))
-
-    def install_token(self, i: int, now: int, tor: int, t: int, hckpt: bytes, mac: bytes) -> None:
-        """Robot i's a-node counts the token. Source: RoboRebound Alg. 4."""
-        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, tor, t, _row(hckpt), _row(mac)))
+        _checked(self._lib.phx_snode_load_mission(self._s(i), now, k, r, sealed.seq, mac))
+        _checked(self._lib.phx_anode_load_mission(self._a(i), now, k, r, sealed.seq, mac))
 
 
 def _row(raw: bytes) -> Row:
@@ -290,7 +176,6 @@ def _exactly(raw: bytes, size: int) -> bytes:
     return raw
 
 
-def _checked(code: int) -> int:
+def _checked(code: int) -> None:
     if code < 0:
         raise Refused(code)
-    return code

@@ -69,12 +69,8 @@ def _segments(token: bytes, max_bytes: int) -> tuple[bytes, bytes]:
 
 
 def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
-    """(IV, plaintext) of a compact JWE.
+    """(IV, plaintext) of a compact JWE, of untrusted bytes; longer than `max_bytes` it is not even decrypted.
 
-    Args:
-        token: untrusted bytes.
-        key: the epoch's key.
-        max_bytes: longest plaintext to accept; checked before anything is decrypted.
     Raises: TooLarge, MalformedJwe, NotAuthentic.
     Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
     """

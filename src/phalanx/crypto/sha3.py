@@ -12,7 +12,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import kernel, written
 
 DIGEST_BYTES = 32
 RATE_BYTES = 136
@@ -41,80 +41,34 @@ def _turn(lane: np.uint64, bits: int) -> np.uint64:
     return (lane << np.uint64(bits)) | (lane >> np.uint64(64 - bits))
 
 
-@kernel
-def _permute(a: NDArray[np.uint64]) -> None:  # noqa: PLR0915
-    """Keccak-f[1600] on 25 rows of 8 lanes, (200,).
+def _rounds() -> list[str]:
+    """All rounds of Keccak-f[1600] over eight messages, written out (FIPS 202 §3.2); lane x, y is number x + 5 y.
 
-    Written out, for then the compiler keeps a round of eight messages in vector registers: 60 ns a hash, with loops
-    over x and y 700 ns. theta is c and d, rho and pi are b, chi and iota the last 25 lines (FIPS 202 §3.2).
+    Written out, for then the compiler keeps a round in vector registers: 60 ns a hash, with loops over x and y 700 ns.
     """
-    for step in range(24):
-        for j in range(8):
-            a00, a01, a02, a03, a04 = a[j], a[1 * 8 + j], a[2 * 8 + j], a[3 * 8 + j], a[4 * 8 + j]
-            a05, a06, a07, a08, a09 = a[5 * 8 + j], a[6 * 8 + j], a[7 * 8 + j], a[8 * 8 + j], a[9 * 8 + j]
-            a10, a11, a12, a13, a14 = a[10 * 8 + j], a[11 * 8 + j], a[12 * 8 + j], a[13 * 8 + j], a[14 * 8 + j]
-            a15, a16, a17, a18, a19 = a[15 * 8 + j], a[16 * 8 + j], a[17 * 8 + j], a[18 * 8 + j], a[19 * 8 + j]
-            a20, a21, a22, a23, a24 = a[20 * 8 + j], a[21 * 8 + j], a[22 * 8 + j], a[23 * 8 + j], a[24 * 8 + j]
-            c0 = a00 ^ a05 ^ a10 ^ a15 ^ a20
-            c1 = a01 ^ a06 ^ a11 ^ a16 ^ a21
-            c2 = a02 ^ a07 ^ a12 ^ a17 ^ a22
-            c3 = a03 ^ a08 ^ a13 ^ a18 ^ a23
-            c4 = a04 ^ a09 ^ a14 ^ a19 ^ a24
-            d0 = c4 ^ _turn(c1, 1)
-            d1 = c0 ^ _turn(c2, 1)
-            d2 = c1 ^ _turn(c3, 1)
-            d3 = c2 ^ _turn(c4, 1)
-            d4 = c3 ^ _turn(c0, 1)
-            b00 = a00 ^ d0
-            b01 = _turn(a06 ^ d1, 44)
-            b02 = _turn(a12 ^ d2, 43)
-            b03 = _turn(a18 ^ d3, 21)
-            b04 = _turn(a24 ^ d4, 14)
-            b05 = _turn(a03 ^ d3, 28)
-            b06 = _turn(a09 ^ d4, 20)
-            b07 = _turn(a10 ^ d0, 3)
-            b08 = _turn(a16 ^ d1, 45)
-            b09 = _turn(a22 ^ d2, 61)
-            b10 = _turn(a01 ^ d1, 1)
-            b11 = _turn(a07 ^ d2, 6)
-            b12 = _turn(a13 ^ d3, 25)
-            b13 = _turn(a19 ^ d4, 8)
-            b14 = _turn(a20 ^ d0, 18)
-            b15 = _turn(a04 ^ d4, 27)
-            b16 = _turn(a05 ^ d0, 36)
-            b17 = _turn(a11 ^ d1, 10)
-            b18 = _turn(a17 ^ d2, 15)
-            b19 = _turn(a23 ^ d3, 56)
-            b20 = _turn(a02 ^ d2, 62)
-            b21 = _turn(a08 ^ d3, 55)
-            b22 = _turn(a14 ^ d4, 39)
-            b23 = _turn(a15 ^ d0, 41)
-            b24 = _turn(a21 ^ d1, 2)
-            a[j] = b00 ^ (~b01 & b02) ^ _IOTA[step]
-            a[1 * 8 + j] = b01 ^ (~b02 & b03)
-            a[2 * 8 + j] = b02 ^ (~b03 & b04)
-            a[3 * 8 + j] = b03 ^ (~b04 & b00)
-            a[4 * 8 + j] = b04 ^ (~b00 & b01)
-            a[5 * 8 + j] = b05 ^ (~b06 & b07)
-            a[6 * 8 + j] = b06 ^ (~b07 & b08)
-            a[7 * 8 + j] = b07 ^ (~b08 & b09)
-            a[8 * 8 + j] = b08 ^ (~b09 & b05)
-            a[9 * 8 + j] = b09 ^ (~b05 & b06)
-            a[10 * 8 + j] = b10 ^ (~b11 & b12)
-            a[11 * 8 + j] = b11 ^ (~b12 & b13)
-            a[12 * 8 + j] = b12 ^ (~b13 & b14)
-            a[13 * 8 + j] = b13 ^ (~b14 & b10)
-            a[14 * 8 + j] = b14 ^ (~b10 & b11)
-            a[15 * 8 + j] = b15 ^ (~b16 & b17)
-            a[16 * 8 + j] = b16 ^ (~b17 & b18)
-            a[17 * 8 + j] = b17 ^ (~b18 & b19)
-            a[18 * 8 + j] = b18 ^ (~b19 & b15)
-            a[19 * 8 + j] = b19 ^ (~b15 & b16)
-            a[20 * 8 + j] = b20 ^ (~b21 & b22)
-            a[21 * 8 + j] = b21 ^ (~b22 & b23)
-            a[22 * 8 + j] = b22 ^ (~b23 & b24)
-            a[23 * 8 + j] = b23 ^ (~b24 & b20)
-            a[24 * 8 + j] = b24 ^ (~b20 & b21)
+    lines = [f"a{k} = a[{8 * k} + j]" for k in range(25)]
+    # theta
+    lines += [f"c{x} = a{x} ^ a{x + 5} ^ a{x + 10} ^ a{x + 15} ^ a{x + 20}" for x in range(5)]
+    lines += [f"d{x} = c{(x + 4) % 5} ^ turn(c{(x + 1) % 5}, 1)" for x in range(5)]
+    # rho and pi
+    lines.append("b0 = a0 ^ d0")
+    x, y = 1, 0
+    for t in range(24):
+        lines.append(f"b{y + 5 * ((2 * x + 3 * y) % 5)} = turn(a{x + 5 * y} ^ d{x}, {(t + 1) * (t + 2) // 2 % 64})")
+        x, y = y, (2 * x + 3 * y) % 5
+    # chi and iota
+    for k in range(25):
+        row, x = k - k % 5, k % 5
+        lines.append(f"a[{8 * k} + j] = b{k} ^ (~b{row + (x + 1) % 5} & b{row + (x + 2) % 5})")
+    lines.append("a[j] ^= iota[step]")
+    return ["for step in range(24):", "    for j in range(8):", *(f"        {line}" for line in lines)]
+
+
+def _permute(a: NDArray[np.uint64]) -> None:
+    """Keccak-f[1600] on 25 rows of 8 lanes, (200,)."""
+
+
+_permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
 
 
 @kernel

@@ -7,7 +7,7 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -126,11 +126,7 @@ class CNode:
             self.keep_state()
         if told == node.WHOLE:
             told = self._judge()
-        if told != node.REPLY:
-            return []
-        refusal = Refusal(int(self.w.told[node.TOLD_REFUSAL]))
-        verdict = Verdict(int(self.w.told[node.TOLD_TEE]), refusal)
-        return [verdict] if refusal else [verdict, *self.reply(now_ms, verdict.auditee)]
+        return self.judged(now_ms) if told == node.REPLY else []
 
     def on_round(self, now_ms: int) -> list[Action]:
         """T_audit has passed: say hello, take a checkpoint, ask the first auditor."""
@@ -172,12 +168,11 @@ class CNode:
             r = self.f.robot[self.i]
             reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
             step, t_ms = int(r.step), self._entry_time()
+            evidence = b""
             if isinstance(self.controller, EvidenceController):
                 evidence = self.evidence(step, t_ms, reading)
                 self.keep_evidence(evidence)
-                outputs = self.controller.on_evidence(step, t_ms, reading, evidence)
-            else:
-                outputs = self.controller.on_input(step, t_ms, reading)
+            outputs = _ask(self.controller, step, t_ms, reading, evidence)
             r.step += 1
             self.keep_state()
             return checked_outputs(outputs, int(self.f.settings[0].frame_max), self.controller)
@@ -221,6 +216,11 @@ class CNode:
                 self.controller,
             )
         return [Transmit(self.w.entry[ENTRY_HEAD_BYTES:n].tobytes(), to)] if n > 0 else []
+
+    def judged(self, now_ms: int) -> list[Action]:
+        """An audit of ours is over, as `work.told` has it."""
+        verdict = Verdict(int(self.w.told[node.TOLD_TEE]), Refusal(int(self.w.told[node.TOLD_REFUSAL])))
+        return [verdict] if verdict.refusal else [verdict, *self.reply(now_ms, verdict.auditee)]
 
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
         """The token in `work.frame` to the auditee."""
@@ -278,7 +278,7 @@ class CNode:
             elif event == audit.INPUT:
                 evidence = w.evidence[: case.evidence_len].tobytes()
                 try:
-                    outputs = self._again(controller, int(case.step), int(case.entry_t), payload, evidence)
+                    outputs = list(_ask(controller, int(case.step), int(case.entry_t), payload, evidence))
                 except PeerError:
                     return int(Refusal.EVIDENCE_WRONG)
                 packed = pack_outputs(outputs)
@@ -292,11 +292,11 @@ class CNode:
                 return int(refused)
         return int(-event)
 
-    @staticmethod
-    def _again(controller: Controller, step: int, t_ms: int, reading: bytes, evidence: bytes) -> list[Send | Act]:
-        if isinstance(controller, EvidenceController):
-            return list(controller.on_evidence(step, t_ms, reading, evidence))
-        return list(controller.on_input(step, t_ms, reading))
+
+def _ask(controller: Controller, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Send | Act]:
+    if isinstance(controller, EvidenceController):
+        return controller.on_evidence(step, t_ms, reading, evidence)
+    return controller.on_input(step, t_ms, reading)
 
 
 def row(data: bytes) -> Row:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-
-from .controllers.fields import whole
+from phalanx.wire.fields import whole
 
 FULL_PCT = 100.0
 TURN_PCT = 45.0
@@ -28,14 +27,7 @@ def percent(value: int) -> int:
 
 @kernel
 def steer(ahead_mm: float, right_mm: float, distance_mm: float) -> tuple[int, int]:
-    """Wheel commands of one robot towards its goal.
-
-    Args:
-        ahead_mm: how far the goal lies in front of it.
-        right_mm: how far it lies to its right.
-        distance_mm: how far it lies away.
-    Returns: left and right, -100..100 percent; zero within 1e-6 mm of the goal.
-    """
+    """Wheels, left and right, -100..100 percent, towards a goal that lies so; zero within 1e-6 mm of it."""
     if distance_mm < 1e-6:
         return whole(0), whole(0)
     slow = min(max(distance_mm / SLOW_WITHIN_MM, SLOWEST), 1.0)
@@ -56,13 +48,7 @@ def _nearest(value: float) -> int:
 def wheels_towards(
     ahead_mm: NDArray[np.float64], right_mm: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """`steer` for N robots with a goal each.
-
-    Args:
-        ahead_mm: (N,).
-        right_mm: (N,).
-    Returns: left and right, (N,) each.
-    """
+    """`steer` for N robots with a goal each: (N,) all."""
     left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)
     for i in range(len(ahead_mm)):
         ahead, aside = ahead_mm[i], right_mm[i]

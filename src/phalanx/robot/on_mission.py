@@ -17,21 +17,14 @@ from .swarm import Point, Swarm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walk:
-    """How far one robot is.
-
-    Args:
-        address, name: whose.
-        phase: waiting, seeking, returning, held or done.
-        decoded, of: nodes of its part of the mission.
-        why: it fell back or stopped, or "".
-    """
+    """How far one robot is."""
 
     address: str
     name: str
-    phase: str
-    decoded: int
+    phase: str  # waiting, seeking, returning, held or done
+    decoded: int  # nodes, of its part of the mission
     of: int
-    why: str
+    why: str  # it fell back or stopped, or ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,38 +37,24 @@ class Lit:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The mission that runs.
+    """The mission that runs."""
 
-    Args:
-        id: 16 bytes as hexadecimal digits, of its first part.
-        name: for people.
-        nodes, left: of all parts; left are those that nobody has decoded.
-        completed: robots that are done.
-    """
-
-    id: str
-    name: str
-    nodes: int
-    left: int
-    completed: int
+    id: str  # 16 bytes as hexadecimal digits, of its first part
+    name: str  # for people
+    nodes: int  # of all parts
+    left: int  # those that nobody has decoded
+    completed: int  # robots that are done
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """A robot decoded a node for the first time.
+    """A robot decoded a node for the first time."""
 
-    Args:
-        robot, node: their numbers.
-        name: what the author called the node; "" in the paper profile.
-        place_m: where it is, map frame, or None.
-        type: of the landmark that was recognised; "" for nodes of other things.
-    """
-
-    robot: int
+    robot: int  # their numbers
     node: int
-    name: str
-    place_m: tuple[float, float] | None
-    type: str
+    name: str  # what the author called the node; "" in the paper profile
+    place_m: tuple[float, float] | None  # where it is, map frame
+    type: str  # of the landmark that was recognised; "" for nodes of other things
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +93,9 @@ class OnMission(Swarm, Protocol):
         """
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
-        """What has all robots begin a mission, when it is called; it raises PeerError if one must not.
+        """What has all robots begin a mission, of which each part is built, in their order, when it is called.
 
-        Args:
-            plain: the mission.
-            built: a file and a key for each of its parts, in their order.
+        That raises PeerError if one must not.
         Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
         """
 

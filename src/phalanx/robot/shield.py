@@ -11,37 +11,23 @@ from .swarm import Swarm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shield:
-    """One robot's shield at one moment.
-
-    Args:
-        address: whose.
-        needed: f_max + 1, fresh tokens that keep it alive.
-        full_s: T_val, how long a token counts.
-        vouchers: addresses of auditors, each with the seconds for which its token still counts, the longest first.
-        safe_mode: it has been stopped.
-        attack: name of the attack it runs, as the operator chose it; "" for an honest robot. Visitors are not told.
-    """
+    """One robot's shield at one moment."""
 
     address: str
-    needed: int
-    full_s: float
-    vouchers: tuple[tuple[str, float], ...]
-    safe_mode: bool
-    attack: str
+    needed: int  # f_max + 1, fresh tokens that keep it alive
+    full_s: float  # T_val, how long a token counts
+    vouchers: tuple[tuple[str, float], ...]  # addresses, each with the seconds for which it still counts, longest first
+    safe_mode: bool  # it has been stopped
+    attack: str  # name of the one it runs, as the operator chose it; "" for an honest robot. Visitors are not told
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Audit:
-    """An audit that has ended.
-
-    Args:
-        auditor, auditee: addresses.
-        refusal: why no token was issued, in words; "" if one was.
-    """
+    """An audit that has ended, and between whom, by address."""
 
     auditor: str
     auditee: str
-    refusal: str
+    refusal: str  # why no token was issued, in words; "" if one was
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,31 +29,18 @@ class Led:
 
 
 class Robot(NamedTuple):
-    """One robot at one moment.
+    """One robot at one moment."""
 
-    Args:
-        address: 16 upper-case hexadecimal digits.
-        name: short, for people.
-        at: where it is.
-        direction_deg: whole degrees.
-        battery_v: volts.
-        led: its colour.
-        route: the points being followed, the first where it stood when told; () when it follows none.
-        threshold_mm: how near counts as reached.
-        heard_at_s: when it last spoke, seconds since 1970.
-        history: where it has been, oldest first.
-    """
-
-    address: str
-    name: str
+    address: str  # 16 upper-case hexadecimal digits
+    name: str  # short, for people
     at: Point
-    direction_deg: int
+    direction_deg: int  # whole degrees
     battery_v: float
     led: Led
-    route: tuple[Point, ...]
-    threshold_mm: float
-    heard_at_s: float
-    history: Sequence[Point]
+    route: tuple[Point, ...]  # the points being followed, the first where it stood when told; () when it follows none
+    threshold_mm: float  # how near counts as reached
+    heard_at_s: float  # when it last spoke, seconds since 1970
+    history: Sequence[Point]  # where it has been, oldest first
 
 
 class Swarm(Protocol):

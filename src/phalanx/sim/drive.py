@@ -11,14 +11,9 @@ from phalanx.kernel import kernel
 
 
 def turned(left: Any, right: Any, axle: Any, dt_s: Any) -> Any:
-    """(way ahead, turn) of a robot whose wheels turn for a moment.
+    """(way ahead of the middle, radians from the left wheel's side to the right's) of a robot in `dt_s`.
 
-    Args:
-        left: speed of the left wheel, any unit of length a second; a number or an array.
-        right: of the right one.
-        axle: from wheel to wheel, the same unit.
-        dt_s: how long.
-    Returns: the way of the middle, and radians from the left wheel's side to the right's.
+    The wheels' speeds, numbers or arrays, and `axle`, from wheel to wheel, are of one unit of length.
     Source: geometry of a differential drive.
     """
     return (left + right) / 2 * dt_s, (left - right) / axle * dt_s

@@ -1,30 +1,75 @@
 """Little-endian fields in rows of bytes, for kernels: the same bytes compiled and not.
 
-`row` is always (n,) uint8 and `at` lies within it with the field's width to spare: callers check lengths first.
+`row` is always (n,) uint8 and `at` lies within it with the field's width to spare: callers check lengths first. Whole
+numbers come out as int64: numba makes a float of a signed and an unsigned number's difference.
 """
 
 from __future__ import annotations
+
+from typing import Any, SupportsInt, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
 
-Row = NDArray[np.uint8]
+from .record import LARGEST_NUMBER
+
+Row: TypeAlias = NDArray[np.uint8]
+
+U32_BYTES = F32_BYTES = 4
+_INT64: Any = np.int64
+
+
+@kernel
+def whole(value: SupportsInt) -> int:
+    """`value`, cut to a whole number."""
+    made: int = _INT64(value)
+    return made
+
+
+@kernel
+def get_i8(row: Row, at: int) -> int:
+    """The signed byte at `at`."""
+    value = whole(row[at])
+    return value - 256 if value >= 128 else value
 
 
 @kernel
 def get_u16(row: Row, at: int) -> int:
     """The u16 at `at`."""
-    # int64 from the start: compiled, unsigned and signed integers would meet as a float.
-    return np.int64(row[at]) | np.int64(row[at + 1]) << 8  # type: ignore[return-value]  # as good as an int
+    return whole(row[at]) | whole(row[at + 1]) << 8
 
 
 @kernel
 def get_u32(row: Row, at: int) -> int:
     """The u32 at `at`."""
-    low = np.int64(row[at]) | np.int64(row[at + 1]) << 8
-    return low | np.int64(row[at + 2]) << 16 | np.int64(row[at + 3]) << 24  # type: ignore[return-value]
+    return get_u16(row, at) | get_u16(row, at + 2) << 16
+
+
+@kernel
+def get_u64(row: Row, at: int) -> int:
+    """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
+    return get_u32(row, at) | get_u32(row, at + U32_BYTES) << 32
+
+
+@kernel
+def get_f32(row: Row, at: int) -> float:
+    """The f32 at `at`, exactly, as float64."""
+    return np.float64(np.uint32(get_u32(row, at)).view(np.float32))
+
+
+@kernel
+def are_fine(row: Row, at: int, count: int) -> bool:
+    """Whether `count` f32 from `at` on are finite and no larger than 10^6.
+
+    One NaN in a broadcast would spread to every neighbour's command, and differs between compilers.
+    """
+    for k in range(count):
+        value = get_f32(row, at + F32_BYTES * k)
+        if not (-LARGEST_NUMBER <= value <= LARGEST_NUMBER):
+            return False
+    return True
 
 
 @kernel
@@ -37,17 +82,21 @@ def put_u16(row: Row, at: int, value: int) -> None:
 @kernel
 def put_u32(row: Row, at: int, value: int) -> None:
     """`value`, 0..2^32-1, written at `at`."""
-    row[at] = value & 0xFF
-    row[at + 1] = (value >> 8) & 0xFF
-    row[at + 2] = (value >> 16) & 0xFF
-    row[at + 3] = (value >> 24) & 0xFF
+    put_u16(row, at, value)
+    put_u16(row, at + 2, value >> 16)
 
 
 @kernel
 def put_u64(row: Row, at: int, value: int) -> None:
     """`value`, 0..2^63-1, written at `at`."""
-    put_u32(row, at, value & 0xFFFFFFFF)
-    put_u32(row, at + 4, (value >> 32) & 0xFFFFFFFF)
+    put_u32(row, at, value)
+    put_u32(row, at + U32_BYTES, value >> 32)
+
+
+@kernel
+def put_f32(row: Row, at: int, value: float) -> None:
+    """`value`, rounded once to f32, is written; the caller keeps it finite."""
+    put_u32(row, at, whole(np.float32(value).view(np.uint32)))
 
 
 @kernel

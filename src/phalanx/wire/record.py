@@ -31,19 +31,15 @@ class MalformedRecord(PeerError):
 class Field:
     """One field.
 
-    Args:
-        name: as in code.
-        type: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in size); f64 (not
-            NaN); f64? (NaN is none); bN: N bytes; v8, v16: a length, then as many bytes; rest: all that follows,
-            last in its record.
-        doc: what it is, with its unit.
-        value: what an integer field always is; such a field is written by the codec and checked by it.
+    `type`: u8, u16, u32, u64; i8, i16, i32, i64, in two's complement; f32 (finite, at most 10^6 in size); f64 (not
+    NaN); f64? (NaN is none); bN: N bytes; v8, v16: a length, then as many bytes; rest: all that follows, last in its
+    record.
     """
 
-    name: str
+    name: str  # as in code
     type: str
-    doc: str
-    value: int | None = None
+    doc: str  # what it is, with its unit
+    value: int | None = None  # what an integer field always is: written by the codec and checked by it
 
     @property
     def size(self) -> int:
@@ -59,19 +55,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Record:
-    """Named fields in their order on the wire.
+    """Named fields in their order on the wire."""
 
-    Args:
-        name: as in code and in the C header.
-        fields: without the tag.
-        doc: one line.
-        tag: the first byte, or None: the first field then says what it is.
-    """
-
-    name: str
-    fields: tuple[Field, ...]
-    doc: str
-    tag: int | None = None
+    name: str  # as in code and in the C header
+    fields: tuple[Field, ...]  # without the tag
+    doc: str  # one line
+    tag: int | None = None  # the first byte; without one the first field says what it is
 
     @cached_property
     def all_fields(self) -> tuple[Field, ...]:
@@ -102,10 +91,8 @@ class Record:
         raise UsageError(f"{self.name} has no field {name}")
 
     def encode(self, **values: Value) -> bytes:
-        """The record's bytes.
+        """The bytes of each field that is not constant, by its name: integers, floats, bytes.
 
-        Args:
-            values: each field that is not constant, by its name; integers, floats, bytes.
         Raises: UsageError: a field is missing or too many, or a value does not fit.
         """
         wanted = {field.name for field in self.all_fields if field.value is None}

@@ -68,24 +68,18 @@ KIND_DRIVE = 0x0A
 KIND_ACTION = 0x0B
 KIND_AUDIT = 0x80  # the bit that keeps a frame out of the chains
 
+_SAID = (Field("id", "u16", "robot id"), Field("t", "u64", "ms, sender's clock"))
 _MOTION = (
-    Field("id", "u16", "robot id"),
-    Field("t", "u64", "ms, sender's clock"),
     Field("x_m", "f32", "position, world frame"),
     Field("y_m", "f32", ""),
     Field("vx_mps", "f32", "velocity, world frame"),
     Field("vy_mps", "f32", ""),
 )
-STATE = Record("state", _MOTION, "broadcast: where a robot is and where it goes", KIND_STATE)
-SENSOR = Record("sensor", _MOTION, "reading of the position sensor", KIND_SENSOR)
+STATE = Record("state", (*_SAID, *_MOTION), "broadcast: where a robot is and where it goes", KIND_STATE)
+SENSOR = Record("sensor", (*_SAID, *_MOTION), "reading of the position sensor", KIND_SENSOR)
 ACCELERATION = Record(
     "acceleration",
-    (
-        Field("id", "u16", "robot id"),
-        Field("t", "u64", "ms, sender's clock"),
-        Field("ax_mps2", "f32", "acceleration, world frame"),
-        Field("ay_mps2", "f32", ""),
-    ),
+    (*_SAID, Field("ax_mps2", "f32", "acceleration, world frame"), Field("ay_mps2", "f32", "")),
     "command to the actuators",
     KIND_ACCELERATION,
 )
@@ -117,30 +111,17 @@ ORDER_ROUTE = Record(
 )
 WAYPOINT = Record("waypoint", (Field("x_mm", "u16", ""), Field("y_mm", "u16", "")), "a point of a route")
 _POSE = (
-    Field("id", "u16", "robot id"),
-    Field("t", "u64", "ms, sender's clock"),
     Field("x_mm", "f32", "position"),
     Field("y_mm", "f32", ""),
     Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
 )
-WHEELS_COMMAND = Record(
-    "wheels_command",
-    (
-        Field("id", "u16", "robot id"),
-        Field("t", "u64", "ms, sender's clock"),
-        *_WHEELS,
-        *_LED,
-    ),
-    "command to wheels and LED",
-    KIND_WHEELS_COMMAND,
-)
-WHEELS_SENSOR = Record("wheels_sensor", _POSE, "reading of the pose sensor", KIND_WHEELS_SENSOR)
+WHEELS_COMMAND = Record("wheels_command", (*_SAID, *_WHEELS, *_LED), "command to wheels and LED", KIND_WHEELS_COMMAND)
+WHEELS_SENSOR = Record("wheels_sensor", (*_SAID, *_POSE), "reading of the pose sensor", KIND_WHEELS_SENSOR)
 WHEELS_STATE = Record(
-    "wheels_state", (*_POSE, *_LED), "broadcast: where a driven robot is and how it shines", KIND_WHEELS_STATE
+    "wheels_state", (*_SAID, *_POSE, *_LED), "broadcast: where a driven robot is and how it shines", KIND_WHEELS_STATE
 )
 
 # Robots on encoded missions (docs/spec/mission.md).
-_SAID = (Field("id", "u16", "robot id"), Field("t", "u64", "ms, sender's clock"))
 MISSION_READING = Record(
     "mission_reading",
     (
@@ -316,34 +297,18 @@ OUTPUT = Record(
 )
 FLOCK_MEMORY = Record(
     "flock_memory",
-    (
-        Field("x_m", "f32", "position, world frame"),
-        Field("y_m", "f32", ""),
-        Field("vx_mps", "f32", "velocity, world frame"),
-        Field("vy_mps", "f32", ""),
-        Field("count", "u16", "of neighbours"),
-        Field("neighbours", "rest", "as many, by rising id"),
-    ),
+    (*_MOTION, Field("count", "u16", "of neighbours"), Field("neighbours", "rest", "as many, by rising id")),
     "what a flock's controller remembers",
 )
 NEIGHBOUR = Record(
     "neighbour",
-    (
-        Field("id", "u16", "robot id"),
-        Field("heard", "u64", "ms, own a-node's clock"),
-        Field("x_m", "f32", "position, world frame"),
-        Field("y_m", "f32", ""),
-        Field("vx_mps", "f32", "velocity, world frame"),
-        Field("vy_mps", "f32", ""),
-    ),
+    (Field("id", "u16", "robot id"), Field("heard", "u64", "ms, own a-node's clock"), *_MOTION),
     "a robot that was heard",
 )
 WHEELS_MEMORY = Record(
     "wheels_memory",
     (
-        Field("x_mm", "f32", "position"),
-        Field("y_mm", "f32", ""),
-        Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
+        *_POSE,
         Field("left", "i8", "percent, the last joystick's word"),
         Field("right", "i8", "the same"),
         Field("heard", "u64", "ms, when that came"),

@@ -70,13 +70,12 @@ class Drain(RefuseToAudit):
     """
 
     period_ms = 20
+    _made_ms = _no = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self.kept: dict[int, bytes] = {}
         self._sent_ms: dict[int, int] = {}
-        self._made_ms = 0
-        self._no = 0
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """The next one that is due; never to those whom it asks for audits of its own."""
@@ -101,14 +100,14 @@ class Drain(RefuseToAudit):
 
     def _make(self, now_ms: int, tor: int) -> bool:
         """A true token request, in a request that shows an empty log since boot; its own log shows the flush."""
-        profile, spare_ms = self.profile, int(self.f.settings[0].t_audit) * 2 // 5
+        spare_ms = int(self.f.settings[0].t_audit) * 2 // 5
         treq = row(bytes(TOKEN_REQUEST.size))
         if now_ms - self._made_ms < spare_ms:  # its own audits need token requests too
             return False
-        if trusted.anode_token_request(profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, self.f.anode[self.i], now_ms, tor, treq) < 0:
             return False
         self._made_ms = now_ms
-        if profile == BOUND:
+        if self.profile == BOUND:
             log.mark(self.f, self.i, log.FLUSH_A)
         q = row(bytes(request.HEAD_BYTES + BOOTED.size))
         q[0], q[request.AT_FLAGS] = request.VERSION, 1

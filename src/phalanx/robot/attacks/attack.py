@@ -38,15 +38,10 @@ HOLE_OF_THE_PAPER = by_defence("bites", "bites", "stopped")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One thing that can be asked of an attack.
+    """One thing that can be asked of an attack."""
 
-    Args:
-        values: what it may be; empty for any number.
-        defences: under which it makes a difference.
-    """
-
-    values: tuple[float | str, ...] = ()
-    defences: tuple[Defence, ...] = DEFENCES
+    values: tuple[float | str, ...] = ()  # what it may be; empty for any number
+    defences: tuple[Defence, ...] = DEFENCES  # under which it makes a difference
 
     def takes(self, value: float | str) -> bool:
         """Whether it may be this."""
@@ -55,38 +50,23 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """One way to lie, or to be lied to.
+    """One way to lie, or to be lied to."""
 
-    Args:
-        name: as typed in commands.
-        made_of: who carries it out: a `Liar`, or for other scenes a `Between`, a `Guess` or a `MissionCheat`; the
-            class, or where it is in this package.
-        verdicts: what each defence makes of it.
-        harm: how its damage to others is measured.
-        bites_from: from so much damage on, it bites.
-        does: what it does, for people.
-        stopped_by: what stops it, or why nothing has to, or why nothing can.
-        scene: where it is tried.
-        against: what it lies about, on missions.
-        limit: a defence that limits it keeps its damage below this; 0 for below what bites.
-        crowd: whether it takes f_max robots, and not one.
-        on_wheels: whether it makes sense for the demo's robots, whatever controller they run.
-        options: what else can be asked of it, by name.
-    """
-
-    name: str
+    name: str  # as typed in commands
+    # Who carries it out: a `Liar`, or for other scenes a `Between`, a `Guess` or a `MissionCheat`; the class, or where
+    # it is in this package.
     made_of: str | type[Any]
-    verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)
-    harm: Harm = ASTRAY
-    bites_from: float = 1.0
-    does: str = ""
-    stopped_by: str = ""
-    scene: Scene = "flock"
-    against: str = ""
-    limit: float = 0.0
-    crowd: bool = False
-    on_wheels: bool = False
-    options: Mapping[str, Option] = field(default_factory=dict)
+    verdicts: Mapping[Defence, Verdict] = field(default_factory=lambda: STOPPED)  # what each defence makes of it
+    harm: Harm = ASTRAY  # how its damage to others is measured
+    bites_from: float = 1.0  # from so much damage on, it bites
+    does: str = ""  # what it does, for people
+    stopped_by: str = ""  # what stops it, or why nothing has to, or why nothing can
+    scene: Scene = "flock"  # where it is tried
+    against: str = ""  # what it lies about, on missions
+    limit: float = 0.0  # a defence that limits it keeps its damage below this; 0 for below what bites
+    crowd: bool = False  # whether it takes f_max robots, and not one
+    on_wheels: bool = False  # whether it makes sense for the demo's robots, whatever controller they run
+    options: Mapping[str, Option] = field(default_factory=dict)  # what else can be asked of it, by name
 
     @property
     def kind(self) -> type[Any]:
@@ -124,10 +104,8 @@ class Attack:
 
 
 def own_attack(made: Attack | type[Any]) -> Attack:
-    """The record of an attack that is not in the library.
+    """The record of an attack that is not in the library; a class's name and docstring say what it is.
 
-    Args:
-        made: a record of its own; or only a class, whose name and docstring then say what it is.
     Raises: UsageError: it is neither.
     """
     if isinstance(made, Attack):

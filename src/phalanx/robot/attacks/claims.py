@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.python_controller import Act, Send
-from phalanx.robot.controllers.spoof import spoofed_state
-from phalanx.wire.table import KIND_STATE, STATE
+from phalanx.wire.table import KIND_STATE
 
 from .liar import MOTION, Liar, Motion
+from .spoof import spoofed_state
 
 
 class Masquerade(Liar):
@@ -77,6 +77,4 @@ class NotANumber(Liar):
 
 
 def _in_the_way(name: int, now_ms: int, victim: Motion, goal_m: tuple[float, float]) -> bytes:
-    state = MOTION.pack(KIND_STATE, name, now_ms, *spoofed_state((victim.x_m, victim.y_m), goal_m))
-    assert len(state) == STATE.size
-    return state
+    return MOTION.pack(KIND_STATE, name, now_ms, *spoofed_state((victim.x_m, victim.y_m), goal_m))

@@ -26,11 +26,11 @@ class Flood(Liar, ABC):
     # much of the round is over. In the rest the bucket fills again.
     SHARES: ClassVar[bool] = True
     POURED: ClassVar[float] = 0.8
+    _round_ms = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
-        self._round_ms, settings = 0, self.f.settings[0]
-        self._t_audit_ms, self._f_max = int(settings.t_audit), int(settings.f_max)
+        self._t_audit_ms, self._f_max = int(self.f.settings[0].t_audit), int(self.f.settings[0].f_max)
 
     def on_round(self, now_ms: int) -> list[Action]:
         """The moment is remembered."""
@@ -59,10 +59,10 @@ class RequestFlood(Flood):
     period_ms = 4
 
     POURED = 0.5  # after that it would keep its own true requests from being taken
+    _turn = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
-        self._turn = 0
         self._asked_ms: dict[int, int] = {}
 
     def pour(self, now_ms: int) -> list[Action]:
@@ -87,10 +87,7 @@ class FrameFlood(Flood):
     period_ms = 2
 
     TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
-
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._sent_ms = 0
+    _sent_ms = 0
 
     def pour(self, now_ms: int) -> list[Action]:
         """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
@@ -188,7 +185,6 @@ class Jam(Flood):
 
     def pour(self, now_ms: int) -> list[Action]:
         """Noise."""
-        del now_ms
         noise = bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES)
         return [Transmit(audit_frame(0, 0, 0x7F, noise), EVERYBODY)]
 

@@ -149,9 +149,7 @@ class StaleLog(RequestForger):
     Source: docs/spec/rebound.md (stale log).
     """
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._kept = b""
+    _kept = b""
 
     def next_frame(self, now_ms: int) -> list[Action]:
         """While it is honest, the newest request is kept."""
@@ -164,11 +162,11 @@ class StaleLog(RequestForger):
     def make_request(self, now_ms: int) -> bool:
         """The kept request, with a fresh token request in it."""
         f, i, r = self.f, self.i, self.f.robot[self.i]
-        profile, treq = self.profile, self.w.small[0]
+        treq = self.w.small[0]
         tor = int(rounds.next_candidate(f, i, now_ms))
         if not self._kept or r.quota <= 0 or tor == 0:
             return False
-        if trusted.anode_token_request(profile, f.anode[i], now_ms, tor, treq) < 0:
+        if trusted.anode_token_request(self.profile, f.anode[i], now_ms, tor, treq) < 0:
             r.quota = 0
             return False
         f.peer[i, rounds.peer_at(f, i, tor, True)].asked = r.round_no

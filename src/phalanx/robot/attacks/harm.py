@@ -10,6 +10,8 @@ if TYPE_CHECKING:  # the list of attacks does not wait for it
     import numpy as np
     from numpy.typing import NDArray
 
+    from .liar import Liar
+
 
 class Watched(Protocol):
     """A run, as far as harm is read from it (phalanx.sim.scenarios.run.Run is one)."""
@@ -35,33 +37,15 @@ class Watched(Protocol):
         """(N,), for how long each robot was on the air."""
 
 
-class Lied(Protocol):
-    """A robot that lied, as far as harm is read from it (a Liar is one)."""
-
-    i: int
-
-    @property
-    def alive_s(self) -> float:
-        """For how long it has had its mission key, until Safe Mode."""
-
-    @property
-    def lied_s(self) -> float:
-        """For how long it has lied, until Safe Mode."""
-
-
 @dataclass(frozen=True, slots=True)
 class Harm:
-    """One way to measure damage.
+    """One way to measure damage."""
 
-    Args:
-        words: what is measured, for people.
-        unit: of the number.
-        of: the number; of a liar in a run, and the same run without it, or of what else its scene leaves.
-    """
-
-    words: str
+    words: str  # what is measured, for people
     unit: str
-    of: Callable[..., float]
+    of: Callable[
+        ..., float
+    ]  # the number: of a liar in a run, and the same run without it, or what else its scene leaves
 
 
 def _correct(attacked: Watched) -> list[int]:
@@ -73,18 +57,18 @@ def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
     return apart
 
 
-def _astray(_liar: Lied, attacked: Watched, honest: Watched) -> float:
+def _astray(_liar: Liar, attacked: Watched, honest: Watched) -> float:
     # A liar that was stopped harms nobody any more but by standing in the way, and that is in where the others are.
     stopped = attacked.in_safe_mode
     counted = [i for i in range(len(stopped)) if not stopped[i] or i + 1 not in attacked.compromised]
     return float(_apart_m(attacked, honest)[counted].mean()) if counted else 0.0
 
 
-def _starved(_liar: Lied, attacked: Watched, _honest: Watched) -> float:
+def _starved(_liar: Liar, attacked: Watched, _honest: Watched) -> float:
     return float(attacked.in_safe_mode[_correct(attacked)].sum())
 
 
-def _airtime(liar: Lied, attacked: Watched, honest: Watched) -> float:
+def _airtime(liar: Liar, attacked: Watched, honest: Watched) -> float:
     # A liar in Safe Mode is silent: neither the time after it counts, nor what an honest robot would have said then.
     needed_s = float(honest.airtime_s[liar.i]) * liar.alive_s / attacked.now_s
     return 100 * (float(attacked.airtime_s[liar.i]) - needed_s) / liar.lied_s if liar.lied_s else 0.0

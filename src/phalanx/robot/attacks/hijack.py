@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from phalanx.robot.cnode import Action
 from phalanx.robot.controllers.python_controller import Act, Send
@@ -77,10 +77,11 @@ class Dawdle(Liar):
 
     DELAY_MS: ClassVar[int] = 85  # and the period on top of it
 
-    def __init__(self, *args: object, **more: object) -> None:
-        super().__init__(*args, **more)  # type: ignore[arg-type]
+    _round_waits = False
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
         self._waiting: list[tuple[int, Send | Act]] = []
-        self._round_waits = False
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """The controller decides at once; its outputs wait."""

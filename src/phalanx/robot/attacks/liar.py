@@ -16,10 +16,8 @@ import numpy as np
 from phalanx.bti import audit, log, request, trusted
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
 from phalanx.bti.fleet import PLAIN, Fleet
-from phalanx.bti.refusal import Refusal
 from phalanx.robot import auditor, node
 from phalanx.robot.cnode import Action, CNode, row
-from phalanx.robot.cnode import Verdict as Told
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
 from phalanx.wire.fields import Row
@@ -32,24 +30,15 @@ MOTION = STATE.form  # of a `sensor` too: kind, id, t, position, velocity
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What the adversary knows and wants when it takes a robot over.
+    """What the adversary knows and wants when it takes a robot over."""
 
-    Args:
-        ids: every robot's id.
-        goal_m: where the swarm is going.
-        accomplices: ids of the other compromised robots.
-        start_ms, stop_ms: from when to when it lies, ms of the robot's own clock.
-        chance: the adversary's dice, seeded by the scenario.
-        options: what was asked for beside that.
-    """
-
-    ids: tuple[int, ...]
-    goal_m: tuple[float, float]
-    accomplices: tuple[int, ...]
-    start_ms: int
+    ids: tuple[int, ...]  # every robot's id
+    goal_m: tuple[float, float]  # where the swarm is going
+    accomplices: tuple[int, ...]  # ids of the other compromised robots
+    start_ms: int  # from when to when it lies, ms of the robot's own clock
     stop_ms: int
-    chance: np.random.Generator
-    options: Mapping[str, float | str] = field(default_factory=dict)
+    chance: np.random.Generator  # the adversary's dice, seeded by the scenario
+    options: Mapping[str, float | str] = field(default_factory=dict)  # what was asked for beside that
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +106,8 @@ class Liar(CNode):
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:
-        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet.
+        """The robot is powered up, its c-node runs, and the mission key has not been loaded yet; `anode` can be called.
 
-        Args:
-            rob_id: the robot's.
-            profile: the firmware's.
-            anode: the a-node, to be called only.
-            f_max: the mission's.
         Source: docs/spec/rebound.md (zero key).
         """
 
@@ -157,13 +141,13 @@ class Liar(CNode):
         """T_audit has passed."""
         return self.round_due(now_ms) if self.lies(now_ms) else super().on_round(now_ms)
 
-    def on_wake(self, now_ms: int) -> list[Action]:  # noqa: ARG002 - what attacks with a period override
+    def on_wake(self, now_ms: int) -> list[Action]:
         """Something out of turn, each `period_ms` while it lies."""
         return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
 
-    def read(self, now_ms: int, reading: bytes) -> bytes:  # noqa: ARG002 - what a faulty sensor needs
+    def read(self, now_ms: int, reading: bytes) -> bytes:
         """What the sensor itself says, before the s-node has it."""
         return reading
 
@@ -231,8 +215,7 @@ class Liar(CNode):
         src = int(self.w.case[0].tee)
         refused = auditor.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
         node.answer(self.f, self.i, self.w, place, src, refused)
-        told = Told(src, Refusal(int(self.w.told[node.TOLD_REFUSAL])))
-        return [told] if told.refusal else [told, *self.reply(now_ms, src)]
+        return self.judged(now_ms)
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""

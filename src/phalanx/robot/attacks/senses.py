@@ -32,9 +32,7 @@ class SpoofGps(Liar):
 class StuckSensor(Liar):
     """A fault: the position sensor says the same for ever; the robot itself is honest."""
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
-        self._stuck = b""
+    _stuck = b""
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """The first reading of those from the start on."""
@@ -52,7 +50,6 @@ class StarveSensors(Liar):
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """The s-node is not asked."""
-        del now_ms, reading
         return []
 
     def next_frame(self, now_ms: int) -> list[Action]:
@@ -90,12 +87,12 @@ class Interleave(Liar):
 
     STOCK: ClassVar[int] = 12
     SETTLED_MS: ClassVar[int] = 200
+    _round_waits = False
+    _asked_ms = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._stock: list[np.ndarray[Any, np.dtype[np.uint8]]] = []
-        self._round_waits = False
-        self._asked_ms = 0
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """On the oldest reading of the stock; if there is none, on this one, of which the stock is made."""

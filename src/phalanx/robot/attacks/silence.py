@@ -22,7 +22,6 @@ class RefuseAudit(Hijack):
 
     def round_due(self, now_ms: int) -> list[Action]:
         """No round."""
-        del now_ms
         return []
 
     def next_frame(self, now_ms: int) -> list[Action]:
@@ -46,17 +45,14 @@ class Crash(Liar):
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """Nothing."""
-        del now_ms, reading
         return []
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Nothing."""
-        del now_ms, frame
         return []
 
     def round_due(self, now_ms: int) -> list[Action]:
         """Nothing."""
-        del now_ms
         return []
 
     def next_frame(self, now_ms: int) -> list[Action]:

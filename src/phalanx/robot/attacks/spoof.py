@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
-from phalanx.robot.controllers.spoof import spoofed_state
 from phalanx.wire.table import KIND_STATE
 
 from .liar import MOTION, Liar
 
 # Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes".
 LIES_PERIOD_MS = 250
+
+
+def spoofed_state(
+    victim_pos: tuple[float, float], goal: tuple[float, float], z: float = 150.0, eps: float = 2.0
+) -> tuple[float, float, float, float]:
+    """Position (m) and velocity (m/s) that another robot has, as the liar tells it: in the way of the victim.
+
+    Nearer than z: 1 m from the victim, towards the goal. Farther: z - eps from the goal, on the victim's way. In both
+    cases moving away from the goal at 1 m/s. The paper calls z the maximum distance that is kept between victim and
+    goal; as the formula has it, it is the minimum. The paper's velocity is printed as a second x_spoof.
+    All in m.
+    Source: RoboRebound §5.3.
+    """
+    dx, dy = victim_pos[0] - goal[0], victim_pos[1] - goal[1]
+    distance = math.hypot(dx, dy)
+    # A victim on the goal has no way to it: any direction will do.
+    ux, uy = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
+    if distance <= z:
+        return victim_pos[0] - ux, victim_pos[1] - uy, ux, uy
+    return goal[0] + (z - eps) * ux, goal[1] + (z - eps) * uy, ux, uy
 
 
 class Spoof(Liar):
@@ -24,10 +44,10 @@ class Spoof(Liar):
     """
 
     period_ms = 10
+    _turn = 0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
-        self._turn = 0
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
 
     def on_wake(self, now_ms: int) -> list[Action]:

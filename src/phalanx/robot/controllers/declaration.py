@@ -9,30 +9,31 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from phalanx.config.flock import FlockConfig
 from phalanx.wire.record import Record
 
-if TYPE_CHECKING:  # whoever asks for names need not wait for a compiler
-    from .fields import Params
+if TYPE_CHECKING:  # whoever asks for names need not wait for numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
+Params: TypeAlias = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declaration:
-    """What a controller's robots have to be.
+    """What a controller's robots have to be, as records of the byte table, and what its mission says.
 
-    Args:
-        reads: record of its sensor; with `commands` it says which body it drives (sim/audited/body.py).
-        commands: record of its actuators.
-        says: record that it broadcasts, in which the sender is where `state` has it.
-        params: what kernels are given of a scenario's parameters; None for one that scenarios do not run.
+    With `reads` and `commands` it says which body it drives (sim/audited/body.py).
     """
 
-    reads: Record
-    commands: Record
-    says: Record
-    params: Callable[[FlockConfig], Params] | None = None
+    reads: Record  # of its sensor
+    commands: Record  # of its actuators
+    says: Record  # what it broadcasts, in which the sender is where `state` has it
+    remembers: tuple[Record, ...]  # its state; the last one as often as there is more
+    config: type[Any] = FlockConfig  # scenarios run those of a FlockConfig
+    params: Callable[[Any], Params]  # what kernels are given of one
 
 
 def bundled() -> list[str]:

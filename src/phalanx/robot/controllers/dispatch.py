@@ -12,10 +12,10 @@ import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from phalanx.kernel import kernel
+from phalanx.kernel import written
+from phalanx.wire.fields import Row, whole
 
-from .declaration import Declaration, bundled
-from .fields import Params, Row, whole
+from .declaration import Declaration, Params, bundled
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -31,17 +31,11 @@ def _of_the_chosen(declared: _F) -> _F:
     signature = inspect.signature(declared)
     rest = list(signature.parameters.values())[1:]
     given = ", ".join(f"whole({each.name})" if each.annotation == "int" else each.name for each in rest)
-    lines = [f"def {declared.__name__}({', '.join(signature.parameters)}):"]
+    body = []
     for number, name in enumerate(_NAMES, 1):
-        lines += [f"    if kind == {number}:", f"        return {name}.{declared.__name__}({given})"]
-    lines.append("    return False" if signature.return_annotation == "bool" else "    return 0")
-    # In this file, at its own line: numba keeps compiled code beside the file of its source.
-    source = "\n" * (declared.__code__.co_firstlineno - 1) + "\n".join(lines)
-    scope = {"__name__": __name__, "whole": whole, **dict(zip(_NAMES, _MODULES, strict=True))}
-    exec(compile(source, __file__, "exec"), scope)  # noqa: S102 - of names of our own files
-    made: Any = scope[declared.__name__]
-    result: _F = kernel(made)
-    return result
+        body += [f"if kind == {number}:", f"    return {name}.{declared.__name__}({given})"]
+    body.append("return False" if signature.return_annotation == "bool" else "return 0")
+    return written(declared, body, {"whole": whole, **dict(zip(_NAMES, _MODULES, strict=True))})
 
 
 @_of_the_chosen

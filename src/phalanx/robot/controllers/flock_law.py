@@ -11,8 +11,9 @@ import numpy as np
 
 from phalanx.config.flock import FlockConfig
 from phalanx.kernel import kernel
+from phalanx.wire.fields import whole
 
-from .fields import Params, whole
+from .declaration import Params
 from .sine import HALF_PI, sine
 
 # Places in the parameters; the obstacles follow, three numbers a disc, four a box.

@@ -23,13 +23,8 @@ THRESHOLD_MAX_MM = 1000
 
 
 def wheels_order(robot: int, number: int, left_pct: int, right_pct: int) -> bytes:
-    """Turn the wheels for a moment; ends waypoint following.
+    """Turn the wheels for a moment, -100..100; ends waypoint following. `number` is above the last one sent to `robot`.
 
-    Args:
-        robot: 1..65535.
-        number: 1..2^32 - 1, above the last one sent to this robot.
-        left_pct: -100..100.
-        right_pct: the same.
     Raises: UsageError: a value is out of range.
     Source: docs/spec/vocabulary.md.
     """

@@ -28,11 +28,12 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.errors import UsageError
+from phalanx.wire.fields import Row
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
 
 from . import dispatch
-from .fields import Params, Row
+from .declaration import Params
 from .outputs import OUT_BYTES
 
 
@@ -54,12 +55,7 @@ Output = Send | Act
 
 
 class OwnMistake(UsageError):
-    """A researcher's class did what it must not.
-
-    Args:
-        message, hint: as of every `UsageError`.
-        whose: the object that did it.
-    """
+    """A researcher's class did what it must not; `whose` is the object that did it."""
 
     def __init__(self, message: str, hint: str, whose: object) -> None:
         super().__init__(message, hint)
@@ -105,12 +101,7 @@ class Controller(ABC):
 
 
 def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
-    """What makes a bundled controller for a robot's id, for use from Python.
-
-    Args:
-        kind: its number (dispatch.NUMBERS); 0 for one that does nothing.
-        params: its kernels'.
-    """
+    """What makes the bundled controller of a number (dispatch.NUMBERS; 0 does nothing) for a robot's id, in Python."""
     return partial(_Compiled, kind=kind, params=params)
 
 
@@ -149,12 +140,8 @@ def _row(raw: bytes) -> Row:
 
 
 def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
-    """What a researcher's controller put out, if it can be put out at all.
+    """What a researcher's `on_input` returned, if it can be put out at all: of at most `room` bytes each.
 
-    Args:
-        told: what `on_input` returned.
-        room: longest frame or command, bytes.
-        whose: the controller.
     Raises: OwnMistake: no outputs, or one that no a-node lets out.
     Source: docs/own-controller.md.
     """
@@ -177,12 +164,8 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
 
 
 def checked_state(told: object, room: int, whose: object) -> bytes:
-    """What a researcher's controller remembers, if there is room for it.
+    """What a researcher's `encode` returned, if there is room for it: at most so many bytes.
 
-    Args:
-        told: what `encode` returned.
-        room: longest state, bytes.
-        whose: the controller.
     Raises: OwnMistake: not bytes, or too many.
     Source: docs/own-controller.md.
     """

@@ -9,10 +9,9 @@ from __future__ import annotations
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.fields import get_f32, get_i8, put_f32
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.sim.drive import turned_kernel
-from phalanx.wire.fields import Row, put_u16, put_u64
+from phalanx.wire.fields import Row, get_f32, get_i8, put_f32, put_u16, put_u64
 from phalanx.wire.table import (
     ACCELERATION,
     KIND_ACCELERATION,
@@ -113,12 +112,14 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
 
     Source: RoboRebound §4; docs/spec/world.md.
     """
-    if world.clock[0].body == POINT_MASS:
-        if length == COMMAND_BYTES and command[0] == KIND_ACCELERATION:
-            advance(world, i)
-            motion.command(world.acc, i, get_f32(command, AX), get_f32(command, AY), MOST_MPS2)
-    elif length == WHEELS_COMMAND_BYTES and command[0] == KIND_WHEELS_COMMAND:
-        advance(world, i)
+    point = world.clock[0].body == POINT_MASS
+    size, kind = (COMMAND_BYTES, KIND_ACCELERATION) if point else (WHEELS_COMMAND_BYTES, KIND_WHEELS_COMMAND)
+    if length != size or command[0] != kind:
+        return
+    advance(world, i)
+    if point:
+        motion.command(world.acc, i, get_f32(command, AX), get_f32(command, AY), MOST_MPS2)
+    else:
         world.acc[i, 0] = _share(get_i8(command, LEFT))
         world.acc[i, 1] = _share(get_i8(command, RIGHT))
         for k in range(3):
@@ -134,7 +135,7 @@ def _share(percent: int) -> float:
 def halt(world: World, i: int) -> None:
     """Robot i stands where it is. Source: RoboRebound §3.1 (Safe Mode)."""
     advance(world, i)
-    world.acc[i, 0] = 0.0
-    world.acc[i, 1] = 0.0
-    if world.clock[0].body == POINT_MASS:
-        motion.halt(world.vel, world.acc, i)
+    for axis in range(2):
+        world.acc[i, axis] = 0.0
+        if world.clock[0].body == POINT_MASS:  # of wheels it is the direction
+            world.vel[i, axis] = 0.0

@@ -20,17 +20,11 @@ _WAITING, _PUSHED, _REFUSED = 0, 1, 2
 
 
 class Queue(NamedTuple):
-    """Room for a fixed number of events.
+    """Room for a fixed number of events."""
 
-    Args:
-        keys: (C, 2) int64, heap: time in µs, number of the push.
-        data: (C, 3) int64: kind, robot, arg; what they mean is the caller's affair.
-        tally: (3,) int64: events that wait, pushes so far, pushes refused for want of room.
-    """
-
-    keys: NDArray[np.int64]
-    data: NDArray[np.int64]
-    tally: NDArray[np.int64]
+    keys: NDArray[np.int64]  # (C, 2), heap: time in µs, number of the push
+    data: NDArray[np.int64]  # (C, 3): kind, robot, arg; what they mean is the caller's affair
+    tally: NDArray[np.int64]  # (3,): events that wait, pushes so far, pushes refused for want of room
 
 
 QueueType, QueueRef = reference(Queue)
@@ -42,10 +36,8 @@ def _refer(queue: Queue) -> Any:
 
 
 def make_queue(capacity: int) -> Queue:
-    """An empty queue.
+    """An empty queue in which so many may wait at once; the radio keeps at most two a robot there.
 
-    Args:
-        capacity: events that may wait at once. The radio keeps at most two a robot there.
     Raises: UsageError: no room for a single event.
     """
     if capacity < 1:

@@ -20,7 +20,7 @@ from phalanx.wire.fields import Row, copy, get_u16
 from . import body
 from .events import next_us, pop, push
 from .motion import obstacle_contacts, robot_contacts
-from .world import PYTHON, VERDICTS, World
+from .world import PYTHON, VERDICTS, World, clock_ms
 
 # Kinds of events beside the radio's ATTEMPT and TX_END.
 CONTROL, ROUND, RETRY, CHECK, MOVE, WAKE = 10, 11, 12, 13, 14, 15
@@ -77,12 +77,6 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
                 clock.robot = i
                 return FOR_PYTHON
             audit_timer(world, i, kind)
-
-
-@kernel
-def clock_ms(world: World, i: int) -> int:
-    """A robot's own clock, ms. Source: docs/spec/rebound.md."""
-    return int((world.clock[0].now_us + world.boot_us[i]) // 1000)
 
 
 # --- sense, control, actuate, broadcast ---

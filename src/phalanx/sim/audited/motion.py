@@ -25,13 +25,7 @@ def advance(
 ) -> None:
     """Robot i is where its last command has brought it by now: exact, as the acceleration is constant in between.
 
-    Args:
-        pos: (N, 2), metres, at the time at_us[i].
-        vel: (N, 2), m/s.
-        acc: (N, 2), m/s².
-        at_us: (N,), of which time each robot's row is; now_us afterwards.
-        i: robot.
-        now_us: not before at_us[i].
+    `pos`, `vel` and `acc`, (N, 2), m, m/s and m/s², are those of at_us[i], (N,), which is `now_us` afterwards.
     Source: RoboRebound §4 (double integrator).
     """
     dt = (now_us - at_us[i]) * 1e-6
@@ -45,40 +39,19 @@ def advance(
 def command(acc: NDArray[np.float64], i: int, ax: float, ay: float, most_mps2: float) -> None:
     """Robot i accelerates so from now on, each axis clipped to what it can; what is not a number is no acceleration.
 
-    The robot must have been advanced to now.
-
-    Args:
-        acc: (N, 2), m/s².
-        i: robot.
-        ax: asked for, m/s².
-        ay: asked for, m/s².
-        most_mps2: what an axis can do; the paper's robots 5.
+    The robot must have been advanced to now. `acc`: (N, 2), m/s².
     Source: RoboRebound §4.
     """
     acc[i, 0], acc[i, 1] = _clip(ax, most_mps2), _clip(ay, most_mps2)
 
 
 @kernel
-def halt(vel: NDArray[np.float64], acc: NDArray[np.float64], i: int) -> None:
-    """Robot i stands where it is, as in Safe Mode. It must have been advanced to now.
-
-    Source: RoboRebound §3.6.
-    """
-    for axis in range(2):
-        vel[i, axis], acc[i, axis] = 0.0, 0.0
-
-
-@kernel
 def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: Reach, contact_m: float) -> int:
     """How many pairs of robots came closer than `contact_m` since the last look, counted once until they part again.
 
-    Between two looks robots are taken to go straight, so none passes through another unseen.
-
-    Args:
-        pos: (N, 2), metres, all of the same time.
-        last: (N, 2), `pos` at the last look; NaN at the first.
-        reach: rebuilt for `pos`; its range is at least contact_m.
-        contact_m: between centres.
+    Between two looks robots are taken to go straight, so none passes through another unseen. `pos`, (N, 2), metres, is
+    what `reach` was rebuilt for, with a range of at least `contact_m`; `last` is `pos` at the last look, NaN at the
+    first. Distances are between centres.
     """
     count = 0
     limit = contact_m * contact_m
@@ -107,14 +80,8 @@ def obstacle_contacts(
     """How many times a robot has come to touch an obstacle since the last look, counted once until they part again.
 
     An obstacle is touched when its edge is less than half of `contact_m` from a robot's centre. Seen at the two looks
-    only: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger.
-
-    Args:
-        pos: (N, 2), metres.
-        last: (N, 2), `pos` at the last look; NaN at the first.
-        discs: (D, 3): centre x, y, radius, metres.
-        boxes: (B, 4): least x, least y, greatest x, greatest y, metres.
-        contact_m: between the centres of two robots that touch.
+    only: at 10 m/s a robot goes half a metre in the 50 ms between them, and obstacles are larger. `pos` and `last` are
+    as above; `discs`, (D, 3): centre x, y, radius; `boxes`, (B, 4): least x, least y, greatest x, greatest y, metres.
     """
     count = 0
     radius = 0.5 * contact_m

@@ -12,7 +12,7 @@ from phalanx.wire.fields import get_u16
 
 from . import body, loop
 from .events import push
-from .world import World
+from .world import World, clock_ms
 
 # What hears of each kind of event.
 METHODS = {
@@ -30,7 +30,7 @@ def handle(world: World, robots: dict[int, CNode]) -> None:
     clock = world.clock[0]
     i, kind = int(clock.robot), int(clock.kind)
     cnode = robots[i]
-    now_ms = loop.clock_ms(world, i)
+    now_ms = clock_ms(world, i)
     actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms))
     if cnode.is_own:
         _check_commands(world, cnode, actions)

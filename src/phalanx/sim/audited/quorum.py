@@ -17,13 +17,7 @@ SECOND_US = 1_000_000
 
 
 class Quorum:
-    """Watches who has the auditors and the air that P2 wants.
-
-    Args:
-        world: looked at every second.
-        config: f_max, n_max and T_val.
-        correct: (N,), who does not lie.
-    """
+    """Watches every second who has the auditors and the air that P2 wants; `correct`, (N,): who does not lie."""
 
     def __init__(self, world: World, config: BtiConfig, correct: NDArray[np.bool_]) -> None:
         self._world, self._config, self._correct = world, config, correct

@@ -17,23 +17,23 @@ from phalanx.bundle import pack
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
-from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
+from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
-from phalanx.sim.radio.airtime import Rates, broadcast_us, unicast_us
+from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
 from phalanx.sim.radio.reach import SMALL_SWARM, make_reach, rebuild
 from phalanx.wire.fields import Row
+from phalanx.wire.table import KEY_BYTES
 
 from . import loop, pybot
 from .events import make_queue, push
-from .world import PYTHON, VERDICTS, World, make_clock, refer
+from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, refer
 
 PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
-KEY_BYTES = 20
 MOVE_US = 50_000
 # They were powered up within so much of each other.
 POWER_UP_MS = 60_000
@@ -44,41 +44,27 @@ ROOM = 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """What a world is made of.
+    """What a world is made of."""
 
-    Args:
-        robots: N.
-        starts_m: (M, 2), where robots, and stations behind them, are at first.
-        profile: of the trusted nodes: BOUND, PAPER or PLAIN.
-        controller: number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python.
-        params: the controller's.
-        body: body.POINT_MASS or body.WHEELS, see `body.driven_by`.
-        seed: of phases and back-offs.
-        contact_m: two robots as near as that touch.
-        obstacles: count as contacts.
-        area_m: what wheels stay within.
-        bti, radio: parameters.
-        before_key: what a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
-    """
-
-    robots: int
-    starts_m: NDArray[np.float64]
-    profile: int
-    controller: int
-    params: NDArray[np.float64]
-    body: int
-    seed: int
-    contact_m: float
+    robots: int  # N
+    starts_m: NDArray[np.float64]  # (M, 2), where robots, and stations behind them, are at first
+    profile: int  # of the trusted nodes: BOUND, PAPER or PLAIN
+    controller: int  # number of the bundled controller (dispatch.NUMBERS), 0 for one in plain Python
+    params: NDArray[np.float64]  # the controller's
+    body: int  # POINT_MASS or WHEELS, see `body.driven_by`
+    seed: int  # of phases and back-offs
+    contact_m: float  # two robots as near as that touch
     bti: BtiConfig
     radio: RadioConfig
-    obstacles: Sequence[Disc | Box] = ()
-    area_m: tuple[float, float] = (0.0, 0.0)
+    obstacles: Sequence[Disc | Box] = ()  # count as contacts
+    area_m: tuple[float, float] = (0.0, 0.0)  # what wheels stay within
+    # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
 
 
 def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
     """The trusted nodes' limits on this radio. Source: docs/spec/rebound.md (audit flood)."""
-    rates = _rates(radio)
+    rates = rates_of(radio)
     per_kilobyte_us = unicast_us(rates, 2000) - unicast_us(rates, 1000)
     return Limits.of(config, int(broadcast_us(rates, 1)), math.ceil(8000 / radio.broadcast_mbps), int(per_kilobyte_us))
 
@@ -86,30 +72,16 @@ def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
 def audits_share(config: BtiConfig, radio: RadioConfig, robots: float) -> float:
     """Share of the time for which the requests of so many robots, all in one range, are on the air; 1 is all there is.
 
-    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log.
-
-    Args:
-        config: of the audits.
-        radio: theirs.
-        robots: who hear each other.
-    Up to a quarter less than is measured with 25 to 120 robots, with f_max from 3 to 8.
+    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log. Up to a quarter less than is measured
+    with 25 to 120 robots, with f_max from 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.tokens_needed), config.n_max)
     seen = replace(config, n_max=neighbours)
     shown = seen.log_bytes_per_s * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
     whole, rest = divmod(math.ceil(shown), seen.frame_max_bytes - FRAGMENT_HEAD_BYTES)
-    rates = _rates(radio)
+    rates = rates_of(radio)
     request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
     return robots * seen.tokens_needed * request_us / (1000 * seen.t_audit_ms)
-
-
-def _rates(radio: RadioConfig) -> Rates:
-    return Rates(
-        broadcast_bits=LEGACY_BITS[radio.broadcast_mbps],
-        control_bits=LEGACY_BITS[radio.control_mbps],
-        data_bits=HE_BITS[radio.mcs],
-        data_symbol_ns=radio.data_symbol_ns,
-    )
 
 
 def power_up(
@@ -120,15 +92,9 @@ def power_up(
     chance: np.random.Generator,
     before_key: Mapping[int, Callable[[int, int, Row, int], None]],
 ) -> Nodes:
-    """`n` robots' trusted nodes with ids 1..n, a common master key, and a mission key loaded at `now_ms`.
+    """`n` robots' trusted nodes with ids 1..n, a common master key, and a mission key loaded at `now_ms`, (n,).
 
-    Args:
-        n: robots.
-        profile: BOUND or PAPER.
-        limits: burnt in.
-        now_ms: (n,), each robot's own clock.
-        chance: where the keys come from; in a simulation they keep nothing secret.
-        before_key: see Setup.
+    Keys come from `chance`: in a simulation they keep nothing secret.
     Source: RoboRebound §3.3, Alg. 2.
     """
     nodes = Nodes(n, profile, limits)
@@ -218,7 +184,7 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
     if clock.check_us:
         push(world.queue, int(clock.check_us), loop.CHECK, 0, 0)
     for i in range(len(world.fleet.robot)):
-        now_ms = loop.clock_ms(world, i)
+        now_ms = clock_ms(world, i)
         cnode = robots.get(i)
         if cnode:
             world.runs[i] = PYTHON

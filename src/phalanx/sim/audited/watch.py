@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from phalanx.bti.refusal import Refusal
 
-from . import loop
-from .world import VERDICTS, World
+from .world import VERDICTS, World, clock_ms
 
 Verdict = tuple[float, int, int, Refusal]
 
@@ -18,7 +17,7 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
     if world.safe[i]:
         return []
     fleet, robot = world.fleet, world.fleet.robot[i]
-    now, t_val = loop.clock_ms(world, i), int(fleet.settings[0].t_val)
+    now, t_val = clock_ms(world, i), int(fleet.settings[0].t_val)
     newest: dict[int, int] = {}
     for which, count in enumerate((robot.tokens_start, robot.tokens_pending)):
         for token in fleet.token[i, which, : int(count)]:
@@ -28,11 +27,7 @@ def shields(world: World, i: int) -> list[tuple[int, float]]:
 
 
 class VerdictReader:
-    """Reads audits' ends in order; of more than 4096 at once the oldest are lost.
-
-    Args:
-        world: where they happen.
-    """
+    """Reads audits' ends in order; of more than 4096 at once the oldest are lost."""
 
     def __init__(self, world: World) -> None:
         self._world = world

@@ -50,57 +50,33 @@ CLOCK = np.dtype(
 
 
 class World(NamedTuple):
-    """Everything a run changes.
+    """Everything a run changes. Of M bodies the first N are robots."""
 
-    Args:
-        clock: (1,) CLOCK.
-        fleet: the robots' nodes.
-        work: scratch memory.
-        queue: events to come.
-        air: the channel.
-        reach: who hears whom, as of the last 50 ms.
-        pos, vel, acc: (M, 2) float64, m, m/s, m/s²; with wheels, vel[:, 0] is the direction in degrees and acc the
-            wheels' shares of their speed. M >= N, robots first.
-        last: (M, 2) float64, `pos` at the last look at contacts.
-        led: (M, 3) uint8.
-        area: (2,) float64, m, what wheels stay within.
-        discs: (D, 3), boxes: (B, 4) float64, obstacles (motion.obstacle_contacts).
-        moved_us: (N,) int64, the moment for which `pos` and `vel` hold.
-        boot_us: (N,) int64, by how much a robot's clock is ahead of the world's.
-        runs: (N,) uint8, COMPILED or PYTHON.
-        safe: (N,) uint8, in Safe Mode; safe_us: (N,) int64, since when, -1 never.
-        retry_us: (N,) int64, when the next RETRY is due, -1 if none is.
-        receivers: (N,) int32, of the transmission that is being delivered.
-        frame: (2048,) uint8, that transmission's bytes, or the frame for Python; its length in frame_len (1,).
-        reading: (64,) uint8.
-        verdicts: (VERDICTS, 4) int64: time µs, auditor, auditee, refusal.
-    """
-
-    clock: NDArray[Any]
-    fleet: Fleet
-    work: Work
-    queue: Queue
-    air: Air
-    reach: Reach
-    pos: NDArray[np.float64]
-    vel: NDArray[np.float64]
-    acc: NDArray[np.float64]
-    last: NDArray[np.float64]
-    led: NDArray[np.uint8]
-    area: NDArray[np.float64]
-    discs: NDArray[np.float64]
-    boxes: NDArray[np.float64]
-    moved_us: NDArray[np.int64]
-    boot_us: NDArray[np.int64]
-    runs: NDArray[np.uint8]
-    safe: NDArray[np.uint8]
-    safe_us: NDArray[np.int64]
-    retry_us: NDArray[np.int64]
-    receivers: NDArray[np.int32]
-    frame: NDArray[np.uint8]
-    frame_len: NDArray[np.int64]
-    reading: NDArray[np.uint8]
-    verdicts: NDArray[np.int64]
+    clock: NDArray[Any]  # (1,) CLOCK
+    fleet: Fleet  # the robots' nodes
+    work: Work  # scratch memory
+    queue: Queue  # events to come
+    air: Air  # the channel
+    reach: Reach  # who hears whom, as of the last 50 ms
+    pos: NDArray[np.float64]  # (M, 2), m
+    vel: NDArray[np.float64]  # (M, 2), m/s; with wheels, [:, 0] is the direction in degrees
+    acc: NDArray[np.float64]  # (M, 2), m/s²; with wheels, each one's share of its speed
+    last: NDArray[np.float64]  # (M, 2), `pos` at the last look at contacts
+    led: NDArray[np.uint8]  # (M, 3)
+    area: NDArray[np.float64]  # (2,), m, what wheels stay within
+    discs: NDArray[np.float64]  # (D, 3), obstacles (motion.obstacle_contacts)
+    boxes: NDArray[np.float64]  # (B, 4), the same
+    moved_us: NDArray[np.int64]  # (M,), the moment for which `pos` and `vel` hold
+    boot_us: NDArray[np.int64]  # (N,), by how much a robot's clock is ahead of the world's
+    runs: NDArray[np.uint8]  # (N,), COMPILED or PYTHON
+    safe: NDArray[np.uint8]  # (N,), in Safe Mode
+    safe_us: NDArray[np.int64]  # (N,), since when, -1 never
+    retry_us: NDArray[np.int64]  # (N,), when the next RETRY is due, -1 if none is
+    receivers: NDArray[np.int32]  # (M,), of the transmission that is being delivered
+    frame: NDArray[np.uint8]  # that transmission's bytes, or the frame for Python
+    frame_len: NDArray[np.int64]  # (1,), its length
+    reading: NDArray[np.uint8]  # (64,)
+    verdicts: NDArray[np.int64]  # (VERDICTS, 4): time µs, auditor, auditee, refusal
 
 
 WorldType, WorldRef = reference(World)
@@ -110,6 +86,12 @@ WorldType, WorldRef = reference(World)
 def refer(world: World) -> Any:
     """The world as kernels take it, see `bundle`."""
     return WorldRef(*world)
+
+
+@kernel
+def clock_ms(world: World, i: int) -> int:
+    """A robot's own clock, ms. Source: docs/spec/rebound.md."""
+    return int((world.clock[0].now_us + world.boot_us[i]) // 1000)
 
 
 def make_clock() -> NDArray[Any]:

@@ -12,9 +12,6 @@ from types import FrameType
 import numpy as np
 
 from phalanx.config import BtiConfig
-from phalanx.config.flock import FlockConfig
-from phalanx.config.wheels import WheelsConfig
-from phalanx.robot.controllers.bundled.wheels import wheels_params
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.python_controller import Controller, Output, OwnMistake, compiled
 from phalanx.sim.scenarios.own import find_class
@@ -51,19 +48,12 @@ FRAMES_A_READING = 3
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A frame that was heard, or a reading.
+    """A frame that was heard, or a reading."""
 
-    Args:
-        step: of a reading, how many came before it; -1 of a frame.
-        t_ms: the node's time.
-        payload: the frame, or the reading.
-        odd: what is odd of it, or "".
-    """
-
-    step: int
-    t_ms: int
+    step: int  # of a reading, how many came before it; -1 of a frame
+    t_ms: int  # the node's time
     payload: bytes
-    odd: str = ""
+    odd: str = ""  # what is odd of it
 
     def __str__(self) -> str:
         what = f"reading {self.step}" if self.step >= 0 else "frame"
@@ -103,17 +93,12 @@ def maker(words: str) -> Make:
     if words not in BUNDLED:
         own: Make = find_class(words, Controller)
         return own
-    params = BUNDLED[words].params
-    return compiled(NUMBERS[words], params(FlockConfig()) if params else wheels_params(WheelsConfig()))
+    return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config()))
 
 
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     """What robot 5 of nine lives through in 15 s, and then what is odd.
 
-    Args:
-        make: makes the controllers.
-        words: their name, or "FILE.py:CLASS".
-        seed: of the world, and of what is drawn for frames that nobody sends.
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))

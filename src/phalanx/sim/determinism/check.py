@@ -8,8 +8,9 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -17,39 +18,27 @@ from phalanx.errors import Unavailable
 from phalanx.robot.controllers.dispatch import BUNDLED
 from phalanx.sim.scenarios.own import mistakes_in
 from phalanx.wire.record import Record
-from phalanx.wire.table import FLOCK_MEMORY, NEIGHBOUR, WAYPOINT, WHEELS_MEMORY
 
 from .calls import ROBOT, Call, calls_of, maker
 from .trace import LIVES, Step
 
 # Beside the first process. With four in all, two strings in a set come in the same order in every one in 1 of 8 cases.
 OTHERS = 3
-KNOWN = {(record.tag, record.size): record for each in BUNDLED.values() for record in (each.commands, each.says)}
-# What the bundled ones remember: a record, and then one for each of what it has several of.
-MEMORY = {"flock": (FLOCK_MEMORY, NEIGHBOUR), "wheels": (WHEELS_MEMORY, WAYPOINT)}
+KNOWN = [record for each in BUNDLED.values() for record in (each.commands, each.says)]
 ZONES = ("UTC", "UTC-9", "UTC+7", "UTC-5")
 PLAIN = "process 1"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Where a check failed first.
+    """Where a check failed first."""
 
-    Args:
-        call: number of the call in the sequence, from 0.
-        at: what was called, and when.
-        what: what differs: an output, the encoding, or what was raised.
-        byte: where in it, from 0; None if that is not the point.
-        field: of the byte table, "" where the layout is the controller's own.
-        one, other: what each of the two has there, and which it is.
-    """
-
-    call: int
-    at: str
-    what: str
-    byte: int | None
-    field: str
-    one: str
+    call: int  # its number in the sequence, from 0
+    at: str  # what was called, and when
+    what: str  # what differs: an output, the encoding, or what was raised
+    byte: int | None  # where in it, from 0; None if that is not the point
+    field: str  # of the byte table, "" where the layout is the controller's own
+    one: str  # what each of the two has there, and which it is
     other: str
 
     def __str__(self) -> str:
@@ -172,6 +161,7 @@ def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
 
 
 def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], who: str) -> Finding | None:
+    remembered = BUNDLED[words].remembers if words in BUNDLED else ()
     for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
         outputs, state, raised = mine
         outputs_2, state_2, raised_2 = theirs
@@ -184,46 +174,31 @@ def _first_difference(words: str, calls: list[Call], one: list[Step], other: lis
         for nth, ((kind, payload), (kind_2, payload_2)) in enumerate(zip(outputs, outputs_2, strict=True), 1):
             if (kind, payload) != (kind_2, payload_2):
                 what = f"output {nth}, {kind}" + ("" if kind == kind_2 else f" or {kind_2}")
-                raw, raw_2 = bytes.fromhex(payload), bytes.fromhex(payload_2)
-                return _located(k, call, what, raw, raw_2, _output_fields(raw), who)
+                raw = bytes.fromhex(payload)
+                known = [each for each in KNOWN if len(raw) == each.size and raw.startswith(bytes([each.tag or 0]))]
+                return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], who))
         if state != state_2:
-            raw, raw_2 = bytes.fromhex(state), bytes.fromhex(state_2)
-            return _located(k, call, "encode", raw, raw_2, _memory_fields(words, len(raw)), who)
+            return Finding(k, str(call), "encode", *_located(state, state_2, remembered, who))
     return None
 
 
-def _located(
-    k: int, call: Call, what: str, raw: bytes, raw_2: bytes, fields: list[tuple[int, int, str]], who: str
-) -> Finding:
-    """The first byte that differs, and the field that it is in with all its bytes."""
+def _located(told: str, told_2: str, layout: Sequence[Record], who: str) -> tuple[int, str, str, str]:
+    """The first byte that differs, the field that it is in, and all bytes of that in each of the two."""
+    raw, raw_2 = bytes.fromhex(told), bytes.fromhex(told_2)
     shared = min(len(raw), len(raw_2))
     byte = next((at for at in range(shared) if raw[at] != raw_2[at]), shared)
-    begin, end, name = next((each for each in fields if each[0] <= byte < each[1]), (byte, byte + 4, ""))
+    begin, end, name = _field_at(layout, byte)
     shown, shown_2 = (each[begin:end].hex() or "nothing" for each in (raw, raw_2))
-    lengths = "" if len(raw) == len(raw_2) else f" of {len(raw)}", "" if len(raw) == len(raw_2) else f" of {len(raw_2)}"
-    told = f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {who}"
-    return Finding(k, str(call), what, byte, name, *told)
+    lengths = ("", "") if len(raw) == len(raw_2) else (f" of {len(raw)}", f" of {len(raw_2)}")
+    return byte, name, f"{shown}{lengths[0]} in {PLAIN}", f"{shown_2}{lengths[1]} in {who}"
 
 
-def _output_fields(payload: bytes) -> list[tuple[int, int, str]]:
-    record = KNOWN.get((payload[0], len(payload))) if payload else None
-    return _fields(record, 0) if record else []
-
-
-def _memory_fields(words: str, length: int) -> list[tuple[int, int, str]]:
-    if words not in MEMORY:
-        return []
-    head, each = MEMORY[words]
-    fields = _fields(head, 0)
-    for nth, at in enumerate(range(head.size, length, each.size), 1):
-        fields += [(begin, end, f"{name} {nth}") for begin, end, name in _fields(each, at)]
-    return fields
-
-
-def _fields(record: Record, at: int) -> list[tuple[int, int, str]]:
-    """Begin, end and name of each field, of a record that begins at `at`."""
-    places = []
-    for field in record.all_fields:
-        places.append((at, at + field.size, f"{record.name}.{field.name}"))
-        at += field.size
-    return places
+def _field_at(layout: Sequence[Record], byte: int) -> tuple[int, int, str]:
+    """Begin, end and name of the field that a byte is in, of records of which the last stands for all that follow."""
+    end = 0
+    for nth, record in enumerate(chain(layout, repeat(layout[-1])) if layout else ()):
+        for field in record.all_fields:
+            begin, end = end, end + field.size
+            if byte < end:
+                return begin, end, f"{record.name}.{field.name}" + (f" {nth}" if nth else "")
+    return byte, byte + 4, ""

@@ -27,6 +27,7 @@ from phalanx.sim.audited.body import POINT_MASS
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.audited.world import clock_ms
 from phalanx.sim.building.walkers import Walkers
 from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BROADCAST, BYTES
 
@@ -224,7 +225,7 @@ class MissionWorld:
             robot.body.halt()
             return
         self._move(i)
-        cnode, now_ms = robot.cnode, loop.clock_ms(self.world, i)
+        cnode, now_ms = robot.cnode, clock_ms(self.world, i)
         reading, cnode.raw = robot.body.sense(now_ms)
         if not self.run.audited:
             robot.controller.senses = replace(robot.body.look_around(), messages=robot.hears)

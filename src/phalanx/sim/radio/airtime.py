@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
 from phalanx.kernel import kernel
 
 _UDP, _IP, _LLC, _MAC, _FCS = 8, 20, 8, 26, 4
@@ -25,6 +26,16 @@ class Rates(NamedTuple):
     control_bits: int
     data_bits: int
     data_symbol_ns: int
+
+
+def rates_of(config: RadioConfig) -> Rates:
+    """Those of a configured radio."""
+    return Rates(
+        broadcast_bits=LEGACY_BITS[config.broadcast_mbps],
+        control_bits=LEGACY_BITS[config.control_mbps],
+        data_bits=HE_BITS[config.mcs],
+        data_symbol_ns=config.data_symbol_ns,
+    )
 
 
 @kernel

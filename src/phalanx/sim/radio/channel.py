@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bundle import pack, reference
-from phalanx.config.radio import HE_BITS, LEGACY_BITS, RadioConfig
+from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 from phalanx.sim.audited.events import Queue, push
 
-from .airtime import Rates, ack_us, broadcast_us, unicast_us
+from .airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from .nic import (
     AIFS_US,
     NEVER,
@@ -56,35 +56,20 @@ SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4,
 
 
 class Air(NamedTuple):
-    """The channel and everybody's NIC; 3.7 kB a robot by default.
+    """The channel and everybody's NIC; 3.7 kB a robot by default."""
 
-    Args:
-        nic: (N,) records.
-        short: (N, SLOTS, SHORT_BYTES) uint8, frames of the ring.
-        long: (N, long_bytes) uint8, the one longer frame of each ring.
-        dst: (N, SLOTS) int32, robot or BROADCAST.
-        length: (N, SLOTS) int32, bytes.
-        since: (N, SLOTS) int64, when it was put there, µs.
-        counts: (N, 4, 8) int64, see APP_BROADCAST … and SENT … .
-        rates: bits and times of a symbol.
-        half_exponents: twice the exponent of the path loss.
-        capture: how many times as strong as all that overlaps it a broadcast must be.
-        data_capture: the same for unicast frames and acknowledgements.
-        tries: transmissions of a unicast frame.
-    """
-
-    nic: NDArray[np.void]
-    short: NDArray[np.uint8]
-    long: NDArray[np.uint8]
-    dst: NDArray[np.int32]
-    length: NDArray[np.int32]
-    since: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    rates: Rates
-    half_exponents: int
-    capture: float
-    data_capture: float
-    tries: int
+    nic: NDArray[np.void]  # (N,) NIC
+    short: NDArray[np.uint8]  # (N, SLOTS, SHORT_BYTES), frames of the ring
+    long: NDArray[np.uint8]  # (N, long_bytes), the one longer frame of each ring
+    dst: NDArray[np.int32]  # (N, SLOTS), robot or BROADCAST
+    length: NDArray[np.int32]  # (N, SLOTS), bytes
+    since: NDArray[np.int64]  # (N, SLOTS), when it was put there, µs
+    counts: NDArray[np.int64]  # (N, 4, 8), see APP_BROADCAST … and SENT …
+    rates: Rates  # bits and times of a symbol
+    half_exponents: int  # twice the exponent of the path loss
+    capture: float  # how many times as strong as all that overlaps it a broadcast must be
+    data_capture: float  # the same for unicast frames and acknowledgements
+    tries: int  # transmissions of a unicast frame
 
 
 AirType, AirRef = reference(Air)
@@ -96,28 +81,17 @@ def _refer(air: Air) -> Any:
 
 
 class End(NamedTuple):
-    """What came of a transmission.
+    """What came of a transmission."""
 
-    Args:
-        receivers: how many robots have the frame now; their ids are in the caller's array.
-        left: robot whose NIC is done with the frame, or NOBODY: it may hand over the next one.
-        arrived: for `left`: 1, or 0 if a unicast frame was given up.
-        frame: its bytes, until that robot next calls `enqueue`.
-    """
-
-    receivers: int
-    left: int
-    arrived: int
-    frame: NDArray[np.uint8]
+    receivers: int  # how many robots have the frame now; their ids are in the caller's array
+    left: int  # robot whose NIC is done with the frame, or NOBODY: it may hand over the next one
+    arrived: int  # for `left`: 1, or 0 if a unicast frame was given up
+    frame: NDArray[np.uint8]  # its bytes, until that robot next calls `enqueue`
 
 
 def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
-    """A silent channel.
+    """A silent channel; `seed`, ≥ 0, and a robot's number decide all its back-offs.
 
-    Args:
-        robots: N.
-        config: rates and limits.
-        seed: of the scenario, ≥ 0; together with a robot's number it decides all its back-offs.
     Raises: UsageError: no robots, or a negative seed.
     """
     if robots < 1:
@@ -132,12 +106,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         length=np.zeros((robots, SLOTS), np.int32),
         since=np.zeros((robots, SLOTS), np.int64),
         counts=np.zeros((robots, 4, 8), np.int64),
-        rates=Rates(
-            broadcast_bits=LEGACY_BITS[config.broadcast_mbps],
-            control_bits=LEGACY_BITS[config.control_mbps],
-            data_bits=HE_BITS[config.mcs],
-            data_symbol_ns=config.data_symbol_ns,
-        ),
+        rates=rates_of(config),
         half_exponents=round(2 * config.exponent),
         capture=10 ** (config.capture_db / 10),
         data_capture=10 ** (config.data_capture_db / 10),
@@ -147,28 +116,16 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
 
 
 def delivery(air: Air, kind: int) -> float:
-    """Share of the receptions due that came about, 0 to 1; NaN if none was due.
-
-    Args:
-        air: the channel.
-        kind: APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST or AUDIT_UNICAST.
-    """
+    """Share of the receptions due that came about, 0 to 1, of APP_BROADCAST or another kind; NaN if none was due."""
     due = int(air.counts[:, kind, DUE].sum())
     return int(air.counts[:, kind, ARRIVED].sum()) / due if due else float("nan")
 
 
 @kernel
 def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length: int, dst: int, now_us: int) -> int:
-    """0, and the robot's NIC will send the frame; -1 if it has no room, the frame has no legal length, or it is off.
+    """0, and the robot's NIC will send the frame, a copy; -1 if it has no room, the length is not legal, or it is off.
 
-    Args:
-        air: the channel.
-        queue: gets the NIC's next ATTEMPT.
-        robot: who sends.
-        frame: (≥ length,), copied.
-        length: bytes of it.
-        dst: robot, or BROADCAST. A frame to nobody is tried like one to a robot out of range.
-        now_us: time.
+    `dst` is a robot, or BROADCAST. A frame to nobody is tried like one to a robot out of range.
     """
     nic = air.nic[robot]
     is_long = length > SHORT_BYTES
@@ -243,14 +200,7 @@ def finish(
 ) -> End:
     """What a TX_END says has happened: who received, and whether the NIC is done with the frame.
 
-    Args:
-        air: the channel.
-        reach: who is in range now.
-        queue: gets what follows.
-        robot: the event's.
-        arg: the event's.
-        now_us: the event's.
-        receivers: (≥ N,) int32, filled with the ids of those who received the frame now.
+    `receivers`, (≥ N,), is filled with the ids of those who received the frame now; `robot` and `arg` are the event's.
     Source: IEEE 802.11-2020 §10.23.2, as in ns-3; docs/adr/0011.
     """
     if arg > 0:

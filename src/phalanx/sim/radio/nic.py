@@ -64,13 +64,7 @@ def make_nics(robots: int, seed: int) -> NDArray[np.void]:
 def listen(nic: Any, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
     """Whether the NIC turns to the frame that begins; if not, the frame is noise to what the NIC listens to.
 
-    Args:
-        nic: its record.
-        sender: whose frame.
-        strong: how strong it is here, see `strength`.
-        capture: how many times as strong as the noise a preamble must be to be found.
-        now_us: it begins,
-        end_us: and ends.
+    A preamble is found if it is `capture` times as strong as the noise.
     Source: ns-3's ThresholdPreambleDetectionModel, without frame capture; docs/adr/0011.
     """
     if nic.heard_until <= now_us:
@@ -102,9 +96,6 @@ def received(nic: Any, sender: int, now_us: int, capture: float) -> bool:
 def strength(square: float, half_exponents: int) -> float:
     """What is left of a signal at so many metres squared; 1 at one metre, and nearer.
 
-    Args:
-        square: m².
-        half_exponents: twice the exponent of the path loss.
     Source: ns-3's LogDistancePropagationLossModel.
     """
     # Roots and products only: `**` may differ between machines by a bit.

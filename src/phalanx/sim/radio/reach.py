@@ -23,25 +23,15 @@ NEIGHBOURS = 32
 
 
 class Reach(NamedTuple):
-    """Neighbours of each robot: of robot i they are `ids[start[i]:start[i + 1]]`.
+    """Neighbours of each robot: of robot i they are `ids[start[i]:start[i + 1]]`."""
 
-    Args:
-        range_m: what counts as near, metres, inclusive.
-        start: (N + 1,) int64.
-        ids: (capacity,) int32.
-        square: (capacity,) float32, how far each of them is, metres squared.
-        cell: (N, 2) int64, the cell each robot is in.
-        first: (power of two ≥ N,) int32, the first robot of each bucket of cells.
-        after: (N,) int32, the next robot of the same bucket.
-    """
-
-    range_m: float
-    start: NDArray[np.int64]
-    ids: NDArray[np.int32]
-    square: NDArray[np.float32]
-    cell: NDArray[np.int64]
-    first: NDArray[np.int32]
-    after: NDArray[np.int32]
+    range_m: float  # what counts as near, metres, inclusive
+    start: NDArray[np.int64]  # (N + 1,)
+    ids: NDArray[np.int32]  # (capacity,)
+    square: NDArray[np.float32]  # (capacity,), how far each of them is, metres squared
+    cell: NDArray[np.int64]  # (N, 2), the cell each robot is in
+    first: NDArray[np.int32]  # (power of two ≥ N,), the first robot of each bucket of cells
+    after: NDArray[np.int32]  # (N,), the next robot of the same bucket
 
 
 ReachType, ReachRef = reference(Reach)
@@ -53,12 +43,9 @@ def _refer(reach: Reach) -> Any:
 
 
 def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reach:
-    """Lists in which nobody is near anybody yet.
+    """Lists in which nobody is near anybody yet, with room for `capacity` neighbours of all robots together.
 
-    Args:
-        robots: N.
-        range_m: metres.
-        capacity: neighbours of all robots together; None for a size that fits small swarms always, large ones mostly.
+    None is room that small swarms always find enough, and large ones mostly.
     Raises: UsageError: no robots, or a range that is not a positive number.
     """
     if robots < 1:
@@ -85,11 +72,7 @@ def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
     """The number of neighbours of all robots together, and the lists are those of `pos`.
 
     If that number is greater than `len(reach.ids)` the lists are cut short (robots at the end have none or too few):
-    make a larger Reach, and rebuild.
-
-    Args:
-        reach: of N robots.
-        pos: (N, 2), metres, finite.
+    make a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
     """
     count = len(pos)
     mask = len(reach.first) - 1

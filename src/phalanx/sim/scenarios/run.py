@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
+from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
@@ -52,7 +53,7 @@ class Run:
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
         bundled = dispatch.BUNDLED[scenario.controller]
-        if bundled.params is None:
+        if bundled.config is not FlockConfig:
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         setup = Setup(
             robots=n,

@@ -8,14 +8,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.errors import Unknown, UsageError
-from phalanx.robot import Led, Point, Robot
+from phalanx.errors import UsageError
+from phalanx.robot import Point, Robot
 from phalanx.robot.follow import wheels_towards
 from phalanx.sim.drive import turned
+
+from .roster import DEFAULT_THRESHOLD_MM, HISTORY, HISTORY_STEP_MM, Member, Roster, member
 
 AREA_MM = (2000, 2000)
 BODY_MM = 40.0  # radius: how near to the wall the middle can come
@@ -26,39 +29,15 @@ BATTERY_EMPTY_MV = 2200.0
 IDLE_MVPS = 0.15  # full to empty in an hour and a half standing
 DRIVE_MVPS = 0.45  # on top of it at full speed: 22 minutes
 CHARGE_S = 60.0
-HISTORY = 1000
 HISTORY_IN_ALL = 100_000
-HISTORY_STEP_MM = 20.0
-DEFAULT_THRESHOLD_MM = 60.0
 # Rows of that array: place, mm; direction, rad; wheels, percent; battery, mV; the route's threshold and next point, mm;
 # the last point of the trail, mm.
 X, Y, ANGLE, LEFT, RIGHT, BATTERY, THRESHOLD, GOAL_X, GOAL_Y, TRAIL_X, TRAIL_Y = range(11)
 ROWS = TRAIL_Y + 1
 MAX_ROBOTS = 2000  # as many as the visitors' page keeps
 
-# Short, easy to tell apart when called out across a room.
-NAMES = (
-    "Ada Bo Cleo Dot Eli Fay Gus Hal Ivy Jo Kit Lou Mia Ned Oz Pip Quin Rae Sol Tess Uma Vic Wren Xan Yara Zed "
-    "Ash Bea Cy Dee Emi Fox Gia Hugo Ines Juno Kai Lara Max Nova Opal Pax Remy Sky Tao Una Vera Wes Yui Zoe"
-).split()
-COLOURS = (
-    Led(230, 57, 70),
-    Led(244, 140, 6),
-    Led(250, 210, 60),
-    Led(82, 183, 136),
-    Led(42, 157, 217),
-    Led(94, 96, 206),
-    Led(200, 90, 200),
-    Led(120, 190, 210),
-)
 
-
-def robot_name(nth: int) -> str:
-    """A name for people, another one for each number from 0."""
-    return NAMES[nth % len(NAMES)] + (f" {nth // len(NAMES) + 1}" if nth >= len(NAMES) else "")
-
-
-class Dotbots:
+class Dotbots(Roster):
     """A `phalanx.robot.Swarm` that moves when told that time has passed.
 
     Robots whose battery is empty leave to charge, and come back.
@@ -74,17 +53,12 @@ class Dotbots:
     def __init__(self, count: int, seed: int, clock: Callable[[], float], *, unprotected: str = "") -> None:
         if not 1 <= count <= MAX_ROBOTS:
             raise UsageError(f"a swarm of {count} robots", f"1 to {MAX_ROBOTS}")
+        super().__init__(())
         self._random = np.random.default_rng(seed)
         self._clock = clock
         self.unprotected = unprotected
-        self._row: dict[str, int] = {}
-        self._addresses: list[str] = []
-        self._names: list[str] = []
-        self._leds: list[Led] = []
-        self._routes: list[tuple[Point, ...]] = []
         self._goals: list[int] = []
-        self._history: list[deque[Point]] = []
-        self._charging: list[tuple[float, str, str, Led]] = []
+        self._charging: list[tuple[float, Member]] = []
         self._elapsed_s = 0.0
         self._made = 0
         # Said by another thread, heard at the next step: before it nothing moves.
@@ -109,23 +83,11 @@ class Dotbots:
             self._now[Y].tolist(),
             np.rint(np.degrees(self._now[ANGLE])).astype(int).tolist(),
             self._now[BATTERY].tolist(),
-            self._now[THRESHOLD].tolist(),
             strict=True,
         )
         return [
-            Robot(
-                address=self._addresses[i],
-                name=self._names[i],
-                at=Point(x, y),
-                direction_deg=direction % 360,
-                battery_v=millivolts / 1000,
-                led=self._leds[i],
-                route=self._routes[i],
-                threshold_mm=threshold,
-                heard_at_s=now,
-                history=self._history[i],
-            )
-            for i, (x, y, direction, millivolts, threshold) in enumerate(places)
+            self._members[i].seen(Point(x, y), direction, millivolts / 1000, now)
+            for i, (x, y, direction, millivolts) in enumerate(places)
         ]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
@@ -148,56 +110,44 @@ class Dotbots:
         """They may be driven again."""
         self._held = False
 
-    def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
-        self._leds[self._find(address)] = led
-
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
         """Visit these points in order; none stops the robot."""
         i = self._find(address)
         self._stop_following(i)
         self._now[LEFT, i] = self._now[RIGHT, i] = 0
-        self._now[THRESHOLD, i] = threshold_mm
+        self._now[THRESHOLD, i] = self._members[i].threshold_mm = threshold_mm
         if route:
-            self._routes[i] = (Point(float(self._now[X, i]), float(self._now[Y, i])), *route)
+            self._members[i].route = (Point(float(self._now[X, i]), float(self._now[Y, i])), *route)
             self._following[i] = True
             self._aim(i, 1)
 
     def clear_history(self, address: str) -> None:
         """Forget where the robot has been."""
+        super().clear_history(address)
         i = self._find(address)
-        self._history[i].clear()
         self._now[TRAIL_X, i] = self._now[TRAIL_Y, i] = math.nan
 
     def join(self) -> str:
         """One more robot drives in; its address."""
+        new = member(self._made)
         self._made += 1
-        address = f"DECAFBAD{self._made:08X}"
-        nth = self._made - 1
-        name = robot_name(nth)
         charge = self._random.uniform(0.5, 1.0)
-        self._enter(
-            address,
-            name,
-            COLOURS[nth % len(COLOURS)],
-            BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV),
-        )
-        return address
+        self._enter(new, BATTERY_EMPTY_MV + charge * (BATTERY_FULL_MV - BATTERY_EMPTY_MV))
+        return new.address
 
     def leave(self, address: str) -> None:
         """A robot is taken away."""
         gone = self._find(address)
         self._now = np.delete(self._now, gone, axis=1)
         self._following = np.delete(self._following, gone)
-        for rows in (self._addresses, self._names, self._leds, self._routes, self._goals, self._history):
-            del rows[gone]
-        self._row = {address: i for i, address in enumerate(self._addresses)}
+        del self._members[gone], self._goals[gone]
+        self._number_rows()
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: steer, move, record, drain, charge."""
         self._elapsed_s += dt_s
         while self._to_stop:
-            if (address := self._to_stop.pop()) in self._row:
+            if (address := self._to_stop.pop()) in self._rows:
                 self.drive(address, 0, 0)
         if self._held:
             self._now[LEFT] = self._now[RIGHT] = 0
@@ -208,7 +158,7 @@ class Dotbots:
         self._record()
         self._drain(dt_s)
 
-    def _enter(self, address: str, name: str, led: Led, battery_mv: float) -> None:
+    def _enter(self, who: Member, battery_mv: float) -> None:
         edge = 4 * BODY_MM
         new = np.zeros((ROWS, 1))
         new[X] = self._random.uniform(edge, AREA_MM[0] - edge)
@@ -217,27 +167,18 @@ class Dotbots:
         new[BATTERY], new[THRESHOLD], new[TRAIL_X], new[TRAIL_Y] = battery_mv, DEFAULT_THRESHOLD_MM, math.nan, math.nan
         self._now = np.hstack((self._now, new))
         self._following = np.append(self._following, False)
-        self._row[address] = len(self._addresses)
-        self._addresses.append(address)
-        self._names.append(name)
-        self._leds.append(led)
-        self._routes.append(())
+        self._rows[who.address] = len(self._members)
+        self._members.append(replace(who, route=(), history=deque(maxlen=self._longest_trail)))
         self._goals.append(0)
-        self._history.append(deque(maxlen=self._longest_trail))
-
-    def _find(self, address: str) -> int:
-        row = self._row.get(address)
-        if row is None:
-            raise Unknown(f"no robot {address[:64]!r}")
-        return row
 
     def _stop_following(self, i: int) -> None:
         self._following[i] = False
-        self._routes[i] = ()
+        self._members[i].route = ()
 
     def _aim(self, i: int, goal: int) -> None:
         self._goals[i] = goal
-        self._now[GOAL_X, i], self._now[GOAL_Y, i] = self._routes[i][goal].x_mm, self._routes[i][goal].y_mm
+        at = self._members[i].route[goal]
+        self._now[GOAL_X, i], self._now[GOAL_Y, i] = at.x_mm, at.y_mm
 
     def _steer(self) -> None:
         if not self._following.any():
@@ -245,7 +186,7 @@ class Dotbots:
         who = np.flatnonzero(self._following)
         dx, dy = self._now[GOAL_X, who] - self._now[X, who], self._now[GOAL_Y, who] - self._now[Y, who]
         for i in who[dx * dx + dy * dy <= self._now[THRESHOLD, who] ** 2].tolist():
-            if self._goals[i] + 1 < len(self._routes[i]):
+            if self._goals[i] + 1 < len(self._members[i].route):
                 self._aim(i, self._goals[i] + 1)
             else:
                 self._stop_following(i)
@@ -272,15 +213,13 @@ class Dotbots:
         who = np.flatnonzero(driving & ~(dx * dx + dy * dy < HISTORY_STEP_MM**2))
         self._now[TRAIL_X, who], self._now[TRAIL_Y, who] = self._now[X, who], self._now[Y, who]
         for i, x, y in zip(who.tolist(), self._now[X, who].tolist(), self._now[Y, who].tolist(), strict=True):
-            self._history[i].append(Point(round(x, 1), round(y, 1)))
+            self._members[i].history.append(Point(round(x, 1), round(y, 1)))
 
     def _drain(self, dt_s: float) -> None:
         effort = (np.abs(self._now[LEFT]) + np.abs(self._now[RIGHT])) / 200
         self._now[BATTERY] = np.maximum(self._now[BATTERY] - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s, BATTERY_EMPTY_MV)
         for i in reversed(np.flatnonzero(self._now[BATTERY] <= BATTERY_EMPTY_MV).tolist()):
-            ready_s = self._elapsed_s + CHARGE_S
-            self._charging.append((ready_s, self._addresses[i], self._names[i], self._leds[i]))
-            self.leave(self._addresses[i])
+            self._charging.append((self._elapsed_s + CHARGE_S, self._members[i]))
+            self.leave(self._members[i].address)
         while self._charging and self._charging[0][0] <= self._elapsed_s:
-            _, address, name, led = self._charging.pop(0)
-            self._enter(address, name, led, BATTERY_FULL_MV)
+            self._enter(self._charging.pop(0)[1], BATTERY_FULL_MV)

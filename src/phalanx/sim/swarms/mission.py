@@ -9,8 +9,8 @@ from __future__ import annotations
 import logging
 import math
 import signal
-from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from types import TracebackType
@@ -22,7 +22,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.mission import Built, Mission, admit
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.robot import Led, Point, Robot
+from phalanx.robot import Point, Robot
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.shield import AttackChoice, Audit, Shield
@@ -32,14 +32,13 @@ from phalanx.sim.missions.orders import Orders, orders_of, start_of, unauditable
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.signals import handled_by
 
-from .dotbots import COLOURS, robot_name
+from .roster import Roster, member
 
 log = logging.getLogger(__name__)
 
 # As many as two cores carry in real time, with a gateway beside them.
 MOST_ROBOTS = 16
 WALLS_MAX = 20_000
-HISTORY = 1000
 HISTORY_STEP_MM = 200.0
 MEET_M = 8.0
 # One of each part after the other: together they would be one dot on the map, all in search of the same.
@@ -49,7 +48,7 @@ ATTACK = "drive-dark"
 READY_WITHIN_S = 600.0
 
 
-class MissionSwarm:
+class MissionSwarm(Roster):
     """A `phalanx.robot.on_mission.OnMission` of simulated robots, unprotected; a context manager, in which their
     process lives.
 
@@ -70,10 +69,7 @@ class MissionSwarm:
             raise UsageError(f"{plan.name} has {len(plan.walls)} walls", f"1 to {WALLS_MAX}: robots find their way by")
         self.plan = plan
         self._seed, self._clock = seed, clock
-        self._addresses = [f"DECAFBAD{i + 1:08X}" for i in range(count)]
-        self._rows = {address: i for i, address in enumerate(self._addresses)}
-        self._leds = [COLOURS[i % len(COLOURS)] for i in range(count)]
-        self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
+        super().__init__(replace(member(i), threshold_mm=0.0) for i in range(count))
         self._standing = [Standing(*start_of(plan), WAITING, "")] * count
         self._heard_at_s = clock()
         self._orders: Orders | None = None
@@ -120,20 +116,14 @@ class MissionSwarm:
         """Every robot, where it truly is."""
         self._listen()
         return [
-            Robot(
-                address=address,
-                name=robot_name(i),
-                at=self.to_area(stands.x_m, stands.y_m),
-                # The nose points along (-sin, cos) of the direction, y down.
-                direction_deg=round(-math.degrees(stands.heading_rad) - 90) % 360,
-                battery_v=BATTERY_V,
-                led=self._leds[i],
-                route=(),
-                threshold_mm=0.0,
-                heard_at_s=self._heard_at_s,
-                history=self._history[i],
+            # The nose points along (-sin, cos) of the direction, y down.
+            each.seen(
+                self.to_area(stands.x_m, stands.y_m),
+                round(-math.degrees(stands.heading_rad) - 90),
+                BATTERY_V,
+                self._heard_at_s,
             )
-            for i, (address, stands) in enumerate(zip(self._addresses, self._standing, strict=True))
+            for each, stands in zip(self._members, self._standing, strict=True)
         ]
 
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:  # noqa: ARG002
@@ -153,18 +143,10 @@ class MissionSwarm:
         """They go on with their mission."""
         self._held.value = 0
 
-    def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
-        self._leds[self._find(address)] = led
-
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:  # noqa: ARG002
         """Refused, like `drive`."""
         self._find(address)
         raise Unknown("robots on a mission follow no routes")
-
-    def clear_history(self, address: str) -> None:
-        """Forget where the robot has been."""
-        self._history[self._find(address)].clear()
 
     # --- the mission --------------------------------------------------------------------------------------------------
 
@@ -200,10 +182,10 @@ class MissionSwarm:
             UsageError: it cannot be audited, and robots audit each other.
         """
         now_s = self._clock()
-        for i in range(len(self._addresses)):
+        for i in range(len(self._members)):
             admit(orders.parts[i % len(orders.parts)].mission, i + 1, now_s, self._started)
         run = orders.run(
-            robots=len(self._addresses),
+            robots=len(self._members),
             defence=self.defence,
             f_max=self.f_max,
             seed=self._seed,
@@ -216,11 +198,11 @@ class MissionSwarm:
         self._started |= {part.mission.header.mission_id for part in orders.parts}
         self._number += 1
         self._orders = orders
-        self._decoded = [0] * len(self._addresses)
+        self._decoded = [0] * len(self._members)
         self._lit.clear()
         self._news.clear()
-        for i, history in enumerate(self._history):
-            history.clear()
+        for i, each in enumerate(self._members):
+            each.history.clear()
             self._standing[i] = Standing(*self._start(i), WAITING, "")
 
     def progress(self) -> Progress | None:
@@ -238,14 +220,14 @@ class MissionSwarm:
         """One for every robot."""
         return [
             Walk(
-                address=address,
-                name=robot_name(i),
+                address=each.address,
+                name=each.name,
                 phase=stands.phase,
                 decoded=self._decoded[i],
                 of=self._nodes(i),
                 why=stands.why,
             )
-            for i, (address, stands) in enumerate(zip(self._addresses, self._standing, strict=True))
+            for i, (each, stands) in enumerate(zip(self._members, self._standing, strict=True))
         ]
 
     def lit(self) -> Sequence[Lit]:
@@ -264,12 +246,6 @@ class MissionSwarm:
             self._pipe.send((number, what))
         except OSError as error:
             raise Unavailable("the robots' process has ended", "start the gateway again") from error
-
-    def _find(self, address: str) -> int:
-        row = self._rows.get(address)
-        if row is None:
-            raise Unknown(f"no robot {address[:64]!r}")
-        return row
 
     def _nodes(self, i: int) -> int:
         return len(self._orders.parts[i % len(self._orders.parts)].mission.nodes) if self._orders else 0
@@ -296,11 +272,9 @@ class MissionSwarm:
         self._standing = list(moment.robots)
         for i, stands in enumerate(moment.robots):
             at = self.to_area(stands.x_m, stands.y_m)
-            last = self._history[i][-1] if self._history[i] else None
-            if last is None or math.dist((at.x_mm, at.y_mm), (last.x_mm, last.y_mm)) >= HISTORY_STEP_MM:
-                self._history[i].append(Point(round(at.x_mm), round(at.y_mm)))
+            self._members[i].went(round(at.x_mm), round(at.y_mm), HISTORY_STEP_MM)
         for news in moment.news:
-            self._news.append((self._addresses[news.robot], news))
+            self._news.append((self._members[news.robot].address, news))
             if isinstance(news, Decoded):
                 self._light(news)
 
@@ -336,14 +310,14 @@ class ShieldedMissionSwarm(MissionSwarm):
         bti = BtiConfig(f_max=self.f_max)
         return [
             Shield(
-                address=address,
+                address=each.address,
                 needed=bti.tokens_needed,
                 full_s=bti.t_val_ms / 1000,
-                vouchers=tuple((self._addresses[tor], left_s) for tor, left_s in stands.vouchers),
+                vouchers=tuple((self._members[tor].address, left_s) for tor, left_s in stands.vouchers),
                 safe_mode=stands.safe_mode,
                 attack=stands.attack,
             )
-            for address, stands in zip(self._addresses, self._standing, strict=True)
+            for each, stands in zip(self._members, self._standing, strict=True)
         ]
 
     def new_audits(self) -> Sequence[Audit]:
@@ -362,12 +336,12 @@ class ShieldedMissionSwarm(MissionSwarm):
             raise Unknown(f"no attack {attack[:64]!r}")
         stands = self._standing[i]
         if self._orders is None or stands.attack or stands.safe_mode:
-            raise Unknown(f"{robot_name(i)} is compromised or stopped already, or on no mission")
+            raise Unknown(f"{self._members[i].name} is compromised or stopped already, or on no mission")
         self._tell(self._number, Lie(i, attack))
 
     def _take(self, moment: Moment) -> None:
         super()._take(moment)
         self._audits += [
-            Audit(auditor=self._addresses[tor], auditee=self._addresses[tee], refusal=why)
+            Audit(auditor=self._members[tor].address, auditee=self._members[tee].address, refusal=why)
             for tor, tee, why in moment.audits
         ]

@@ -7,7 +7,6 @@ whatever visitors do: of several orders of one kind that wait for one robot only
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -31,22 +30,12 @@ from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
-from phalanx.sim.audited.world import PYTHON
+from phalanx.sim.audited.world import PYTHON, clock_ms
 from phalanx.sim.scenarios.run import FOREVER_MS
 from phalanx.wire.fields import get_u32
 
-from .dotbots import (
-    AREA_MM,
-    BATTERY_EMPTY_MV,
-    BATTERY_FULL_MV,
-    COLOURS,
-    DEFAULT_THRESHOLD_MM,
-    DRIVE_MVPS,
-    HISTORY,
-    HISTORY_STEP_MM,
-    IDLE_MVPS,
-    robot_name,
-)
+from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
+from .roster import HISTORY_STEP_MM, Roster, member
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
 MOST_ROBOTS = 100
@@ -87,7 +76,7 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
     return places
 
 
-class ProtectedSwarm:
+class ProtectedSwarm(Roster):
     """A `phalanx.robot.shield.Shielded` swarm that goes on when told that time has passed.
 
     Args:
@@ -115,10 +104,10 @@ class ProtectedSwarm:
                 f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
                 f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
+        super().__init__(member(i) for i in range(count))
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
         self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
-        self._rows = {f"DECAFBAD{i + 1:08X}": i for i in range(count)}
         here = {self._rows[robot.address]: robot for robot in now}
         places_mm = draw_places(count, chance)
         for i, robot in here.items():
@@ -130,7 +119,7 @@ class ProtectedSwarm:
                 starts_m=np.vstack((places_mm / 1000, station)),
                 profile=PROFILES[defence],
                 controller=dispatch.NUMBERS["wheels"],
-                params=wheels.wheels_params(WheelsConfig(state_every=self._config.steps_per_state)),
+                params=wheels.CONTROLLER.params(WheelsConfig(state_every=self._config.steps_per_state)),
                 body=driven_by(wheels.CONTROLLER),
                 seed=seed,
                 contact_m=0.08,
@@ -142,10 +131,7 @@ class ProtectedSwarm:
         )
         self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
         self._station = count
-        self._addresses = tuple(self._rows)
-        self._names = [robot_name(i) for i in range(count)]
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
-        self._leds = [Led(0, 0, 0)] * count
         self._numbers = [0] * count
         # By robot and kind, the longest waiting first: what makes the order's frame.
         self._waiting: dict[tuple[int, int], Callable[[int, int], bytes]] = {}
@@ -154,9 +140,6 @@ class ProtectedSwarm:
         # Said by another thread, heard at the next step.
         self._held, self._to_stop = False, set[int]()
         self._hold_again_at_s = 0.0
-        self._routes: list[tuple[Point, ...]] = [()] * count
-        self._thresholds = [DEFAULT_THRESHOLD_MM] * count
-        self._history: list[deque[Point]] = [deque(maxlen=HISTORY) for _ in range(count)]
         self._liars: dict[int, CNode] = {}
         self._verdicts = VerdictReader(self.world)
         self._now_s = 0.0
@@ -165,9 +148,10 @@ class ProtectedSwarm:
         for i, robot in here.items():
             self.world.vel[i, 0] = robot.direction_deg
             self._battery_mv[i] = robot.battery_v * 1000
-            self._history[i].extend(robot.history)
-        for i in range(count):
-            self._show(i, here[i].led if i in here else COLOURS[i % len(COLOURS)])
+            self._members[i].history.extend(robot.history)
+        for i, each in enumerate(self._members):
+            self._show(i, here[i].led if i in here else each.led)
+            each.led = Led(0, 0, 0)
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
@@ -179,25 +163,15 @@ class ProtectedSwarm:
     def robots(self) -> Sequence[Robot]:
         """Every robot, where the world has it."""
         now = self._clock()
-        return [self._robot(i, now) for i in range(len(self._addresses))]
+        return [self._robot(i, now) for i in range(len(self._members))]
 
     def _robot(self, i: int, now_s: float) -> Robot:
-        x_m, y_m = self.world.pos[i].tolist()
+        each, (x_m, y_m) = self._members[i], self.world.pos[i].tolist()
         led = Led(*self.world.led[i].tolist())
-        if led != self._leds[i]:
-            self._leds[i] = led
-        return Robot(
-            address=self._addresses[i],
-            name=self._names[i],
-            at=Point(x_m * 1000, y_m * 1000),
-            direction_deg=round(float(self.world.vel[i, 0])) % 360,
-            battery_v=float(self._battery_mv[i]) / 1000,
-            led=self._leds[i],
-            route=self._routes[i],
-            threshold_mm=self._thresholds[i],
-            heard_at_s=self._stopped_at_s.get(i, now_s),
-            history=self._history[i],
-        )
+        if led != each.led:
+            each.led = led
+        direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
+        return each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, self._stopped_at_s.get(i, now_s))
 
     @property
     def longest_route(self) -> int:
@@ -207,7 +181,7 @@ class ProtectedSwarm:
     def drive(self, address: str, left_pct: int, right_pct: int) -> None:
         """Turn the wheels for 300 ms; ends waypoint following."""
         i = self._find(address)
-        self._routes[i] = ()
+        self._members[i].route = ()
         left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
         self._waiting[i, MOTION] = partial(orders.wheels_order, left_pct=left, right_pct=right)
 
@@ -239,12 +213,8 @@ class ProtectedSwarm:
         near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
         self._waiting[i, MOTION] = partial(orders.route_order, threshold_mm=near, points_mm=points)
         here = Point(*(self.world.pos[i] * 1000).tolist())
-        self._routes[i] = (here, *route) if route else ()
-        self._thresholds[i] = threshold_mm
-
-    def clear_history(self, address: str) -> None:
-        """Forget where the robot has been."""
-        self._history[self._find(address)].clear()
+        self._members[i].route = (here, *route) if route else ()
+        self._members[i].threshold_mm = threshold_mm
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
@@ -260,13 +230,14 @@ class ProtectedSwarm:
         # An empty robot is given a fresh battery where it stands: who audits must not leave.
         self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
         for i in np.flatnonzero(effort > 0).tolist():
-            self._record(i)
-        for i in range(self._station):
-            if self._routes[i] and self._arrived(i):
-                self._routes[i] = ()
+            x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
+            self._members[i].went(x_mm, y_mm, HISTORY_STEP_MM)
+        for i, each in enumerate(self._members):
+            if each.route and self._arrived(i):
+                each.route = ()
             if self.world.safe[i] and i not in self._stopped_at_s:
                 self._stopped_at_s[i] = self._clock()
-                self._routes[i] = ()
+                each.route = ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -277,10 +248,10 @@ class ProtectedSwarm:
     def _shield(self, i: int) -> Shield:
         liar = self._liars.get(i)
         return Shield(
-            address=self._addresses[i],
+            address=self._members[i].address,
             needed=self._config.tokens_needed,
             full_s=self._config.t_val_ms / 1000,
-            vouchers=tuple((self._addresses[tor - 1], left_s) for tor, left_s in shields(self.world, i)),
+            vouchers=tuple((self._members[tor - 1].address, left_s) for tor, left_s in shields(self.world, i)),
             safe_mode=bool(self.world.safe[i]),
             attack=liar.attack.name if isinstance(liar, Liar) else "",
         )
@@ -289,8 +260,8 @@ class ProtectedSwarm:
         """Those that ended since the last call, oldest first."""
         return [
             Audit(
-                auditor=self._addresses[tor - 1],
-                auditee=self._addresses[tee - 1],
+                auditor=self._members[tor - 1].address,
+                auditee=self._members[tee - 1].address,
                 refusal="" if why is Refusal.NONE else why.name.lower().replace("_", " "),
             )
             for _, tor, tee, why in self._verdicts.new()
@@ -307,8 +278,8 @@ class ProtectedSwarm:
         if attack not in {choice.name for choice in self.attacks()}:
             raise Unknown(f"no attack {attack[:64]!r}")
         if i in self._liars or self.world.safe[i]:
-            raise Unknown(f"{self._names[i]} is compromised or stopped already")
-        now_ms = loop.clock_ms(self.world, i)
+            raise Unknown(f"{self._members[i].name} is compromised or stopped already")
+        now_ms = clock_ms(self.world, i)
         plan = Plan(
             ids=tuple(range(1, self._station + 1)),
             goal_m=(0.0, 0.0),
@@ -324,24 +295,18 @@ class ProtectedSwarm:
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
-    def _find(self, address: str) -> int:
-        row = self._rows.get(address)
-        if row is None:
-            raise Unknown(f"no robot {address[:64]!r}")
-        return row
-
     def _show(self, i: int, led: Led) -> None:
         self._waiting[i, COLOUR] = partial(orders.led_order, red=led.red, green=led.green, blue=led.blue)
 
     def _hear_stops(self) -> None:
         while self._to_stop:
-            self.drive(self._addresses[self._to_stop.pop()], 0, 0)
+            self.drive(self._members[self._to_stop.pop()].address, 0, 0)
         if not self._held:
             self._hold_again_at_s = self._now_s
         elif self._now_s >= self._hold_again_at_s:
             self._hold_again_at_s += HOLD_EVERY_S
             before, self._waiting = self._waiting, {}
-            for address in self._addresses:
+            for address in self._rows:
                 self.drive(address, 0, 0)
             self._waiting |= {key: make for key, make in before.items() if key[1] != MOTION}
             # What a long route has used up of a robot's log is made good when it stands.
@@ -365,9 +330,3 @@ class ProtectedSwarm:
         state = self.world.fleet.state[i]
         heard = int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and (i, MOTION) not in self._waiting
         return heard and not state[wheels.COUNT]
-
-    def _record(self, i: int) -> None:
-        x_mm, y_mm = (self.world.pos[i] * 1000).tolist()
-        last = self._history[i][-1] if self._history[i] else None
-        if last is None or (x_mm - last.x_mm) ** 2 + (y_mm - last.y_mm) ** 2 >= HISTORY_STEP_MM**2:
-            self._history[i].append(Point(round(x_mm, 1), round(y_mm, 1)))

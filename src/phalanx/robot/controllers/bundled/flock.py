@@ -18,8 +18,7 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
-from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.fields import Params, Row, are_fine, get_f32, get_u64, put_f32, whole
+from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.flock_law import (
     FORGET_MS,
     LIMIT,
@@ -32,7 +31,7 @@ from phalanx.robot.controllers.flock_law import (
     obstacles_push,
 )
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.wire.fields import copy, get_u16, put_u16, put_u64
+from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_u16, get_u64, put_f32, put_u16, put_u64, whole
 from phalanx.wire.table import (
     ACCELERATION,
     ENTRY_ACMD,
@@ -46,11 +45,13 @@ from phalanx.wire.table import (
     STATE,
 )
 
-CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, params=flock_params)
+CONTROLLER = Declaration(
+    reads=SENSOR, commands=ACCELERATION, says=STATE, remembers=(FLOCK_MEMORY, NEIGHBOUR), params=flock_params
+)
 STATE_BYTES = STATE.size
 SENSOR_BYTES = SENSOR.size
 COMMAND_BYTES = ACCELERATION.size
-ID, TIME = map(STATE.at, ("id", "t"))  # as in the other two
+ID = STATE.at("id")  # as in the other two
 MOTION = STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
 AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 MOTION_BYTES = STATE.size - MOTION
@@ -129,8 +130,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     Due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not speak at once.
     Source: RoboRebound Alg. 1, §4.
     """
-    end = put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES)
-    _put_motion_head(out, end, KIND_ACCELERATION, rob_id, t_ms)
+    end = put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_ACCELERATION, rob_id, t_ms)
     known = length == SENSOR_BYTES and reading[0] == KIND_SENSOR and get_u16(reading, ID) == rob_id
     if not known or not are_fine(reading, MOTION, NUMBERS):
         put_f32(out, end + AX, 0.0)
@@ -143,18 +143,10 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     put_f32(out, end + AY, limited(ay, params[LIMIT]))
     end += COMMAND_BYTES
     if (step + rob_id) % whole(params[STATE_EVERY]) == 0:
-        end = put_head(out, end, ENTRY_SEND, STATE_BYTES)
-        _put_motion_head(out, end, KIND_STATE, rob_id, t_ms)
+        end = put_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
     return end
-
-
-@kernel
-def _put_motion_head(out: Row, at: int, kind: int, rob_id: int, t_ms: int) -> None:
-    out[at] = kind
-    put_u16(out, at + ID, rob_id)
-    put_u64(out, at + TIME, t_ms)
 
 
 @kernel

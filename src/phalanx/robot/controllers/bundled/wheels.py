@@ -21,12 +21,11 @@ import numpy as np
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
-from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.fields import Params, Row, are_fine, get_f32, get_i8, get_u64, whole
+from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
-from phalanx.wire.fields import copy, get_u16, get_u32, put_u16, put_u64
+from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_i8, get_u16, get_u32, get_u64, put_u16, put_u64, whole
 from phalanx.wire.table import (
     ENTRY_ACMD,
     ENTRY_SEND,
@@ -36,17 +35,33 @@ from phalanx.wire.table import (
     KIND_WHEELS_STATE,
     ORDER_LED,
     ORDER_WHEELS,
+    WAYPOINT,
     WHEELS_COMMAND,
     WHEELS_MEMORY,
     WHEELS_SENSOR,
     WHEELS_STATE,
 )
 
-CONTROLLER = Declaration(reads=WHEELS_SENSOR, commands=WHEELS_COMMAND, says=WHEELS_STATE)
+GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
+
+
+def wheels_params(config: WheelsConfig) -> Params:
+    """The mission's parameters as kernels read them."""
+    return np.array([config.good_ms, config.state_every], dtype=np.float64)
+
+
+CONTROLLER = Declaration(
+    reads=WHEELS_SENSOR,
+    commands=WHEELS_COMMAND,
+    says=WHEELS_STATE,
+    remembers=(WHEELS_MEMORY, WAYPOINT),
+    config=WheelsConfig,
+    params=wheels_params,
+)
 READING_BYTES = WHEELS_SENSOR.size
 COMMAND_BYTES = WHEELS_COMMAND.size
 STATE_BYTES = WHEELS_STATE.size
-ID, TIME = map(WHEELS_STATE.at, ("id", "t"))  # as in the other two
+ID = WHEELS_STATE.at("id")  # as in the other two
 BODY = WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = 3
@@ -59,13 +74,6 @@ NUMBER_BYTES = THRESHOLD - NUMBER
 TOLD_RIGHT = ORDER_WHEELS.at("right")
 COMMAND_RIGHT, COMMAND_LED = (WHEELS_COMMAND.at(name) - BODY for name in ("right", "red"))
 CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
-
-GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
-
-
-def wheels_params(config: WheelsConfig) -> Params:
-    """The mission's parameters as kernels read them."""
-    return np.array([config.good_ms, config.state_every], dtype=np.float64)
 
 
 @kernel
@@ -158,27 +166,17 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
             left, right = _towards(state)
         elif t_ms - get_u64(state, HEARD) <= whole(params[GOOD_MS]):
             left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
-    end = _put_message_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_WHEELS_COMMAND, rob_id, t_ms)
+    end = BODY + put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
     out[end + COMMAND_RIGHT] = right & 255
     copy(out, end + COMMAND_LED, state, LED, LED_BYTES)
     end += COMMAND_BYTES - BODY
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
-        end = _put_message_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_WHEELS_STATE, rob_id, t_ms)
+        end = BODY + put_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, X, POSE_BYTES)
         copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
         end += POSE_BYTES + LED_BYTES
     return end
-
-
-@kernel
-def _put_message_head(out: Row, at: int, entry: int, length: int, kind: int, rob_id: int, t_ms: int) -> int:
-    """The output's head, the message's kind, id and time are at `at`; where its body begins."""
-    start = put_head(out, at, entry, length)
-    out[start] = kind
-    put_u16(out, start + ID, rob_id)
-    put_u64(out, start + TIME, t_ms)
-    return start + BODY
 
 
 @kernel

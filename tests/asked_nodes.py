@@ -1,0 +1,103 @@
+"""Trusted nodes asked one call at a time, bytes in and bytes out: as the tests tell what each of them answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from phalanx.bti import nodes, trusted
+from phalanx.bti.nodes import Refused
+from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, MAC_BYTES
+
+
+class Nodes(nodes.Nodes):
+    """Robots are known by their row; each method raises Refused, and then nothing has happened."""
+
+    def power_up(self, i):
+        """Both nodes of robot i have lost what was in RAM."""
+        self._lib.phx_snode_power_up(self._s(i))
+        self._lib.phx_anode_power_up(self._a(i))
+
+    def check_all(self, now_ms):
+        """CheckTokens of every a-node; now_ms: (n,) uint32, each robot's own clock. (n,) uint8, 1 in Safe Mode."""
+        safe = np.zeros(len(self.anode), np.uint8)
+        give = self._ffi.from_buffer
+        self._lib.phx_anodes_check(
+            give("phx_anode *", self.anode), len(safe), give("uint32_t *", now_ms), give("uint8_t *", safe)
+        )
+        return safe
+
+    def is_safe(self, i):
+        """Whether robot i is in Safe Mode."""
+        return bool(self._lib.phx_anode_is_safe(self._a(i)))
+
+    def poll(self, i, now, reading):
+        """The entry of a sensor reading, chained."""
+        return self._forward(trusted.snode_poll, self.snode[i], now, reading)
+
+    def recv(self, i, now, frame):
+        """The entry of a frame from the radio."""
+        return self._forward(trusted.anode_recv, self.anode[i], now, frame)
+
+    def send(self, i, now, frame):
+        """The entry of a frame to the radio; on air goes what is behind its header."""
+        return self._forward(trusted.anode_send, self.anode[i], now, frame)
+
+    def actuate(self, i, now, command):
+        """The entry of a command to the actuators."""
+        return self._forward(trusted.anode_actuate, self.anode[i], now, command)
+
+    def _forward(self, function, node, now, payload):
+        entry = np.zeros(ENTRY_HEADER_BYTES + min(len(payload), FRAME_MAX), np.uint8)
+        return bytes(entry[: _checked(function(self.profile, node, now, _row(payload), len(payload), entry))])
+
+    def make_auth(self, i, nonce):
+        """The record `authenticator` of the s-chain."""
+        out = np.zeros(trusted.AUTH_BYTES, np.uint8)
+        _checked(trusted.snode_make_auth(self.profile, self.snode[i], _row(nonce), out))
+        return out.tobytes()
+
+    def check_auth(self, i, top, robot_id, nonce, mac):
+        """Robot i's s-node knows the authenticator for good."""
+        rows = _row(top), robot_id, _row(nonce), _row(mac)
+        _checked(trusted.snode_check_auth(self.profile, self.snode[i], *rows))
+
+    def make_auth_a(self, i):
+        """`paper` only: the record `authenticator` of the a-chain."""
+        out = np.zeros(trusted.AUTH_BYTES, np.uint8)
+        _checked(trusted.anode_make_auth(self.profile, self.anode[i], out))
+        return out.tobytes()
+
+    def check_auth_a(self, i, top, robot_id, mac):
+        """`paper` only: robot i's s-node knows an a-node's authenticator for good."""
+        _checked(trusted.snode_check_auth_a(self.profile, self.snode[i], _row(top), robot_id, _row(mac)))
+
+    def token_request(self, i, now, tor):
+        """The record `token_request`."""
+        out = np.zeros(trusted.TREQ_BYTES, np.uint8)
+        _checked(trusted.anode_token_request(self.profile, self.anode[i], now, tor, out))
+        return out.tobytes()
+
+    def issue_token(self, i, tee, t, top, treq_mac, hckpt):
+        """The MAC of robot i's token for `tee`."""
+        mac = np.zeros(MAC_BYTES, np.uint8)
+        rows = _row(top), _row(treq_mac), _row(hckpt), mac
+        _checked(trusted.anode_issue_token(self.profile, self.anode[i], tee, t, *rows))
+        return mac.tobytes()
+
+    def check_token(self, i, tor, tee, t, hckpt, mac):
+        """Robot i's a-node knows the token for good."""
+        _checked(trusted.anode_check_token(self.profile, self.anode[i], tor, tee, t, _row(hckpt), _row(mac)))
+
+    def install_token(self, i, now, tor, t, hckpt, mac):
+        """Robot i's a-node counts the token."""
+        _checked(trusted.anode_install_token(self.profile, self.anode[i], now, tor, t, _row(hckpt), _row(mac)))
+
+
+def _row(raw):
+    return np.frombuffer(bytearray(raw), np.uint8)
+
+
+def _checked(code):
+    if code < 0:
+        raise Refused(code)
+    return code
