@@ -5,11 +5,13 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
 import time
 from importlib import import_module
+from pathlib import Path
 
 import click
 import pytest
@@ -64,6 +66,17 @@ class TestMistakes:
             (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--for", "1"], 2, "without a robot"),
             (["link", "connect", "http://x/#v=1&pin=123456&broker=ws://x", "--drive", "A", "--watch"], 2, "--watch"),
             (["link", "serve", "--broker", "mqtt://h/path"], 2, "has no path"),
+            (["link", "serve", "--broker", "mqtt://127.0.0.1:1", "--wait", "0.5"], 1, "no broker at"),
+            (
+                ["up", "--broker", "mqtt://localhost:1", "--wait", "0.5", "--defence", "none"],
+                1,
+                "0.5 s (connection refused)",
+            ),
+            (
+                ["up", "--broker", "mqtt://h.invalid", "--wait", "2", "--duration", "1", "--defence", "none"],
+                1,
+                "no broker at",
+            ),
             (["doctor", "--broker", "mqtt://127.0.0.1:1"], 1, ""),
             (["doctor", "--broker", "gopher://x"], 2, "gopher://"),
         ],
@@ -121,6 +134,28 @@ class TestMistakes:
                 assert "Traceback" not in up.stderr.read()
             finally:
                 up.kill()
+
+    @pytest.mark.waits
+    def test_events_that_nobody_can_keep_end_a_gateway_with_a_line(self):
+        with Path("/dev/full").open("w") as full:
+            words = ["up", "--events", "--port", "0", "--defence", "none", "--duration", "60"]
+            up = subprocess.run([*PHALANX, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=30)
+        assert (up.returncode, up.stderr) == (1, "phalanx: error: cannot write: No space left on device\n")
+
+    @pytest.mark.parametrize("module", ["phalanx.cli", "click", "phalanx.cli.commands.up", "numpy", "phalanx.io"])
+    def test_ctrl_c_while_we_start_leaves_no_traceback(self, module):
+        code = (
+            "import os, runpy, signal, sys\n"
+            "class Finder:\n"
+            "    def find_spec(self, name, *_):\n"
+            f"        name == {module!r} and os.kill(os.getpid(), signal.SIGINT)\n"
+            "sys.meta_path.insert(0, Finder())\n"
+            "sys.argv = ['phalanx', 'up', '--wait', '1', '--broker', 'mqtt://127.0.0.1:1']\n"
+            "runpy.run_module('phalanx', run_name='__main__')"
+        )
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+        assert done.returncode in (1, -signal.SIGINT)
+        assert not done.stderr.strip()
 
     def test_no_command_tells_where_help_is(self):
         done = run()

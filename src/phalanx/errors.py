@@ -7,7 +7,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
+
+ALIKE = 0.5  # so alike, a name is what was meant
 
 
 class PhalanxError(Exception):
@@ -146,3 +149,12 @@ class OpenError(PeerError):
         super().__init__(str(cause))
         self.cause = cause
         self.reason = cause.reason  # type: ignore[misc]
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """`did you mean X? ` for a hint, or nothing if no known name is like it."""
+    import difflib  # noqa: PLC0415  # only who errs waits for it
+
+    lower = {each.lower(): each for each in known}
+    near = difflib.get_close_matches(name.lower(), lower, 1, ALIKE)
+    return f"did you mean {lower[near[0]]}? " if near else ""

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, try_attack
 from phalanx.experiments.missions.team import TeamTrial, try_in_team
 from phalanx.experiments.missions.trial import MissionTrial, try_mission_attack
 from phalanx.experiments.trial import Trial
-from phalanx.robot.attacks.attack import Attack, meant
+from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
 from phalanx.sim.scenarios.own import find_attack, find_controller, mistakes_in
@@ -29,7 +29,7 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
     first = find_attack(name)
     if not (first.own or first.name in ATTACKS):
-        raise UsageError(f"no attack {first.name!r}", f"{meant(first.name, ATTACKS)}phalanx attack list has all")
+        raise UsageError(f"no attack {first.name!r}", f"{did_you_mean(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.scene == "flock":

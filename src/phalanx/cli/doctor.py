@@ -118,7 +118,7 @@ def _clock() -> Finding:
 async def _reach(server: Server, url: str) -> Finding:
     try:
         async with server:
-            await server.wait_connected(8)
+            await server.wait_connected(3)
     except TimeoutError:
         return Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port and firewall")
     except PhalanxError as error:

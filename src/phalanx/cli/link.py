@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.config import LinkConfig
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import BrokerUrl
@@ -19,7 +20,7 @@ from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 
 from .login import read_login
 from .run import run
-from .terminal import plain, print_json
+from .terminal import plain, print_json, talk
 
 DRIVE_EVERY_S = 0.1
 STATUS = ("active", "quiet", "lost")
@@ -34,6 +35,7 @@ def connect(
     root: str,
     broker_login: Path | None,
     drive: str | None,
+    unlisted: bool,
     left: int | None,
     right: int | None,
     for_s: float | None,
@@ -50,6 +52,8 @@ def connect(
         raise UsageError("--left, --right and --for without a robot to drive", "say which: --drive ROBOT")
     if drive is not None and watch:
         raise UsageError("--drive and --watch", "give one of the two; two terminals can do both")
+    if unlisted and drive is None:
+        raise UsageError("--unlisted without a robot to drive", "say which: --drive ADDRESS")
     client = Client(qr, broker=address, login=login, timeout_s=timeout)
 
     async def visit() -> None:
@@ -57,9 +61,11 @@ def connect(
             if watch:
                 await _watch(client)
             elif drive is not None:
-                await _drive(client, drive, (left or 0, right or 0), 1.0 if for_s is None else for_s, timeout, as_json)
+                robots = _Robots(client, timeout, unlisted)
+                wheels_pct = (left or 0, right or 0)
+                await _drive(robots, drive, wheels_pct, 1.0 if for_s is None else for_s, as_json)
             else:
-                _show_robots(await _robots(client, timeout), as_json)
+                _show_robots(await _Robots(client, timeout).listed(), as_json)
 
     if not run(visit()) and not watch:
         raise KeyboardInterrupt
@@ -78,12 +84,43 @@ def _whither(
     return QrUrl(Pin(pin), "ws://unused.invalid/mqtt", root), address
 
 
-async def _robots(client: Client, timeout_s: float) -> list[dict[str, Any]]:
-    answer = await client.request(0, timeout_s=timeout_s, frames=True)
-    if not isinstance(answer, list):
-        raise Unavailable("the swarm's answer is not a list of robots")
-    robots = [robot for robot in answer if isinstance(robot, dict) and isinstance(robot.get("address"), str)]
-    return [{key: value for key, value in robot.items() if key != "position_history"} for robot in robots]
+@dataclass(frozen=True, slots=True)
+class _Robots:
+    """A swarm's robots, as it lists them; `unlisted` takes an address at its word."""
+
+    client: Client
+    timeout_s: float
+    unlisted: bool = False
+
+    async def listed(self) -> list[dict[str, Any]]:
+        """Those of which it says an address, alone or among other things; what else is in the list is told."""
+        answer = await self.client.request(0, timeout_s=self.timeout_s, frames=True)
+        if not isinstance(answer, list):
+            raise Unavailable("the swarm's answer is not a list of robots", "--unlisted drives an address all the same")
+        robots = [{"address": robot} if isinstance(robot, str) else robot for robot in answer]
+        known = [robot for robot in robots if isinstance(robot, dict) and isinstance(robot.get("address"), str)]
+        if others := [plain(robot) for robot in robots if robot not in known]:
+            talk(f"in the list, and no robot: {', '.join(others[:5])}{', …' if others[5:] else ''}")
+        return [{key: value for key, value in robot.items() if key != "position_history"} for robot in known]
+
+    async def find(self, called: str) -> dict[str, Any]:
+        """The robot of this address or name."""
+        return {"address": called} if self.unlisted else _find(await self.listed(), called)
+
+
+def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:
+    """The robot of this address, or else the only one of this name; upper and lower case are the same."""
+    for key in ("address", "name"):
+        found = [robot for robot in robots if str(robot.get(key) or "").upper() == called.upper()]
+        if len(found) > 1:
+            raise UsageError(f"{len(found)} robots are called {called}", "give the address of one")
+        if found:
+            return found[0]
+    names = [str(robot.get(key)) for robot in robots for key in ("address", "name") if robot.get(key)]
+    raise Unavailable(
+        f"no robot {called} in this swarm",
+        f"{did_you_mean(called, names)}phalanx link connect QR_URL lists them; --unlisted drives it all the same",
+    )
 
 
 def _show_robots(robots: list[dict[str, Any]], as_json: bool) -> None:
@@ -121,38 +158,25 @@ def _state(value: object) -> str:
     return STATUS[value] if isinstance(value, int) and 0 <= value < len(STATUS) else "?"
 
 
-async def _drive(
-    client: Client, robot: str, wheels_pct: tuple[int, int], for_s: float, timeout_s: float, as_json: bool
-) -> None:
-    before = _find(await _robots(client, timeout_s), robot)
-    address = before["address"]
+async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_s: float, as_json: bool) -> None:
+    before = await robots.find(called)
+    address, application = before["address"], str(before.get("application", 0))
     wheels = {"left_x": 0, "left_y": wheels_pct[0], "right_x": 0, "right_y": wheels_pct[1]}
     still = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}
     sent = 0
     try:
         for _ in range(max(1, round(for_s / DRIVE_EVERY_S))):
-            sent += await client.command(address, "move_raw", wheels)
+            sent += await robots.client.command(address, "move_raw", wheels, application)
             await asyncio.sleep(DRIVE_EVERY_S)
     finally:
-        await client.command(address, "move_raw", still)
-    after = _find(await _robots(client, timeout_s), address)
+        await robots.client.command(address, "move_raw", still, application)
+    after = await robots.find(address)
     if as_json:
         print_json(
             {"address": address, "commands": sent, "from": before.get("lh2_position"), "to": after.get("lh2_position")}
         )
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")
-
-
-def _find(robots: list[dict[str, Any]], called: str) -> dict[str, Any]:
-    """The robot of this address, or else the only one of this name; upper and lower case are the same."""
-    for key in ("address", "name"):
-        found = [robot for robot in robots if str(robot.get(key) or "").upper() == called.upper()]
-        if len(found) > 1:
-            raise UsageError(f"{len(found)} robots are called {called}", "give the address of one")
-        if found:
-            return found[0]
-    raise Unavailable(f"no robot {called} in this swarm", "phalanx link connect QR_URL lists them")
 
 
 async def _watch(client: Client) -> None:
@@ -169,12 +193,13 @@ def serve(
     broker_ws: str,
     broker_login: Path | None,
     frontend: str,
+    wait: float,
     duration: float | None,
     events: bool,
 ) -> None:
     """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
     # Here, for it brings pages and missions along: a visitor need not wait for that.
-    from phalanx.gateway.up import for_at_most  # noqa: PLC0415
+    from phalanx.gateway.up import connected_within, for_at_most  # noqa: PLC0415
 
     config = LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s)
     login = read_login(broker_login)
@@ -189,16 +214,13 @@ def serve(
 
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
-                await server.wait_connected()
+                await connected_within(server, wait)
                 await warn_if_guessed_wrong(running)
                 _tell(server.epoch, url(), events, ready=True)
-                await server.run()
+                async with for_at_most(duration):
+                    await server.run()
 
-    async def bounded() -> None:
-        async with for_at_most(duration):
-            await echo()
-
-    run(bounded())
+    run(echo())
 
 
 def _echo(server: Server) -> None:

@@ -9,6 +9,7 @@ import errno
 import logging
 import math
 import os
+import signal
 import sys
 from collections import UserDict
 from importlib import import_module
@@ -19,6 +20,7 @@ from phalanx import __version__
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 
 LEVELS = ("debug", "info", "warning", "error")
+LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
 # What stdout says on a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 # Each is a module of phalanx.cli.commands, and in it what the module is named for. The words are those of its help.
@@ -90,17 +92,18 @@ class _Group(click.Group):
 )
 def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
-    logging.basicConfig(level=log_level.upper(), format="phalanx: %(levelname)s: %(name)s: %(message)s", force=True)
+    logging.basicConfig(level=log_level.upper(), format=LOGGED, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 
 def main() -> None:
-    """Run the command line; the entry point that pip installs."""
+    """Run the command line."""
     sys.exit(run_command(sys.argv[1:]))
 
 
 def run_command(arguments: list[str]) -> int:
     """The exit code of `phalanx ARGUMENTS`."""
     try:
+        _answer_ctrl_c()
         result = phalanx.main(arguments, prog_name="phalanx", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -125,6 +128,11 @@ def run_command(arguments: list[str]) -> int:
         _forget_output()
         return _fail(f"cannot write: {error.strerror}", "", 1)
     return result if isinstance(result, int) else 0
+
+
+def _answer_ctrl_c() -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _forget_output() -> None:

@@ -85,6 +85,12 @@ out_folder_option = option(
     help="Folder for the CSV and the figure.",
 )
 duration_option = option("--duration", help="End after so many seconds.", type=click.FloatRange(min=0, min_open=True))
+wait_option = option(
+    "--wait",
+    help="Give up if the broker has not answered in so many seconds.",
+    type=click.FloatRange(min=0, min_open=True),
+    default=30.0,
+)
 furnish_option = option(
     "--furnish",
     help="What encoded FILEs were built from, in the order of its parts: hangs its codes on the walls, lets robots do"

@@ -107,6 +107,7 @@ class EventLines:
 
     def __init__(self, limit: int = 10_000, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
+        self._failure: OSError | None = None
         self._waiting: queue.Queue[str | None] = queue.Queue(limit)
         self._limit_bytes = limit_bytes
         self._put_bytes = self._got_bytes = 0  # each changed by one thread only
@@ -126,12 +127,24 @@ class EventLines:
             self.lost += 1
 
     def close(self, timeout_s: float = 0.5) -> None:
-        """Print what waits, if somebody reads."""
+        """Print what waits, if somebody reads.
+
+        Raises: OSError: nothing more can be written: the disk is full.
+        """
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(timeout_s)
+        if self._failure is not None:
+            raise self._failure
 
     def _print(self) -> None:
+        try:
+            self._print_all()
+        except OSError as error:
+            self._failure = error
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def _print_all(self) -> None:
         while (line := self._waiting.get()) is not None:
             if self.lost:
                 lost, self.lost = self.lost, 0

@@ -55,6 +55,7 @@ def up(
     port: int | None,
     page_url: str,
     frontend: str,
+    wait: float,
     duration: float | None,
     events: bool,
 ) -> None:
@@ -71,6 +72,7 @@ def up(
         port=port,
         page_url=page_url,
         frontend=frontend,
+        wait_s=wait,
         duration_s=duration,
         link=LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s),
     )
@@ -121,8 +123,6 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
                 click.echo(f"operator  {event['operator_url']}")
                 alone = options.host in ("127.0.0.1", "localhost")
                 _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
-            case "waiting":
-                click.echo(f"waiting for the broker at {event['broker']} ({event['trouble'] or 'no answer'})", err=True)
             case "rotation":
                 end_status_line()
                 click.echo("a new code; the old one works for a while yet")

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import segno
 
 from phalanx.config import LinkConfig
-from phalanx.errors import Unknown, UsageError
+from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker, warn_if_guessed_wrong
 from phalanx.io.broker_url import on_host
@@ -60,6 +60,7 @@ class UpOptions:
     # Where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
     page_url: str = ""
     frontend: str = ""  # page of the published form to send visitors to, instead of ours
+    wait_s: float = 30.0  # for the broker
     duration_s: float | None = None  # end by itself after so long
     link: LinkConfig = field(default_factory=LinkConfig)  # the link's parameters
 
@@ -300,20 +301,31 @@ async def up(
         operators = OperatorPages(token, running.state, running.compromise, desk, running.hold)
         operator = await stack.enter_async_context(beside(operators))
         await stack.enter_async_context(server)
+        await _until_connected(server, say, options.wait_s)
         async with for_at_most(options.duration_s):
-            await _until_connected(server, say)
             await warn_if_guessed_wrong(broker)
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
             started(running)
             await running.run()
 
 
-async def _until_connected(server: Server, say: Say) -> None:
+async def _until_connected(server: Server, say: Say, wait_s: float) -> None:
     try:
-        await server.wait_connected(WAIT_QUIETLY_S)
+        await server.wait_connected(min(wait_s, WAIT_QUIETLY_S))
     except TimeoutError:
         say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
-        await server.wait_connected()
+        await connected_within(server, wait_s)
+
+
+async def connected_within(server: Server, wait_s: float) -> None:
+    """Waits for a server's broker.
+
+    Raises: Unavailable: it does not answer in time, or refuses us.
+    """
+    try:
+        await server.wait_connected(wait_s)
+    except TimeoutError as error:
+        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
 
 
 def _allow_many_connections() -> None:

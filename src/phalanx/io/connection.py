@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import random
+import re
 import ssl
 import time
 from collections import deque
@@ -42,6 +43,7 @@ INCOMING_BYTES = 64 * 1024 * 1024
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
+_ERRNO = re.compile(r"\[Errno (-?\d+)\]")
 DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
 
 
@@ -278,7 +280,7 @@ class Connection:
         writer.close()
 
     def _down(self, error: BaseException) -> None:
-        words = str(error) or type(error).__name__
+        words = _in_words(error)
         if isinstance(error, _DeniedError):
             told = f"the broker at {self.broker} {words}; trying again"
         elif self._ever:
@@ -304,9 +306,19 @@ class Connection:
                 f"cannot trust the certificate of the broker at {self.broker}",
                 "check its host name and port, and that its authority is known to this machine",
             ) from error
-        if number in REFUSED_VERSION or (number is None and not words.startswith("[")):
+        if number in REFUSED_VERSION or (number is None and not _ERRNO.search(str(error))):
             # Somebody was there and hung up (no errno): how a broker that only knows 3.1.1 refuses 5.
             self.mqtt = 9 - self.mqtt
+
+
+def _in_words(error: BaseException) -> str:
+    """What is wrong, in the system's words without its numbers; once, however many addresses were tried."""
+    text = str(error)
+    number = _ERRNO.search(text)
+    if number is None:
+        return text or ("no answer" if isinstance(error, TimeoutError) else type(error).__name__)
+    # Names that are not found have numbers of their own, below 0.
+    return os.strerror(int(number[1])).lower() if int(number[1]) > 0 else text.partition("] ")[2].lower()
 
 
 async def _subscribe(client: aiomqtt.Client, topic: str) -> None:

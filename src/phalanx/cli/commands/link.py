@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import broker_options, duration_option, json_option, link_options, login_option, option
+from phalanx.cli.options import (
+    broker_options,
+    duration_option,
+    json_option,
+    link_options,
+    login_option,
+    option,
+    wait_option,
+)
 
 from .runs import runs
 
@@ -23,6 +31,7 @@ def link() -> None:
 @option("--root", help="First part of every MQTT topic.", default="/qrkey")
 @login_option
 @option("--drive", help="Drive this robot: its address or its name.", metavar="ROBOT")
+@option("--unlisted", help="--drive an address that the swarm does not list.", is_flag=True)
 @option("--left", help="Left wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
 @option("--right", help="Right wheel, percent.  [default: 0]", type=click.IntRange(-100, 100))
 @option("--for", "for_s", help="Seconds to drive.  [default: 1.0]", type=click.FloatRange(0, 3600))
@@ -41,6 +50,7 @@ def connect() -> None:
 @link_options
 @broker_options
 @option("--frontend", help="Page of the published kind to make the link for.", default="")
+@wait_option
 @duration_option
 @option("--events", help="Print one JSON object a line.", is_flag=True)
 @runs("link", "serve")

@@ -13,6 +13,7 @@ from phalanx.cli.options import (
     furnish_option,
     link_options,
     option,
+    wait_option,
 )
 
 from .runs import runs
@@ -58,6 +59,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))
 @option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
 @option("--frontend", help="Send visitors to this page of the published kind instead of ours.", default="")
+@wait_option
 @duration_option
 @option(
     "--events",

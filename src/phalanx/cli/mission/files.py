@@ -14,7 +14,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.mission import (
     EncodedMission,
     Mission,
@@ -73,7 +73,7 @@ def read_bytes(path: Path, limit: int, what: str) -> bytes:
 def read_plain(source: str) -> Mission:
     """A plain mission: a file's, or one that comes with Phalanx. Raises: UsageError."""
     known = built_in("missions")
-    wanted = f"a mission's YAML file, or one of {', '.join(known)}"
+    wanted = f"{did_you_mean(source, known)}a mission's YAML file, or one of {', '.join(known)}"
     data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
     if data.startswith(MAGIC):
         raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
@@ -204,7 +204,7 @@ def is_encoded(source: str) -> bool:
     known = built_in("missions")
     if source in known:
         return False
-    what = f"a mission's file, or one of {', '.join(known)}"
+    what = f"{did_you_mean(source, known)}a mission's file, or one of {', '.join(known)}"
     data = read_bytes(Path(source), FILE_LIMIT, what)
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 

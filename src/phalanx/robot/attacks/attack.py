@@ -5,7 +5,6 @@ How it is carried out is a class, and only its name stands here until somebody a
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +12,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 from phalanx.config.defence import DEFENCES, Defence
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 
 from .harm import ASTRAY, Harm
 
@@ -23,8 +22,6 @@ Verdict = Literal["stopped", "limited", "harmless", "not covered", "bites"]
 # Where it is tried: one robot of a flock lies; somebody stands between an honest robot on an errand and its operator or
 # its world; a captured file is guessed; one of several robots lies that audit each other on a mission.
 Scene = Literal["flock", "errand", "file", "team"]
-
-NEAR = 0.5  # so alike, a name is what was meant
 
 
 def by_defence(none: Verdict, paper: Verdict, bound: Verdict) -> Mapping[Defence, Verdict]:
@@ -91,7 +88,7 @@ class Attack:
                 always = ("robot", "at", "until") if self.scene == "flock" else ()
                 allowed = ", ".join((*self.options, *always)) or "none"
                 raise UsageError(
-                    f"options of {self.name} have no {name!r}", f"{meant(name, self.options)}it takes {allowed}"
+                    f"options of {self.name} have no {name!r}", f"{did_you_mean(name, self.options)}it takes {allowed}"
                 )
             if not self.options[name].takes(value):
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)
@@ -116,9 +113,3 @@ def own_attack(made: Attack | type[Any]) -> Attack:
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower()
     does = (made.__doc__ or "").strip().partition("\n")[0].rstrip(".")
     return Attack(name, made, does=does, stopped_by="replay gives what an honest robot does", scene=scene)
-
-
-def meant(name: str, known: Mapping[str, object]) -> str:
-    """`did you mean X? `, or nothing."""
-    near = difflib.get_close_matches(name, known, 1, NEAR)
-    return f"did you mean {near[0]}? " if near else ""

@@ -6,7 +6,7 @@ import gzip
 import zlib
 from pathlib import Path
 
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
 from phalanx.sim.builtin import DATA, built_in
@@ -27,7 +27,9 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
     if not path.suffix:
         path = MAPS / f"{path.name}.yaml"
         if not path.exists():
-            raise UsageError(f"there is no map {str(name_or_path)!r}", f"a YAML file, or {', '.join(built_in('maps'))}")
+            known = built_in("maps")
+            hint = f"{did_you_mean(path.stem, known)}a YAML file, or {', '.join(known)}"
+            raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
     words = _read(path, FILE_MAX_BYTES)
     if "image" not in read_yaml(words, path.name):
         return floorplan_of_yaml(words, path.stem)

@@ -20,8 +20,7 @@ import yaml
 
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
-from phalanx.errors import Unavailable, UsageError
-from phalanx.robot.attacks.attack import NEAR
+from phalanx.errors import ALIKE, Unavailable, UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_FLOCKS
 from phalanx.sim.builtin import built_in
 
@@ -53,11 +52,8 @@ def find_scenario(name: str) -> Scenario:
     if name in known:
         return parse_scenario(known[name].read_bytes(), f"{name}.yaml")
     if Path(name).suffix not in (".yaml", ".yml") and not Path(name).exists():
-        near = difflib.get_close_matches(name, known, 1, 0.5)
-        raise UsageError(
-            f"no scenario {name!r}",
-            (f"did you mean {near[0]}? " if near else "") + "phalanx sim list shows them; a file ends in .yaml",
-        )
+        hint = f"{did_you_mean(name, known)}phalanx sim list shows them; a file ends in .yaml"
+        raise UsageError(f"no scenario {name!r}", hint)
     return read_scenario(Path(name))
 
 
@@ -135,7 +131,7 @@ class _Reader:
             return self._read_list(arguments, node, name)
         if dataclasses.is_dataclass(kind):
             if kind is AttackSpec and (word := _text(node)) is not None:
-                near = difflib.get_close_matches(word, IN_FLOCKS, 1, NEAR) or [word]
+                near = difflib.get_close_matches(word, IN_FLOCKS, 1, ALIKE) or [word]
                 self._refuse(node, f"{name} is {_shown(node)}", f"- name: {near[0]}")
             return self._read_record(kind, self._pairs(node, name), node, name)
         if kind in WORDS:
@@ -187,9 +183,7 @@ class _Reader:
         keys = _keys(kind)
         for key, (key_node, _) in pairs.items():
             if key not in keys:
-                near = difflib.get_close_matches(key, keys, 1, 0.6)
-                guess = f"did you mean {near[0]}? " if near else ""
-                self._refuse(key_node, f"{name} has no {key!r}", f"{guess}allowed: {', '.join(keys)}")
+                self._refuse(key_node, f"{name} has no {key!r}", f"{did_you_mean(key, keys)}allowed: {', '.join(keys)}")
         for key, field in keys.items():
             if key not in pairs and not _has_default(field):
                 self._refuse(node, f"{name} has no {key}", f"needed: {', '.join(_needed(kind))}")

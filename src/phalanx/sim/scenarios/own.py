@@ -6,7 +6,6 @@ Files are run as Python runs a script: whoever names one trusts it.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib.util
 import logging
 import sys
@@ -17,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.errors import PhalanxError, Unavailable, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
@@ -42,7 +41,8 @@ def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Ca
     if _is_file(words):
         return scenario, find_class(words, Controller)
     if words not in CONTROLLERS:
-        raise UsageError(f"no controller {words!r}", f"{', '.join(CONTROLLERS)}, or FILE.py:CLASS")
+        known = f"{', '.join(CONTROLLERS)}, or FILE.py:CLASS"
+        raise UsageError(f"no controller {words!r}", did_you_mean(words, CONTROLLERS) + known)
     return replace(scenario, controller=words), None
 
 
@@ -100,9 +100,8 @@ def find_class(words: str, kind: type[Any]) -> Any:
         name = next(iter(own))
     found = getattr(module, name, None)
     if found is None:
-        near = difflib.get_close_matches(name, own, 1, 0.3) or list(own)
-        guess = f"did you mean {near[0]}?" if near else f"derive one from {kind.__module__}.{kind.__name__}"
-        raise UsageError(f"{path} has no {name}", guess)
+        known = f"it has {', '.join(own)}" if own else f"derive one from {kind.__module__}.{kind.__name__}"
+        raise UsageError(f"{path} has no {name}", did_you_mean(name, own) + known)
     if not issubclass(found if isinstance(found, type) else kind, kind):
         raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from {kind.__module__}.{kind.__name__}")
     if not callable(found) and not (kind is Liar and isinstance(found, Attack)):

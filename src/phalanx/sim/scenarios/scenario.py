@@ -13,8 +13,8 @@ from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.parameter import check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
-from phalanx.errors import UsageError
-from phalanx.robot.attacks.attack import Attack, meant
+from phalanx.errors import UsageError, did_you_mean
+from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 from phalanx.robot.controllers.declaration import bundled
 
@@ -193,7 +193,7 @@ class Scenario:
         seen = set()
         for attack in self.attacks:
             if not attack.own and attack.name not in IN_FLOCKS:
-                hint = f"{meant(attack.name, IN_FLOCKS)}one of {', '.join(sorted(IN_FLOCKS))}"
+                hint = f"{did_you_mean(attack.name, IN_FLOCKS)}one of {', '.join(sorted(IN_FLOCKS))}"
                 raise UsageError(f"no attack {attack.name!r}", hint)
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:
