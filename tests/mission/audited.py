@@ -22,6 +22,7 @@ from phalanx.sim.missions.body import Building, MissionBody
 from phalanx.sim.missions.report import figures
 from phalanx.sim.missions.setup import MissionRun, Part
 from phalanx.sim.missions.world import MissionWorld
+from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BYTES
 
 PLAN = load_floorplan("office_40x40")
 POOL = (Action("inspect"), Action("pick", (("shelf", 3),)))
@@ -61,7 +62,22 @@ def swarm(profile: Profile, defence: str = "bound", **more) -> MissionWorld:
 
 def told(run: MissionWorld) -> dict:
     """A run in figures so far."""
-    return figures(run.finish(), 3 * ROBOTS) | run.traffic()
+    return figures(run.finish(), 3 * ROBOTS) | traffic(run)
+
+
+def traffic(run: MissionWorld) -> dict:
+    """What audits cost, and what robots say."""
+    counts, robot = run.world.air.counts, run.world.fleet.robot
+
+    def rate(first: int) -> float:
+        return float(counts[:, first : first + 2, BYTES].sum()) / max(run.now_s, 1e-9) / len(run.robots)
+
+    return {
+        "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
+        "log_bytes_max": int(robot["log_max"].max()),
+        "checkpoint_bytes_max": int(robot["start_len"].max()),
+        "audits": int(robot["audits_passed"].sum() + robot["audits_refused"].sum()),
+    }
 
 
 def imagined_store(pose) -> bytes:

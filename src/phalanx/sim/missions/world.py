@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader
 from phalanx.sim.audited.world import clock_ms
 from phalanx.sim.building.walkers import Walkers
-from phalanx.sim.radio.channel import APP_BROADCAST, AUDIT_BROADCAST, BROADCAST, BYTES
+from phalanx.sim.radio.channel import BROADCAST
 
 from .body import Building, MissionBody
 from .report import Logbook, ObservedController, Report
@@ -269,18 +268,3 @@ class MissionWorld:
             )
             for i, robot in enumerate(self.robots)
         ]
-
-    def traffic(self) -> dict[str, Any]:
-        """What audits cost, and what robots say."""
-        counts, robot = self.world.air.counts, self.world.fleet.robot
-        per_robot_s = max(self.now_s, 1e-9) * len(self.robots)
-
-        def rate(first: int) -> float:
-            return float(counts[:, first : first + 2, BYTES].sum()) / per_robot_s
-
-        return {
-            "bytes_per_s_per_robot": {"app": rate(APP_BROADCAST), "audit": rate(AUDIT_BROADCAST)},
-            "log_bytes_max": int(robot["log_max"].max()),
-            "checkpoint_bytes_max": int(robot["start_len"].max()),
-            "audits": int(robot["audits_passed"].sum() + robot["audits_refused"].sum()),
-        }
