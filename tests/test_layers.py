@@ -9,8 +9,8 @@ import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
-    "errors kernel bundle",
-    "config",
+    "errors kernel",
+    "config bundle",
     "wire _firmware_bound _firmware_paper",
     "crypto",
     "link mission bti",

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import pack, reference
+from phalanx.bundle import reference
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.wire import table
@@ -70,12 +70,7 @@ class Work(NamedTuple):
     told: NDArray[np.int64]  # (8,): what happened, for whoever called (see robot/node.py)
 
 
-WorkType, WorkRef = reference(Work)
-
-
-@kernel
-def _refer(work: Work) -> Any:
-    return WorkRef(*work)
+WorkType, WorkRef, pack = reference(Work)
 
 
 def make_work(config: BtiConfig) -> Work:
@@ -95,7 +90,7 @@ def make_work(config: BtiConfig) -> Work:
         entry=np.zeros(entry, np.uint8),
         told=np.zeros(8, np.int64),
     )
-    return pack(work, _refer)
+    return pack(work)
 
 
 @kernel

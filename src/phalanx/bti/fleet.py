@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import pack, reference
+from phalanx.bundle import reference
 from phalanx.config import BtiConfig
-from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
@@ -22,6 +21,7 @@ BOUND, PAPER, PLAIN = 0, 1, 2
 RX_SLOTS = 3
 PAPER_ROOM = 6
 START, PENDING = 0, 1
+LONG_AGO = -(1 << 40)
 
 ROBOT = np.dtype(
     [
@@ -116,12 +116,7 @@ class Fleet(NamedTuple):
     taken: NDArray[np.int64]  # (N, 12 f_max): when the last requests were taken for audit
 
 
-FleetType, FleetRef = reference(Fleet)
-
-
-@kernel
-def _refer(fleet: Fleet) -> Any:
-    return FleetRef(*fleet)
+FleetType, FleetRef, pack = reference(Fleet)
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -174,6 +169,6 @@ def make_fleet(
         request=np.zeros((n, requests), np.uint8),
         rx=np.zeros((n, RX_SLOTS, requests), np.uint8),
         rx_info=records((n, RX_SLOTS), RX),
-        taken=np.full((n, config.audits_taken), -(1 << 40), np.int64),
+        taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
-    return pack(fleet, _refer)
+    return pack(fleet)

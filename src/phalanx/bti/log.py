@@ -22,10 +22,7 @@ EVIDENCE_LENGTH = table.EVIDENCE.at("bytes")
 
 @kernel
 def append(f: Fleet, i: int, entry: Row, length: int) -> int:
-    """The entry logged; -1 if the log is full, after which the robot cannot pass an audit.
-
-    Source: RoboRebound §3.4.
-    """
+    """The entry logged; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
     r = f.robot[i]
     at = r.log_len
     if at + length > f.log.shape[1]:

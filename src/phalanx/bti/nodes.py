@@ -13,18 +13,14 @@ import numpy as np
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.errors import PeerError, UsageError
-from phalanx.wire.fields import Row
+from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
 
 from . import trusted
 
 
 class Refused(PeerError):
-    """A trusted node refused what its c-node asked for; nothing has happened.
-
-    Args:
-        code: one of trusted.REASONS.
-    """
+    """A trusted node refused what its c-node asked for, with a code of trusted.REASONS; nothing has happened."""
 
     reason = "refused"
 
@@ -104,31 +100,23 @@ def seal_mission_key(master: bytes, mission: bytes, r: bytes, seq: int) -> Missi
     A key is for one mission and sealed once: a robot that restarts and gets the same key again could use its old tokens
     again, because its clock has begun anew.
 
-    Args:
-        master: 20 bytes, K1 ‖ K2.
-        mission: 20 bytes, K1 ‖ K2.
-        r: 20 random bytes.
-        seq: higher than that of any mission before, at least 1.
-    Raises: UsageError: a length or the number is wrong.
-    Source: RoboRebound Alg. 2 (LoadMissionKey).
+    `master` and `mission` are K1 ‖ K2, `r` is random, and `seq` higher than that of any mission before.
+    Raises: UsageError: a length or the number is wrong. Source: RoboRebound Alg. 2 (LoadMissionKey).
     """
     if not len(master) == len(mission) == len(r) == KEY_BYTES or seq < 1:
         raise UsageError(f"master key, mission key and r have {KEY_BYTES} bytes each, and seq is at least 1")
     blind = np.zeros(HASH_BYTES, np.uint8)
-    trusted.sha1(_row(r + master), 2 * KEY_BYTES, blind)
+    trusted.sha1(row(r + master), 2 * KEY_BYTES, blind)
     k = bytes(a ^ b for a, b in zip(mission, blind.tobytes(), strict=True))
     mac = np.zeros(MAC_BYTES, np.uint8)
-    trusted.lightmac(_row(master), _row(MKEY.encode(k=k, r=r, seq=seq)), MKEY.size, mac)
+    trusted.lightmac(row(master), row(MKEY.encode(k=k, r=r, seq=seq)), MKEY.size, mac)
     return MissionKey(k, r, seq, mac.tobytes())
 
 
 class Nodes:
     """The s- and a-nodes of n robots, as they leave the factory; `snode` and `anode` are their memory, (n, size) uint8.
 
-    Args:
-        n: robots, known by their row from 0; their ids come with the master key.
-        profile: trusted.BOUND or trusted.PAPER.
-        limits: the same for all.
+    Robots are known by their row from 0; their ids come with the master key. The limits are the same for all.
     Raises: UsageError: limits that make no sense.
     """
 
@@ -164,10 +152,6 @@ class Nodes:
         k, r, mac = _exactly(sealed.k, KEY_BYTES), _exactly(sealed.r, KEY_BYTES), _exactly(sealed.mac, MAC_BYTES)
         _checked(self._lib.phx_snode_load_mission(self._s(i), now, k, r, sealed.seq, mac))
         _checked(self._lib.phx_anode_load_mission(self._a(i), now, k, r, sealed.seq, mac))
-
-
-def _row(raw: bytes) -> Row:
-    return np.frombuffer(bytearray(raw), np.uint8)  # writable: one type for the kernels
 
 
 def _exactly(raw: bytes, size: int) -> bytes:

@@ -11,7 +11,7 @@ from phalanx.wire.fields import Row, copy, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
-from .fleet import PAPER, PENDING, START, Fleet
+from .fleet import LONG_AGO, PAPER, PEER, PENDING, START, Fleet, records
 from .log import CHECKPOINT, FLUSH_A, FLUSH_S, mark, truncate
 
 CHECKPOINT_BYTES = table.CHECKPOINT.size  # without the controller's state
@@ -23,6 +23,10 @@ TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
 MOST_MISSES = 15
+# Who was never heard, asked or audited.
+STRANGER = records(1, PEER)
+STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = LONG_AGO
+STRANGER["asked"] = STRANGER["claimed"] = STRANGER["answered"] = STRANGER["took_t"] = -1
 
 
 @kernel
@@ -71,17 +75,8 @@ def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
         for k in range(1, r.peers):
             if f.peer[i, k].heard < f.peer[i, at].heard:
                 at = k
-    p = f.peer[i, at]
-    p.id = rob_id
-    p.heard = -(1 << 40)
-    p.token = -(1 << 40)
-    p.asked = -1
-    p.asked_ms = -(1 << 40)
-    p.claimed = -1
-    p.answered = -1
-    p.misses = 0
-    p.took = -(1 << 40)
-    p.took_t = -1
+    f.peer[i, at] = STRANGER[0]
+    f.peer[i, at].id = rob_id
     return int(at)
 
 
@@ -211,8 +206,7 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     As an answer to this round counts only a token for the request that was sent to its auditor, by time and by the
     checkpoint claimed: a liar that sends old tokens again, or signs for the start of the log, would otherwise keep its
     victim from asking others (both seen to stop correct robots).
-    Returns: 0, or negative when it is not a token for one of our checkpoints.
-    Source: RoboRebound §3.5, §3.6.
+    Returns: 0, or negative when it is not a token for one of our checkpoints. Source: RoboRebound §3.5, §3.6.
     """
     r, s = f.robot[i], f.settings[0]
     which = PENDING
@@ -276,9 +270,7 @@ def _promote(f: Fleet, i: int) -> None:
     r.start_no = r.checkpoint_no
     r.booted = 0
     for k in range(r.tokens_pending):
-        f.token[i, START, k].tor = f.token[i, PENDING, k].tor
-        f.token[i, START, k].t = f.token[i, PENDING, k].t
-        copy(f.token[i, START, k].mac, 0, f.token[i, PENDING, k].mac, 0, MAC_BYTES)
+        f.token[i, START, k] = f.token[i, PENDING, k]
     r.tokens_start = r.tokens_pending
     r.tokens_pending = 0
     truncate(f, i)

@@ -45,10 +45,7 @@ HEADER_SEGMENT = _encode(HEADER)
 
 
 def seal_jwe(plaintext: bytes, key: Key, iv: bytes) -> bytes:
-    """The compact JWE of `plaintext`. `iv` is 12 bytes, never used twice with one key.
-
-    Source: RFC 7516 §5.1, §7.1.
-    """
+    """The compact JWE of `plaintext`. `iv` is 12 bytes, never used twice with one key. Source: RFC 7516 §5.1, §7.1."""
     sealed = key.cipher.encrypt(iv, plaintext, HEADER_SEGMENT)
     return b".".join((HEADER_SEGMENT, b"", _encode(iv), _encode(sealed[:-TAG_BYTES]), _encode(sealed[-TAG_BYTES:])))
 
@@ -71,8 +68,7 @@ def _segments(token: bytes, max_bytes: int) -> tuple[bytes, bytes]:
 def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
     """(IV, plaintext) of a compact JWE, of untrusted bytes; longer than `max_bytes` it is not even decrypted.
 
-    Raises: TooLarge, MalformedJwe, NotAuthentic.
-    Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
+    Raises: TooLarge, MalformedJwe, NotAuthentic. Source: RFC 7516 §5.2, restricted as docs/spec/link.md says.
     """
     iv, sealed = _segments(token, max_bytes)
     try:

@@ -137,19 +137,13 @@ def _find(  # noqa: C901, PLR0912  # a kernel is one function
 
 
 def sha3_256(message: bytes) -> bytes:
-    """SHA3-256 of one message.
-
-    Source: FIPS 202.
-    """
+    """SHA3-256 of one message. Source: FIPS 202."""
     return hashlib.sha3_256(message).digest()
 
 
 def sha3_256_many(messages: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Digests of messages of one length.
+    """Digests, (n, 32), of messages of one length, (n, L).
 
-    Args:
-        messages: (n, L).
-    Returns: (n, 32).
     Source: FIPS 202.
     """
     n, length = messages.shape
@@ -162,11 +156,7 @@ def sha3_256_many(messages: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 class Targets:
-    """Digests to look for, in the order that the search wants; which one it was is told by its first place in the list.
-
-    Args:
-        digests: 32 bytes each.
-    """
+    """Digests to look for, as the search wants them; which one it was is told by its first place in the list."""
 
     def __init__(self, digests: list[bytes]) -> None:
         rows = np.frombuffer(b"".join(digests), "<u8").astype(np.uint64).reshape(-1, 4)
@@ -179,13 +169,9 @@ class Targets:
 
 
 def find_patched(message: bytes, at: int, patches: NDArray[np.uint64], targets: Targets) -> tuple[int, int] | None:
-    """Which of many messages has a digest that is wanted; they differ in eight bytes.
+    """Which of many messages has a digest that is wanted; they differ in eight bytes, zeros in `message`, from `at` on.
 
-    Args:
-        message: with zeros where the patch goes.
-        at: where it goes, bytes from the start; little-endian.
-        patches: (n,), tried in this order.
-        targets: digests.
+    These are each of the patches, (n,), little-endian, in this order.
     Returns: (index of the patch, place of the digest in the targets' list), of the first that matches, or None.
     Source: Encoded graphs §V-A (search()).
     """

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.sim import Dotbots
 from phalanx.sim.missions.orders import Orders
 from phalanx.sim.signals import handled_by
+from phalanx.sim.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
 
@@ -34,14 +34,9 @@ class Protection:
 
 
 def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Protection:
-    """The protection that so many robots can have.
+    """The protection that so many robots can have; of no defence the best, of no f_max 3, or what so few robots allow.
 
-    Args:
-        robots: how many.
-        defence: none, paper or bound; None for the best there is.
-        f_max: compromised robots to be tolerated; None for 3, or what so few robots allow.
-    Raises: UsageError: not what was asked for.
-    Source: docs/spec/rebound.md (P2).
+    Raises: UsageError: not what was asked for. Source: docs/spec/rebound.md (P2).
     """
     f = DEFAULT_F_MAX if f_max is None else f_max
     if defence == "none" or (least_robots(f) <= robots <= MOST_ROBOTS):
@@ -67,22 +62,16 @@ def simulated_swarm(
 ) -> Dotbots | ProtectedSwarm:
     """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
 
-    Args:
-        robots: how many.
-        seed: of their places.
-        defence: see `choose_protection`.
-        f_max: the same.
-        talk: told what people should know, in one line.
+    What people should know is told `talk`, in one line. For `defence` and `f_max` see `choose_protection`.
     Raises: UsageError: a number is out of range.
     """
     protection = choose_protection(robots, defence, f_max)
-    alone = None
-    if protection.defence == "none":  # before anything is said: so many robots may be refused
-        alone = Dotbots(robots, seed, time.time, unprotected=protection.note)
+    if not 1 <= robots <= MAX_ROBOTS:
+        raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
     if protection.note:
         talk(protection.note)
-    if alone is not None:
-        return alone
+    if protection.defence == "none":
+        return Dotbots(robots, seed, time.time, unprotected=protection.note)
     if not is_compiled(protection.defence):
         # Before the code is shown: lines below would push it out of a small terminal.
         talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
@@ -94,13 +83,7 @@ def simulated_swarm(
 
 
 class SoonProtected(Dotbots):
-    """Robots that can be driven at once, and will audit each other when what that needs is compiled.
-
-    Args:
-        robots: how many.
-        seed: of their places.
-        protection: what they will have.
-    """
+    """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
 
     def __init__(self, robots: int, seed: int, protection: Protection) -> None:
         super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
@@ -128,16 +111,9 @@ def mission_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
 ) -> Iterator[MissionSwarm]:
-    """Simulated robots that live missions in a building, ready to run, while the body does.
+    """Simulated robots that live missions in a building, ready to run, while the body does; they begin with `orders`.
 
-    Args:
-        plan: the building.
-        orders: the mission that they begin with, or None.
-        robots: how many.
-        seed: of their odometry.
-        defence: see `choose_protection`; None is none where an audit could not show what the mission needs.
-        f_max: the same.
-        talk: told what people should know, in one line.
+    As `simulated_swarm`; no `defence` is none where an audit could not show what the mission needs.
     Raises: UsageError: too many robots, or a building without walls or a start. Unavailable: they do not come up.
     """
     protection = choose_protection(robots, defence, f_max)

@@ -44,8 +44,7 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
 def replay(f: Fleet, w: Work, q: Row) -> int:
     """The log's outputs are those of the bundled controller, from its start to its end, and the state agrees.
 
-    Returns: 0 or a `Refusal`.
-    Source: RoboRebound §3.7.
+    Returns: 0 or a `Refusal`. Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
     state = w.state[CHECKPOINT_BYTES:]
@@ -80,8 +79,7 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
 def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
     """The auditor's a-node signs that the auditee's log is right up to this request; `mac` (8,) gets the token's.
 
-    Returns: 0 or `Refusal.REQUEST_INVALID`.
-    Source: RoboRebound Alg. 4.
+    Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
     """
     tee, t = w.case[0].tee, get_u32(q, AT_T)
     top, hckpt = q[AT_TOP_A : AT_TOP_A + HASH_BYTES], q[AT_HCKPT : AT_HCKPT + HASH_BYTES]

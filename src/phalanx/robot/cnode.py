@@ -14,13 +14,13 @@ from typing import Final
 import numpy as np
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_T, Work
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_T, INPUT, SEND, Work
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.errors import PeerError
 from phalanx.wire import table
-from phalanx.wire.fields import Row, get_u32
+from phalanx.wire.fields import Row, get_u32, row
 
 from . import auditor, node
 from .controllers.mission.evidence import EvidenceController
@@ -75,10 +75,7 @@ Action = Transmit | Actuate | Retry | Verdict
 class CNode:
     """Robot `i` of a fleet, honest; subclasses lie.
 
-    Args:
-        fleet: the arrays; `i` is this robot's row.
-        work: scratch memory, may be shared by robots that run one after the other.
-        make_controller: makes a plain-Python controller for a robot's id, or None for the fleet's bundled one.
+    Robots that run one after the other may share `work`. No `make_controller`: it runs the fleet's bundled one.
 
     Attributes:
         id: the robot's, 1..65535.
@@ -113,7 +110,7 @@ class CNode:
 
     def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
         """A reading is due: the s-node is polled, the controller decides, its outputs go out."""
-        n = node.sense(self.f, self.i, self.w, now_ms, row(reading), len(reading))
+        n = node.take(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading))
         if n <= 0:
             return []
         return self.carry_out(now_ms, n)
@@ -201,13 +198,13 @@ class CNode:
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """A command through the a-node, logged."""
-        if node.act(self.f, self.i, self.w, now_ms, row(command), len(command)) < 0:
+        if node.take(self.f, self.i, self.w, ACMD, now_ms, row(command), len(command)) < 0:
             return []
         return [Actuate(command)]
 
     def send(self, now_ms: int, frame: bytes, to: int) -> list[Action]:
         """A frame through the a-node, logged unless it is audit traffic."""
-        n = node.send(self.f, self.i, self.w, now_ms, row(frame), len(frame))
+        n = node.take(self.f, self.i, self.w, SEND, now_ms, row(frame), len(frame))
         if n == trusted.E_AIRTIME and self.is_own and not frame[0] & request.AUDIT:
             # Else it would be stopped for an output that its log lacks, and nobody would know why.
             raise OwnMistake(
@@ -229,11 +226,17 @@ class CNode:
 
     def next_frame(self, now_ms: int) -> list[Action]:
         """The next fragment of an audit request, if one is due."""
-        n = node.next_frame(self.f, self.i, self.w, now_ms)
+        n = int(request.next_fragment(self.f, self.i, self.w.frame))
+        if n == 0 and self.make_request(now_ms):
+            n = int(request.next_fragment(self.f, self.i, self.w.frame))
         if n > 0:
-            return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.w.told[node.TOLD_TO]))
+            return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.f.robot[self.i].request_to))
         at_ms = int(rounds.next_retry(self.f, self.i, now_ms))
         return [Retry(at_ms)] if at_ms >= 0 else []
+
+    def make_request(self, now_ms: int) -> bool:
+        """Whether a request for an audit is ready in `fleet.request`."""
+        return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
 
@@ -297,8 +300,3 @@ def _ask(controller: Controller, step: int, t_ms: int, reading: bytes, evidence:
     if isinstance(controller, EvidenceController):
         return controller.on_evidence(step, t_ms, reading, evidence)
     return controller.on_input(step, t_ms, reading)
-
-
-def row(data: bytes) -> Row:
-    """The bytes as kernels take them."""
-    return np.frombuffer(bytearray(data), np.uint8)

@@ -1,6 +1,6 @@
 """One robot, wired: s-node → c-node → a-node. What an honest robot does at each event, as kernels.
 
-The world calls `sense` when a reading is due, `think`, then `act` and `send` for each output; `hear` when a frame has
+The world calls `take` for a reading that is due, `think`, then `take` for each output; `hear` when a frame has
 arrived; `next_frame` whenever its radio can take an AUDIT frame; the attacks in `robot.attacks` call the same.
 Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 """
@@ -49,18 +49,38 @@ def plain(w: Work, kind: int, now: int, payload: Row, length: int) -> int:
 
 
 @kernel
-def sense(f: Fleet, i: int, w: Work, now: int, reading: Row, length: int) -> int:
-    """The s-node has chained a reading and handed it over, and it is logged; `w.entry` holds the entry.
+def chain(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """The trusted node has chained a reading (INPUT), a frame (RECV, SEND) or a command (ACMD): its entry is `w.entry`.
 
-    Returns: the entry's length, or the s-node's error.
-    Source: RoboRebound Alg. 3.
+    What is behind the entry's head may go on: to the c-node, the radio, the actuators.
+    Returns: the entry's length, or the node's error. Source: RoboRebound Alg. 3, Alg. 4.
     """
-    if f.settings[0].profile == PLAIN:
-        return plain(w, INPUT, now, reading, length)
-    n = trusted.snode_poll(f.settings[0].profile, f.snode[i], now, reading, length, w.entry)
-    if n > 0:
-        log.append(f, i, w.entry, n)
-    return int(n)
+    profile = f.settings[0].profile
+    if profile == PLAIN:
+        return plain(w, kind, now, payload, length)
+    if kind == INPUT:
+        return int(trusted.snode_poll(profile, f.snode[i], now, payload, length, w.entry))
+    if kind == RECV:
+        return int(trusted.anode_recv(profile, f.anode[i], now, payload, length, w.entry))
+    if kind == SEND:
+        return int(trusted.anode_send(profile, f.anode[i], now, payload, length, w.entry))
+    return int(trusted.anode_actuate(profile, f.anode[i], now, payload, length, w.entry))
+
+
+@kernel
+def record(f: Fleet, i: int, w: Work, length: int) -> None:
+    """The entry in `w.entry` is logged, where there are logs."""
+    if f.settings[0].profile != PLAIN:
+        log.append(f, i, w.entry, length)
+
+
+@kernel
+def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: int) -> int:
+    """As `chain`, and the entry is logged unless it is audit traffic."""
+    n = chain(f, i, w, kind, now, payload, length)
+    if n > 0 and (kind in (INPUT, ACMD) or not payload[0] & request.AUDIT):
+        record(f, i, w, n)
+    return n
 
 
 @kernel
@@ -78,36 +98,6 @@ def think(f: Fleet, i: int, w: Work, length: int) -> int:
 
 
 @kernel
-def act(f: Fleet, i: int, w: Work, now: int, command: Row, length: int) -> int:
-    """The a-node has chained a command and passed it to the actuators (the caller), and it is logged.
-
-    Returns: negative if it refused.
-    Source: RoboRebound Alg. 4.
-    """
-    if f.settings[0].profile == PLAIN:
-        return plain(w, ACMD, now, command, length)
-    n = trusted.anode_actuate(f.settings[0].profile, f.anode[i], now, command, length, w.entry)
-    if n > 0:
-        log.append(f, i, w.entry, n)
-    return int(n)
-
-
-@kernel
-def send(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
-    """The a-node has taken a frame for the radio: `w.entry[7:n]` is what goes on air.
-
-    Returns: n, or negative if it refused.
-    Source: RoboRebound Alg. 4.
-    """
-    if f.settings[0].profile == PLAIN:
-        return plain(w, SEND, now, frame, length)
-    n = trusted.anode_send(f.settings[0].profile, f.anode[i], now, frame, length, w.entry)
-    if n > 0 and not frame[0] & request.AUDIT:
-        log.append(f, i, w.entry, n)
-    return int(n)
-
-
-@kernel
 def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
 
@@ -116,17 +106,12 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     Source: RoboRebound Alg. 4, §3.7.
     """
     s = f.settings[0]
-    if s.profile == PLAIN:
-        if length < 1 or frame[0] & request.AUDIT:
-            return NOTHING
-        n = plain(w, RECV, now, frame, length)
-    else:
-        n = trusted.anode_recv(s.profile, f.anode[i], now, frame, length, w.entry)
+    if s.profile == PLAIN and (length < 1 or frame[0] & request.AUDIT):
+        return NOTHING
+    n = take(f, i, w, RECV, now, frame, length)
     if n < 0:
         return int(n)
     if not frame[0] & request.AUDIT:
-        if s.profile != PLAIN:
-            log.append(f, i, w.entry, n)
         if s.profile == PAPER and length >= ID_AT + ID_BYTES and frame[0] in dispatch.STATE_KINDS:
             # As printed: auditors are chosen among the neighbours that states claim.
             rounds.heard(f, i, get_u16(frame, ID_AT), now)
@@ -208,8 +193,7 @@ def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """The request in `f.rx[i, place]` audited with a bundled controller; the token, if any, is in `w.frame`.
 
-    Returns: REPLY; `told[TOLD_REFUSAL]` says what was found.
-    Source: RoboRebound §3.7.
+    Returns: REPLY; `told[TOLD_REFUSAL]` says what was found. Source: RoboRebound §3.7.
     """
     q, length = f.rx[i, place], f.rx_info[i, place].len
     refused = auditor.examine(f, i, w, q, length, src)
@@ -249,8 +233,7 @@ def hello(f: Fleet, i: int, frame: Row) -> int:
 def next_frame(f: Fleet, i: int, w: Work, now: int) -> int:
     """The next fragment for the radio, of the request under way or of a new one, in `w.frame`.
 
-    Returns: its length; 0 when there is nothing to send now. `told[TOLD_TO]` is whom to.
-    Source: RoboRebound §3.7.
+    Returns: its length; 0 when there is nothing to send now. `told[TOLD_TO]` is whom to. Source: RoboRebound §3.7.
     """
     r = f.robot[i]
     n = request.next_fragment(f, i, w.frame)

@@ -21,6 +21,11 @@ U32_BYTES = F32_BYTES = 4
 _INT64: Any = np.int64
 
 
+def row(raw: bytes) -> Row:
+    """Bytes as kernels take them: writable, as a row of what cannot be changed has another type, compiled again."""
+    return np.frombuffer(bytearray(raw), np.uint8)
+
+
 @kernel
 def whole(value: SupportsInt) -> int:
     """`value`, cut to a whole number."""

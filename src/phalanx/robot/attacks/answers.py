@@ -9,8 +9,8 @@ from typing import Any
 
 from phalanx.bti import log, request, trusted
 from phalanx.bti.fleet import BOUND, PLAIN
-from phalanx.robot.cnode import Action, row
-from phalanx.wire.fields import get_u16, put_u16
+from phalanx.robot.cnode import Action
+from phalanx.wire.fields import get_u16, put_u16, row
 from phalanx.wire.table import AUDIT_FRAGMENT, BOOTED, HASH_BYTES, TOKEN_REQUEST
 
 from .liar import Liar

@@ -7,24 +7,20 @@ from collections.abc import Mapping
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
-from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.table import KIND_STATE
 
 from .liar import MOTION, Liar, Motion
+from .silence import OmitSends
 from .spoof import spoofed_state
 
 
-class Masquerade(Liar):
-    """Is another robot: what it broadcasts bears that robot's id, and stands before the nearest victim.
+class Masquerade(OmitSends):
+    """Is another robot: all that it broadcasts bears that robot's id, and stands before the nearest victim.
 
     Source: RoboRebound §2.4, Fig. 2.
     """
 
     period_ms = 250
-
-    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
-        """Its commands; in its own name it says nothing any more."""
-        return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """What the other robot is claimed to say."""

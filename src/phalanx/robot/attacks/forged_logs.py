@@ -45,7 +45,7 @@ class AlterEntries(Liar):
         return self.carry_out(now_ms, n)
 
 
-class ReorderEntries(Liar):
+class ReorderEntries(DropEntries):
     """Shows what it heard later than it heard it, so that it acts on where its neighbours were."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
@@ -54,11 +54,9 @@ class ReorderEntries(Liar):
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Held back, if it is not audit traffic."""
-        if frame[0] & request.AUDIT:
-            return super().heard(now_ms, frame)
-        self.pass_by(now_ms, frame)
-        self._held.append((now_ms, frame))
-        return []
+        if not frame[0] & request.AUDIT:
+            self._held.append((now_ms, frame))
+        return super().heard(now_ms, frame)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """First what was held back long enough."""
@@ -105,33 +103,14 @@ class ForgeCheckpoint(Hijack):
         return actions
 
 
-class RequestForger(Hijack):
-    """Misbehaves, and touches up each request for an audit before it is sent."""
-
-    def next_frame(self, now_ms: int) -> list[Action]:
-        """As `node.next_frame`, with a touch of its own between a request and its first fragment."""
-        if not self.lies(now_ms):
-            return super().next_frame(now_ms)
-        n = int(request.next_fragment(self.f, self.i, self.w.frame))
-        if n == 0 and self.make_request(now_ms):
-            n = int(request.next_fragment(self.f, self.i, self.w.frame))
-        if n == 0:
-            return super().next_frame(now_ms)
-        return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.f.robot[self.i].request_to))
-
-    def make_request(self, now_ms: int) -> bool:
-        """Whether a request is ready in `fleet.request`."""
-        treq, auth_s, auth_a = self.w.small[:3]
-        return bool(request.make_request(self.f, self.i, now_ms, treq, auth_s, auth_a) > 0)
-
-
-class SwapNodes(RequestForger):
+class SwapNodes(Hijack):
     """Shows one node's chain where the other's belongs."""
 
     def make_request(self, now_ms: int) -> bool:
         """The tops and their MACs changed places."""
-        if not super().make_request(now_ms):
-            return False
+        made = super().make_request(now_ms)
+        if not made or not self.lies(now_ms):
+            return made
         q = self.f.request[self.i]
         for a, s, size in (
             (request.AT_TOP_A, request.AT_TOP_S, HASH_BYTES),
@@ -143,7 +122,7 @@ class SwapNodes(RequestForger):
         return True
 
 
-class StaleLog(RequestForger):
+class StaleLog(Hijack):
     """Shows the log of its honest days to each fresh token request, for ever.
 
     Source: docs/spec/rebound.md (stale log).
@@ -160,11 +139,13 @@ class StaleLog(RequestForger):
         return actions
 
     def make_request(self, now_ms: int) -> bool:
-        """The kept request, with a fresh token request in it."""
+        """The kept request, if there is one, with a fresh token request in it."""
+        if not self.lies(now_ms) or not self._kept:
+            return super().make_request(now_ms)
         f, i, r = self.f, self.i, self.f.robot[self.i]
         treq = self.w.small[0]
         tor = int(rounds.next_candidate(f, i, now_ms))
-        if not self._kept or r.quota <= 0 or tor == 0:
+        if r.quota <= 0 or tor == 0:
             return False
         if trusted.anode_token_request(self.profile, f.anode[i], now_ms, tor, treq) < 0:
             r.quota = 0

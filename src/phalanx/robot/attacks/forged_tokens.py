@@ -10,8 +10,8 @@ import numpy as np
 from phalanx.bti import request, trusted
 from phalanx.bti.fleet import PENDING, PLAIN, START
 from phalanx.robot import node
-from phalanx.robot.cnode import Action, row
-from phalanx.wire.fields import Row, get_u16
+from phalanx.robot.cnode import Action
+from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, TOKEN, TOKEN_REQUEST
 
 from .hijack import Hijack
@@ -133,10 +133,7 @@ class Collude(Hijack):
 
 
 class ZeroKey(Hijack):
-    """Makes itself tokens of the end of all time, before there is a key.
-
-    Source: docs/spec/rebound.md (zero key).
-    """
+    """Makes itself tokens of the end of all time, before there is a key. Source: docs/spec/rebound.md (zero key)."""
 
     @classmethod
     def before_key(cls, rob_id: int, profile: int, anode: Row, f_max: int) -> None:

@@ -13,14 +13,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from phalanx.bti import audit, log, request, trusted
+from phalanx.bti import audit, request
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
-from phalanx.bti.fleet import PLAIN, Fleet
+from phalanx.bti.fleet import Fleet
 from phalanx.robot import auditor, node
-from phalanx.robot.cnode import Action, CNode, row
+from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
-from phalanx.wire.fields import Row
+from phalanx.wire.fields import Row, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .attack import Attack, Scene
@@ -219,8 +219,7 @@ class Liar(CNode):
 
     def pass_by(self, now_ms: int, frame: bytes) -> None:
         """The a-node takes and chains the frame; the c-node pretends that it never came."""
-        if self.profile != PLAIN:
-            trusted.anode_recv(self.profile, self.f.anode[self.i], now_ms, row(frame), len(frame), self.w.entry)
+        node.chain(self.f, self.i, self.w, RECV, now_ms, row(frame), len(frame))
 
     def believe(self, t_ms: int, frame: bytes) -> None:
         """The c-node logs the frame and acts on it as if it had come at `t_ms`."""
@@ -236,15 +235,11 @@ class Liar(CNode):
 
     def poll(self, now_ms: int, reading: bytes) -> int:
         """The s-node has chained a reading, whose entry is in `work.entry`; the c-node logs nothing yet."""
-        if self.profile == PLAIN:
-            return int(node.plain(self.w, INPUT, now_ms, row(reading), len(reading)))
-        snode = self.f.snode[self.i]
-        return int(trusted.snode_poll(self.profile, snode, now_ms, row(reading), len(reading), self.w.entry))
+        return int(node.chain(self.f, self.i, self.w, INPUT, now_ms, row(reading), len(reading)))
 
     def record(self, n: int) -> None:
         """The entry in `work.entry` is in the log, whatever it is."""
-        if self.profile != PLAIN:
-            log.append(self.f, self.i, self.w.entry, n)
+        node.record(self.f, self.i, self.w, n)
 
     def entry(self, n: int) -> bytes:
         """The payload of the entry in `work.entry[:n]`."""

@@ -17,8 +17,8 @@ class OmitSends(Liar):
         return [] if self.lies(now_ms) and isinstance(output, Send) else super().put_out(now_ms, output)
 
 
-class RefuseAudit(Hijack):
-    """Misbehaves, and asks nobody for an audit, nor shows its log."""
+class Unasked(Liar):
+    """Asks nobody for an audit, nor shows its log."""
 
     def round_due(self, now_ms: int) -> list[Action]:
         """No round."""
@@ -27,6 +27,10 @@ class RefuseAudit(Hijack):
     def next_frame(self, now_ms: int) -> list[Action]:
         """No request; one that is under way is broken off."""
         return [] if self.lies(now_ms) else super().next_frame(now_ms)
+
+
+class RefuseAudit(Unasked, Hijack):
+    """Misbehaves, and asks nobody for an audit, nor shows its log."""
 
 
 class RefuseToAudit(Liar):
@@ -40,7 +44,7 @@ class RefuseToAudit(Liar):
         return super().heard(now_ms, frame)
 
 
-class Crash(Liar):
+class Crash(Unasked):
     """Its c-node is dead: the actuators go on with the last command they had."""
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
@@ -50,11 +54,3 @@ class Crash(Liar):
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
         """Nothing."""
         return []
-
-    def round_due(self, now_ms: int) -> list[Action]:
-        """Nothing."""
-        return []
-
-    def next_frame(self, now_ms: int) -> list[Action]:
-        """Nothing."""
-        return [] if self.lies(now_ms) else super().next_frame(now_ms)

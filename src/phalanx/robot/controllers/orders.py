@@ -25,8 +25,7 @@ THRESHOLD_MAX_MM = 1000
 def wheels_order(robot: int, number: int, left_pct: int, right_pct: int) -> bytes:
     """Turn the wheels for a moment, -100..100; ends waypoint following. `number` is above the last one sent to `robot`.
 
-    Raises: UsageError: a value is out of range.
-    Source: docs/spec/vocabulary.md.
+    Raises: UsageError: a value is out of range. Source: docs/spec/vocabulary.md.
     """
     return _order(robot, number, WHEELS, ORDER_WHEELS, left=left_pct, right=right_pct)
 

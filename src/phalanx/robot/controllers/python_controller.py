@@ -28,7 +28,7 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.errors import UsageError
-from phalanx.wire.fields import Row
+from phalanx.wire.fields import row
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
 
@@ -119,31 +119,25 @@ class _Compiled(Controller):
         return self._state[: dispatch.size(self._kind, self._state)].tobytes()
 
     def decode(self, encoding: bytes) -> None:
-        row = _row(encoding)
-        if not dispatch.is_encoding(self._kind, self._params, self.rob_id, row, len(encoding)):
+        state = row(encoding)
+        if not dispatch.is_encoding(self._kind, self._params, self.rob_id, state, len(encoding)):
             raise MalformedRecord(f"checkpoint is not a state of robot {self.rob_id}")
-        self._state[: len(encoding)] = row
+        self._state[: len(encoding)] = state
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, _row(frame), len(frame), self._state)
+        dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         n = dispatch.on_input(
-            self._kind, self._params, self.rob_id, step, t_ms, _row(reading), len(reading), self._state, self._out
+            self._kind, self._params, self.rob_id, step, t_ms, row(reading), len(reading), self._state, self._out
         )
         return unpack_outputs(self._out[:n].tobytes())
-
-
-def _row(raw: bytes) -> Row:
-    # Of a bytearray, as the row of an immutable object has another type, for which kernels would be compiled again.
-    return np.frombuffer(bytearray(raw), np.uint8)
 
 
 def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
     """What a researcher's `on_input` returned, if it can be put out at all: of at most `room` bytes each.
 
-    Raises: OwnMistake: no outputs, or one that no a-node lets out.
-    Source: docs/own-controller.md.
+    Raises: OwnMistake: no outputs, or one that no a-node lets out. Source: docs/own-controller.md.
     """
     if not isinstance(told, Iterable) or isinstance(told, str | bytes):
         raise OwnMistake(f"on_input returned {kind_of(told)}", "a list of Act and Send, empty for nothing", whose)
@@ -166,8 +160,7 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
 def checked_state(told: object, room: int, whose: object) -> bytes:
     """What a researcher's `encode` returned, if there is room for it: at most so many bytes.
 
-    Raises: OwnMistake: not bytes, or too many.
-    Source: docs/own-controller.md.
+    Raises: OwnMistake: not bytes, or too many. Source: docs/own-controller.md.
     """
     if not isinstance(told, bytes):
         raise OwnMistake(f"encode returned {kind_of(told)}", "bytes, as struct packs them; b'' for nothing", whose)

@@ -11,17 +11,9 @@ RAD_PER_DEG = 0.017453292519943295
 @kernel
 def sine(angle_rad: float) -> float:
     """The sine of an angle within +-pi/2, to 1e-15; beyond, wrong."""
-    z = angle_rad * angle_rad
-    rest = 1.0 - z / 420.0
-    rest = 1.0 - z / 342.0 * rest
-    rest = 1.0 - z / 272.0 * rest
-    rest = 1.0 - z / 210.0 * rest
-    rest = 1.0 - z / 156.0 * rest
-    rest = 1.0 - z / 110.0 * rest
-    rest = 1.0 - z / 72.0 * rest
-    rest = 1.0 - z / 42.0 * rest
-    rest = 1.0 - z / 20.0 * rest
-    rest = 1.0 - z / 6.0 * rest
+    z, rest = angle_rad * angle_rad, 1.0
+    for n in range(20, 0, -2):  # the series, from its end
+        rest = 1.0 - z / (n * (n + 1)) * rest
     return angle_rad * rest
 
 

@@ -11,32 +11,23 @@ from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.sim.drive import turned_kernel
+from phalanx.wire import table
 from phalanx.wire.fields import Row, get_f32, get_i8, put_f32, put_u16, put_u64
-from phalanx.wire.table import (
-    ACCELERATION,
-    KIND_ACCELERATION,
-    KIND_SENSOR,
-    KIND_WHEELS_COMMAND,
-    KIND_WHEELS_SENSOR,
-    SENSOR,
-    WHEELS_COMMAND,
-    WHEELS_SENSOR,
-)
 
 from . import motion
 from .world import World
 
-POINT_MASS, WHEELS = KIND_SENSOR, KIND_WHEELS_SENSOR  # bodies go by what their sensors say
-COMMANDS = {POINT_MASS: ACCELERATION, WHEELS: WHEELS_COMMAND}
-SENSOR_BYTES = SENSOR.size
-COMMAND_BYTES = ACCELERATION.size
-WHEELS_SENSOR_BYTES = WHEELS_SENSOR.size
-WHEELS_COMMAND_BYTES = WHEELS_COMMAND.size
-ID, TIME = map(SENSOR.at, ("id", "t"))  # as in the other three
-X, Y, VX, VY = map(SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
-AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-X_MM, Y_MM, DIRECTION = map(WHEELS_SENSOR.at, ("x_mm", "y_mm", "direction_deg"))
-LEFT, RIGHT, RED = map(WHEELS_COMMAND.at, ("left", "right", "red"))
+POINT_MASS, WHEELS = table.KIND_SENSOR, table.KIND_WHEELS_SENSOR  # bodies go by what their sensors say
+COMMANDS = {POINT_MASS: table.ACCELERATION, WHEELS: table.WHEELS_COMMAND}
+SENSOR_BYTES = table.SENSOR.size
+COMMAND_BYTES = table.ACCELERATION.size
+WHEELS_SENSOR_BYTES = table.WHEELS_SENSOR.size
+WHEELS_COMMAND_BYTES = table.WHEELS_COMMAND.size
+ID, TIME = map(table.SENSOR.at, ("id", "t"))  # as in the other three
+X, Y, VX, VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
+AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
+X_MM, Y_MM, DIRECTION = map(table.WHEELS_SENSOR.at, ("x_mm", "y_mm", "direction_deg"))
+LEFT, RIGHT, RED = map(table.WHEELS_COMMAND.at, ("left", "right", "red"))
 MOST_MPS2 = 5.0
 BODY_M = 0.04
 TOP_SPEED_MPS = 0.3
@@ -93,13 +84,13 @@ def sensed(world: World, i: int, rob_id: int, now_ms: int) -> int:
     put_u16(q, ID, rob_id)
     put_u64(q, TIME, now_ms)
     if world.clock[0].body == POINT_MASS:
-        q[0] = KIND_SENSOR
+        q[0] = table.KIND_SENSOR
         put_f32(q, X, world.pos[i, 0])
         put_f32(q, Y, world.pos[i, 1])
         put_f32(q, VX, world.vel[i, 0])
         put_f32(q, VY, world.vel[i, 1])
         return int(SENSOR_BYTES)
-    q[0] = KIND_WHEELS_SENSOR
+    q[0] = table.KIND_WHEELS_SENSOR
     put_f32(q, X_MM, world.pos[i, 0] * 1000.0)
     put_f32(q, Y_MM, world.pos[i, 1] * 1000.0)
     put_f32(q, DIRECTION, world.vel[i, 0])
@@ -113,8 +104,8 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
     Source: RoboRebound §4; docs/spec/world.md.
     """
     point = world.clock[0].body == POINT_MASS
-    size, kind = (COMMAND_BYTES, KIND_ACCELERATION) if point else (WHEELS_COMMAND_BYTES, KIND_WHEELS_COMMAND)
-    if length != size or command[0] != kind:
+    size = COMMAND_BYTES if point else WHEELS_COMMAND_BYTES
+    if length != size or command[0] != (table.KIND_ACCELERATION if point else table.KIND_WHEELS_COMMAND):
         return
     advance(world, i)
     if point:

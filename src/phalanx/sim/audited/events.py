@@ -5,12 +5,12 @@ Events of one microsecond come out in the order in which they went in, so that a
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import pack, reference
+from phalanx.bundle import reference
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
@@ -27,12 +27,7 @@ class Queue(NamedTuple):
     tally: NDArray[np.int64]  # (3,): events that wait, pushes so far, pushes refused for want of room
 
 
-QueueType, QueueRef = reference(Queue)
-
-
-@kernel
-def _refer(queue: Queue) -> Any:
-    return QueueRef(*queue)
+QueueType, QueueRef, pack = reference(Queue)
 
 
 def make_queue(capacity: int) -> Queue:
@@ -43,7 +38,7 @@ def make_queue(capacity: int) -> Queue:
     if capacity < 1:
         raise UsageError(f"queue for {capacity} events", "at least 1")
     queue = Queue(np.zeros((capacity, 2), np.int64), np.zeros((capacity, 3), np.int64), np.zeros(3, np.int64))
-    return pack(queue, _refer)
+    return pack(queue)
 
 
 @kernel

@@ -9,7 +9,7 @@ Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 from __future__ import annotations
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
 from phalanx.kernel import kernel
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
@@ -95,7 +95,7 @@ def control(world: World, i: int) -> int:
         world.clock[0].robot = i
         world.frame_len[0] = length
         return 1
-    n = node.sense(world.fleet, i, world.work, now, world.reading, length)
+    n = node.take(world.fleet, i, world.work, INPUT, now, world.reading, length)
     if n <= 0:
         return 0
     length = node.think(world.fleet, i, world.work, n)
@@ -105,13 +105,11 @@ def control(world: World, i: int) -> int:
         kind, size = out[at], get_u16(out, at + OUTPUT_LENGTH)
         at += OUTPUT_HEAD_BYTES
         payload = out[at : at + size]
-        if kind == ACMD:
-            if node.act(world.fleet, i, world.work, now, payload, size) > 0:
-                body.actuate(world, i, payload, size)
-        else:
-            sent = node.send(world.fleet, i, world.work, now, payload, size)
-            if sent > 0:
-                transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:sent], sent - ENTRY_HEAD_BYTES, BROADCAST)
+        n = node.take(world.fleet, i, world.work, kind, now, payload, size)
+        if n > 0 and kind == ACMD:
+            body.actuate(world, i, payload, size)
+        elif n > 0:
+            transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:n], n - ENTRY_HEAD_BYTES, BROADCAST)
         at += size
     return 0
 
@@ -221,7 +219,7 @@ def pump(world: World, i: int) -> None:
 @kernel
 def pass_on(world: World, i: int, now: int, length: int, to: int) -> int:
     """The AUDIT frame in `work.frame` through the a-node into the radio; -1 if one of them refuses. Source: Alg. 4."""
-    n = node.send(world.fleet, i, world.work, now, world.work.frame, length)
+    n = node.take(world.fleet, i, world.work, SEND, now, world.work.frame, length)
     if n <= 0:
         return -1
     return transmit(world, i, world.work.entry[ENTRY_HEAD_BYTES:n], n - ENTRY_HEAD_BYTES, to)

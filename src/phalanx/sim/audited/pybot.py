@@ -5,10 +5,10 @@ from __future__ import annotations
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict, row
+from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.radio.channel import BROADCAST
-from phalanx.wire.fields import get_u16
+from phalanx.wire.fields import get_u16, row
 
 from . import body, loop
 from .events import push

@@ -13,7 +13,6 @@ from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.bti.rounds import mixed
-from phalanx.bundle import pack
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
@@ -31,7 +30,7 @@ from phalanx.wire.table import KEY_BYTES
 
 from . import loop, pybot
 from .events import make_queue, push
-from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, refer
+from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
 PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
 MOVE_US = 50_000
@@ -111,8 +110,7 @@ def power_up(
 def make_world(setup: Setup, chance: np.random.Generator) -> World:
     """The world at time 0, with nobody running yet.
 
-    Raises: UsageError: the controller's state can be longer than a checkpoint has room for.
-    Source: docs/spec/world.md.
+    Raises: UsageError: the controller's state can be longer than a checkpoint has room for. Source: docs/spec/world.md.
     """
     n, m = setup.robots, len(setup.starts_m)
     longest = int(dispatch.capacity(setup.controller, setup.params))
@@ -170,7 +168,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
     clock.move_us, clock.control_us = MOVE_US, setup.bti.t_control_ms * 1000
     clock.audit_us = setup.bti.t_audit_ms * 1000 if audited else 0
     clock.check_us = setup.bti.p_check_ms * 1000 if audited else 0
-    return pack(world, refer)
+    return pack(world)
 
 
 def start(world: World, robots: Mapping[int, CNode]) -> None:

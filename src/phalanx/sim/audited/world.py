@@ -79,13 +79,7 @@ class World(NamedTuple):
     verdicts: NDArray[np.int64]  # (VERDICTS, 4): time µs, auditor, auditee, refusal
 
 
-WorldType, WorldRef = reference(World)
-
-
-@kernel
-def refer(world: World) -> Any:
-    """The world as kernels take it, see `bundle`."""
-    return WorldRef(*world)
+WorldType, WorldRef, pack = reference(World)
 
 
 @kernel

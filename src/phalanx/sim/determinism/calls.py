@@ -18,18 +18,8 @@ from phalanx.sim.scenarios.own import find_class
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.sim.signals import handled_by
+from phalanx.wire import table
 from phalanx.wire.fields import put_u16, put_u64
-from phalanx.wire.table import (
-    KIND_AUDIT,
-    KIND_STATE,
-    ORDER,
-    ORDER_ROUTE,
-    ORDER_WHEELS,
-    SENSOR,
-    WAYPOINT,
-    WHEELS_SENSOR,
-    WHEELS_STATE,
-)
 
 Make = Callable[[int], Controller]
 ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
@@ -42,7 +32,7 @@ ODD = tuple(np.array(bits, "<u4").tobytes() for bits in (0x7FC00000, 0xFFC00001,
     np.array(value, "<f4").tobytes() for value in (3.4e38, -3.4e38, 1e-45, -0.0)
 )
 # Where all frames and readings have them.
-ID_AT, T_AT, NUMBERS_AT = SENSOR.at("id"), SENSOR.at("t"), SENSOR.at("x_m")
+ID_AT, T_AT, NUMBERS_AT = table.SENSOR.at("id"), table.SENSOR.at("t"), table.SENSOR.at("x_m")
 FRAMES_A_READING = 3
 
 
@@ -102,7 +92,7 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    driven = words in BUNDLED and BUNDLED[words].reads is WHEELS_SENSOR
+    driven = words in BUNDLED and BUNDLED[words].reads is table.WHEELS_SENSOR
     life = list(_driven(chance)) if driven else _lived(make, seed)
     return [*life, *_odd(life, chance)]
 
@@ -148,27 +138,27 @@ def _driven(chance: np.random.Generator) -> Iterator[Call]:
         t_ms = 1000 + step * CONTROL_MS
         if step % 7 == 3:
             left, right = (int(pct) for pct in chance.integers(-100, 101, 2))
-            yield _order(t_ms - 20, step, 1, ORDER_WHEELS.encode(left=left, right=right))
+            yield _order(t_ms - 20, step, 1, table.ORDER_WHEELS.encode(left=left, right=right))
         if step % 20 == 11:
-            ways = (WAYPOINT.encode(x_mm=int(x), y_mm=int(y)) for x, y in chance.integers(0, 2000, (3, 2)))
-            yield _order(t_ms - 10, step, 3, ORDER_ROUTE.encode(threshold_mm=60, count=3, points=b"".join(ways)))
+            ways = (table.WAYPOINT.encode(x_mm=int(x), y_mm=int(y)) for x, y in chance.integers(0, 2000, (3, 2)))
+            yield _order(t_ms - 10, step, 3, table.ORDER_ROUTE.encode(threshold_mm=60, count=3, points=b"".join(ways)))
         pose = {"t": t_ms, "x_mm": x_mm, "y_mm": y_mm, "direction_deg": direction_deg}
-        yield Call(-1, t_ms - 5, WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
-        yield Call(step, t_ms, WHEELS_SENSOR.encode(id=ROBOT, **pose))
+        yield Call(-1, t_ms - 5, table.WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
+        yield Call(step, t_ms, table.WHEELS_SENSOR.encode(id=ROBOT, **pose))
         x_mm += float(chance.normal(0, 20))
         y_mm += float(chance.normal(0, 20))
         direction_deg = (direction_deg + float(chance.normal(0, 10))) % 360
 
 
 def _order(t_ms: int, number: int, action: int, body: bytes) -> Call:
-    return Call(-1, t_ms, ORDER.encode(id=ROBOT, number=number, action=action, body=body))
+    return Call(-1, t_ms, table.ORDER.encode(id=ROBOT, number=number, action=action, body=body))
 
 
 def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
     heard = [call.payload for call in life if call.step < 0]
     last, step = life[-1], readings[-1].step
-    state = bytes([KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
+    state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
     usual = {(frame[0], len(frame)): frame for frame in (state, *heard)}  # one of each kind and length
     frames = list(_odd_frames(list(usual.values()), chance))
     for k, (t_offset_ms, frame, odd) in enumerate(frames):
@@ -206,7 +196,7 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
             yield from ((0, frame[:at] + odd + frame[at + len(odd) :], f"{odd.hex()} at byte {at}") for odd in ODD)
     for _ in range(20):
         noise = bytearray(chance.bytes(int(chance.integers(1, 64))))
-        noise[0] &= ~KIND_AUDIT & 0xFF
+        noise[0] &= ~table.KIND_AUDIT & 0xFF
         yield 0, bytes(noise), "noise"
 
 

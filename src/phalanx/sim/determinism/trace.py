@@ -58,12 +58,7 @@ def live_over(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
     return _relayed(calls, first, other)
 
 
-LIVES: dict[str, Callable[[Make, int, list[Call]], list[Step]]] = {
-    "live": live,
-    "live_beside": live_beside,
-    "live_on": live_on,
-    "live_over": live_over,
-}
+LIVES = {each.__name__: each for each in (live, live_beside, live_on, live_over)}
 
 
 def _relayed(calls: list[Call], controller: Controller, following: Callable[[], Controller]) -> list[Step]:

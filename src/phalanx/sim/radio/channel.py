@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import pack, reference
+from phalanx.bundle import reference
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
@@ -72,12 +72,7 @@ class Air(NamedTuple):
     tries: int  # transmissions of a unicast frame
 
 
-AirType, AirRef = reference(Air)
-
-
-@kernel
-def _refer(air: Air) -> Any:
-    return AirRef(*air)
+AirType, AirRef, pack = reference(Air)
 
 
 class End(NamedTuple):
@@ -112,7 +107,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         data_capture=10 ** (config.data_capture_db / 10),
         tries=config.tries,
     )
-    return pack(air, _refer)
+    return pack(air)
 
 
 def delivery(air: Air, kind: int) -> float:

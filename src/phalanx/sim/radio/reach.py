@@ -7,12 +7,12 @@ that asks for robots nearby (carrier sense, overlaps, contacts) goes through the
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import pack, reference
+from phalanx.bundle import reference
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
@@ -34,12 +34,7 @@ class Reach(NamedTuple):
     after: NDArray[np.int32]  # (N,), the next robot of the same bucket
 
 
-ReachType, ReachRef = reference(Reach)
-
-
-@kernel
-def _refer(reach: Reach) -> Any:
-    return ReachRef(*reach)
+ReachType, ReachRef, pack = reference(Reach)
 
 
 def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reach:
@@ -64,7 +59,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reac
         np.zeros(buckets, np.int32),
         np.zeros(robots, np.int32),
     )
-    return pack(reach, _refer)
+    return pack(reach)
 
 
 @kernel

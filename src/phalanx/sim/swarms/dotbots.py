@@ -40,13 +40,9 @@ MAX_ROBOTS = 2000  # as many as the visitors' page keeps
 class Dotbots(Roster):
     """A `phalanx.robot.Swarm` that moves when told that time has passed.
 
-    Robots whose battery is empty leave to charge, and come back.
+    Robots whose battery is empty leave to charge, and come back. The clock says seconds since 1970, `unprotected` why
+    they do not audit each other, for people who expect that they do, or "".
 
-    Args:
-        count: robots at the start, 1..2000.
-        seed: places, headings and batteries are drawn from it.
-        clock: seconds since 1970, for when a robot was last heard.
-        unprotected: why they do not audit each other, for people who expect that they do; else "".
     Raises: UsageError: the count is out of range.
     """
 

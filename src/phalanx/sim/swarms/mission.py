@@ -50,13 +50,8 @@ READY_WITHIN_S = 600.0
 
 class MissionSwarm(Roster):
     """A `phalanx.robot.on_mission.OnMission` of simulated robots, unprotected; a context manager, in which their
-    process lives.
+    process lives. The seed is that of their odometry; the clock, seconds since 1970, is also the mission's.
 
-    Args:
-        plan: the building.
-        count: robots.
-        seed: of their odometry.
-        clock: seconds since 1970; also the mission's clock.
     Raises: UsageError: too many robots, or a building without walls or a start.
     """
 
@@ -288,10 +283,6 @@ class MissionSwarm(Roster):
 class ShieldedMissionSwarm(MissionSwarm):
     """A `phalanx.robot.shield.Shielded` swarm of robots on a mission that audit each other while they live it.
 
-    Args:
-        plan, count, seed, clock: as of MissionSwarm.
-        defence: "paper" or "bound".
-        f_max: compromised robots that are tolerated.
     Raises: UsageError: as MissionSwarm; or too few robots.
     """
 

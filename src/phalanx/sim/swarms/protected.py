@@ -77,15 +77,10 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
 
 
 class ProtectedSwarm(Roster):
-    """A `phalanx.robot.shield.Shielded` swarm that goes on when told that time has passed.
+    """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
-    Args:
-        count: robots, 2 f_max + 2 to 100: when f_max are stopped, the others still find f_max + 1 to vouch for them.
-        seed: of places and everything else.
-        clock: seconds since 1970.
-        defence: "paper" or "bound".
-        f_max: compromised robots that are tolerated.
-        now: the same robots as they were so far: they stay where they are, and stop.
+    When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970. If the
+    same robots were there `now`, they stay where they are, and stop.
     Raises: UsageError: the count is out of range.
     """
 

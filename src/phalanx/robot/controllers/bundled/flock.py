@@ -18,55 +18,38 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
+from phalanx.robot.controllers import flock_law
 from phalanx.robot.controllers.declaration import Declaration, Params
-from phalanx.robot.controllers.flock_law import (
-    FORGET_MS,
-    LIMIT,
-    N_MAX,
-    STATE_EVERY,
-    flock_params,
-    goal_pull,
-    limited,
-    neighbour_push,
-    obstacles_push,
-)
 from phalanx.robot.controllers.outputs import put_head
+from phalanx.wire import table
 from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_u16, get_u64, put_f32, put_u16, put_u64, whole
-from phalanx.wire.table import (
-    ACCELERATION,
-    ENTRY_ACMD,
-    ENTRY_SEND,
-    FLOCK_MEMORY,
-    KIND_ACCELERATION,
-    KIND_SENSOR,
-    KIND_STATE,
-    NEIGHBOUR,
-    SENSOR,
-    STATE,
-)
 
 CONTROLLER = Declaration(
-    reads=SENSOR, commands=ACCELERATION, says=STATE, remembers=(FLOCK_MEMORY, NEIGHBOUR), params=flock_params
+    reads=table.SENSOR,
+    commands=table.ACCELERATION,
+    says=table.STATE,
+    remembers=(table.FLOCK_MEMORY, table.NEIGHBOUR),
+    params=flock_law.flock_params,
 )
-STATE_BYTES = STATE.size
-SENSOR_BYTES = SENSOR.size
-COMMAND_BYTES = ACCELERATION.size
-ID = STATE.at("id")  # as in the other two
-MOTION = STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
-AX, AY = map(ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-MOTION_BYTES = STATE.size - MOTION
+STATE_BYTES = table.STATE.size
+SENSOR_BYTES = table.SENSOR.size
+COMMAND_BYTES = table.ACCELERATION.size
+ID = table.STATE.at("id")  # as in the other two
+MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
+AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
+MOTION_BYTES = table.STATE.size - MOTION
 NUMBERS = 4  # of a motion
 
-X, Y, VX, VY, COUNT = map(FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
-HEAD_BYTES = FLOCK_MEMORY.size
-EACH_BYTES = NEIGHBOUR.size
-HEARD, PLACE = map(NEIGHBOUR.at, ("heard", "x_m"))
+X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
+HEAD_BYTES = table.FLOCK_MEMORY.size
+EACH_BYTES = table.NEIGHBOUR.size
+HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
 
 
 @kernel
 def capacity(params: Params) -> int:
     """The longest that a state gets, bytes: what its row must hold. Source: RoboRebound §5.2."""
-    return HEAD_BYTES + EACH_BYTES * whole(params[N_MAX])
+    return HEAD_BYTES + EACH_BYTES * whole(params[flock_law.N_MAX])
 
 
 @kernel
@@ -106,14 +89,14 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
     Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
     Source: docs/spec/rebound.md (which to forget).
     """
-    if length != STATE_BYTES or frame[0] != KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
         return size(state)
     rob = get_u16(frame, ID)
     if rob in (0, rob_id):
         return size(state)
     at = _place_of(rob, state)
     if at == size(state) or get_u16(state, at) != rob:
-        if get_u16(state, COUNT) == whole(params[N_MAX]):
+        if get_u16(state, COUNT) == whole(params[flock_law.N_MAX]):
             _remove(_oldest(state), state)
             at = _place_of(rob, state)
         _make_room(at, state)
@@ -130,20 +113,20 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     Due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not speak at once.
     Source: RoboRebound Alg. 1, §4.
     """
-    end = put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_ACCELERATION, rob_id, t_ms)
-    known = length == SENSOR_BYTES and reading[0] == KIND_SENSOR and get_u16(reading, ID) == rob_id
+    end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
+    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
     if not known or not are_fine(reading, MOTION, NUMBERS):
         put_f32(out, end + AX, 0.0)
         put_f32(out, end + AY, 0.0)
         return end + COMMAND_BYTES
     copy(state, X, reading, MOTION, MOTION_BYTES)
-    _forget(whole(params[FORGET_MS]), t_ms, state)
+    _forget(whole(params[flock_law.FORGET_MS]), t_ms, state)
     ax, ay = _acceleration(params, state)
-    put_f32(out, end + AX, limited(ax, params[LIMIT]))
-    put_f32(out, end + AY, limited(ay, params[LIMIT]))
+    put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
+    put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
     end += COMMAND_BYTES
-    if (step + rob_id) % whole(params[STATE_EVERY]) == 0:
-        end = put_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_STATE, rob_id, t_ms)
+    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:
+        end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
     return end
@@ -154,7 +137,7 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
     x, y, vx, vy = get_f32(state, X), get_f32(state, Y), get_f32(state, VX), get_f32(state, VY)
     ax, ay = 0.0, 0.0
     for at in range(HEAD_BYTES + PLACE, size(state), EACH_BYTES):
-        push_x, push_y = neighbour_push(
+        push_x, push_y = flock_law.neighbour_push(
             params,
             get_f32(state, at + X) - x,  # a neighbour's motion lies as one's own
             get_f32(state, at + Y) - y,
@@ -163,8 +146,8 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
         )
         ax += push_x
         ay += push_y
-    wall_x, wall_y = obstacles_push(params, x, y, vx, vy)
-    goal_x, goal_y = goal_pull(params, x, y, vx, vy)
+    wall_x, wall_y = flock_law.obstacles_push(params, x, y, vx, vy)
+    goal_x, goal_y = flock_law.goal_pull(params, x, y, vx, vy)
     return ax + wall_x + goal_x, ay + wall_y + goal_y
 
 

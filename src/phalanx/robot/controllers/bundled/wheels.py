@@ -25,22 +25,8 @@ from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
+from phalanx.wire import table
 from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_i8, get_u16, get_u32, get_u64, put_u16, put_u64, whole
-from phalanx.wire.table import (
-    ENTRY_ACMD,
-    ENTRY_SEND,
-    KIND_ORDER,
-    KIND_WHEELS_COMMAND,
-    KIND_WHEELS_SENSOR,
-    KIND_WHEELS_STATE,
-    ORDER_LED,
-    ORDER_WHEELS,
-    WAYPOINT,
-    WHEELS_COMMAND,
-    WHEELS_MEMORY,
-    WHEELS_SENSOR,
-    WHEELS_STATE,
-)
 
 GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
 
@@ -51,28 +37,28 @@ def wheels_params(config: WheelsConfig) -> Params:
 
 
 CONTROLLER = Declaration(
-    reads=WHEELS_SENSOR,
-    commands=WHEELS_COMMAND,
-    says=WHEELS_STATE,
-    remembers=(WHEELS_MEMORY, WAYPOINT),
+    reads=table.WHEELS_SENSOR,
+    commands=table.WHEELS_COMMAND,
+    says=table.WHEELS_STATE,
+    remembers=(table.WHEELS_MEMORY, table.WAYPOINT),
     config=WheelsConfig,
     params=wheels_params,
 )
-READING_BYTES = WHEELS_SENSOR.size
-COMMAND_BYTES = WHEELS_COMMAND.size
-STATE_BYTES = WHEELS_STATE.size
-ID = WHEELS_STATE.at("id")  # as in the other two
-BODY = WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
-POSE_BYTES = WHEELS_STATE.at("red") - BODY
+READING_BYTES = table.WHEELS_SENSOR.size
+COMMAND_BYTES = table.WHEELS_COMMAND.size
+STATE_BYTES = table.WHEELS_STATE.size
+ID = table.WHEELS_STATE.at("id")  # as in the other two
+BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
+POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = 3
-LED_BYTES = ORDER_LED.size
+LED_BYTES = table.ORDER_LED.size
 
-X, Y, DIRECTION, LEFT, RIGHT = map(WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
-HEARD, LED, NUMBER, THRESHOLD = map(WHEELS_MEMORY.at, ("heard", "red", "number", "threshold_mm"))
-COUNT, ROUTE = map(WHEELS_MEMORY.at, ("count", "route"))
+X, Y, DIRECTION, LEFT, RIGHT = map(table.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
+HEARD, LED, NUMBER, THRESHOLD = map(table.WHEELS_MEMORY.at, ("heard", "red", "number", "threshold_mm"))
+COUNT, ROUTE = map(table.WHEELS_MEMORY.at, ("count", "route"))
 NUMBER_BYTES = THRESHOLD - NUMBER
-TOLD_RIGHT = ORDER_WHEELS.at("right")
-COMMAND_RIGHT, COMMAND_LED = (WHEELS_COMMAND.at(name) - BODY for name in ("right", "red"))
+TOLD_RIGHT = table.ORDER_WHEELS.at("right")
+COMMAND_RIGHT, COMMAND_LED = (table.WHEELS_COMMAND.at(name) - BODY for name in ("right", "red"))
 CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
 
 
@@ -118,7 +104,7 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
 
     Source: docs/spec/vocabulary.md.
     """
-    if length <= orders.BODY or frame[0] != KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
+    if length <= orders.BODY or frame[0] != table.KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
         return size(state)
     action, body = frame[orders.ACTION], orders.BODY
     if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
@@ -157,7 +143,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
     """
     left, right = whole(0), whole(0)
-    known = length == READING_BYTES and reading[0] == KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
+    known = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
     known = known and are_fine(reading, BODY, POSE_NUMBERS)
     if known:
         copy(state, X, reading, BODY, POSE_BYTES)
@@ -166,13 +152,13 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
             left, right = _towards(state)
         elif t_ms - get_u64(state, HEARD) <= whole(params[GOOD_MS]):
             left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
-    end = BODY + put_head(out, 0, ENTRY_ACMD, COMMAND_BYTES, KIND_WHEELS_COMMAND, rob_id, t_ms)
+    end = BODY + put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_WHEELS_COMMAND, rob_id, t_ms)
     out[end] = left & 255
     out[end + COMMAND_RIGHT] = right & 255
     copy(out, end + COMMAND_LED, state, LED, LED_BYTES)
     end += COMMAND_BYTES - BODY
     if known and (step + rob_id) % whole(params[STATE_EVERY]) == 0:
-        end = BODY + put_head(out, end, ENTRY_SEND, STATE_BYTES, KIND_WHEELS_STATE, rob_id, t_ms)
+        end = BODY + put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_WHEELS_STATE, rob_id, t_ms)
         copy(out, end, state, X, POSE_BYTES)
         copy(out, end + POSE_BYTES, state, LED, LED_BYTES)
         end += POSE_BYTES + LED_BYTES
