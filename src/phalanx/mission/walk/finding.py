@@ -161,9 +161,8 @@ class Finder:
         known = tuple(
             node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
         )
-        return replace(
-            seen, landmarks=tuple(landmark for landmark in seen.landmarks if not explains(self.config, known, landmark))
-        )
+        left = tuple(landmark for landmark in seen.landmarks if not explains(self.config, known, landmark))
+        return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
 
     def _found(
         self, state: State, seen: Experience, turns: tuple[float, ...], failed: set[bytes], budget: Budget

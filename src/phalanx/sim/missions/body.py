@@ -103,17 +103,17 @@ class MissionBody:
         raw = self.sensors.raw_of(building.lidar.sweep(self.wheels.pose, self._random, building.people))
         return self.sensors.make(self.rob_id, t_ms, odometry.pose, odometry.travelled_m, raw), raw
 
-    def look_around(self) -> Senses:
-        """What it senses beside, in this moment: the codes that its camera reads, when it takes a picture."""
+    def look_around(self, messages: tuple[bytes, ...]) -> Senses:
+        """What it senses beside messages, in this moment: the codes that its camera reads, when it takes a picture."""
         camera, building = self.building.camera, self.building
         if camera is None or self._readings % CAMERA_EVERY:
-            return Senses()
+            return Senses(messages=messages)
         codes = camera.look(self.wheels.pose, self._random, building.people, self._turn_radps)
 
         def at(pose: Pose) -> tuple[Landmark, ...]:
             return camera.landmarks(codes, pose)
 
-        return Senses(at)
+        return Senses(at, messages)
 
     def obey(self, command: bytes) -> None:
         """The actuators do what a command says; what is no command of theirs does nothing."""

@@ -227,7 +227,7 @@ class MissionWorld:
         cnode, now_ms = robot.cnode, clock_ms(self.world, i)
         reading, cnode.raw = robot.body.sense(now_ms)
         if not self.run.audited:
-            robot.controller.senses = replace(robot.body.look_around(), messages=robot.hears)
+            robot.controller.senses = robot.body.look_around(robot.hears)
             robot.hears = ()
         was_over = robot.controller.over
         for action in cnode.on_sensor(now_ms, reading):
