@@ -20,14 +20,14 @@ _XY = (Field("x", "i32", "cells from the offset"), Field("y", "i32", ""))
 _CELL = (*_XY, Field("bin", "i16", "of the orientation, or -1"), Field("area", "i32", "in steps, or -1"))
 LANDMARK = Record(
     "landmark",
-    (Field("type", "u8", ""), *_CELL, Field("text", "rest", "its SHA3-256, if it has one")),
-    "content: 0 doorway, 1 corner_convex, 2 corner_concave, 3 room, 4 qr",
+    (Field("type", "u8", ""), *_CELL, Field("text", "rest", "")),
+    "content: 0 doorway, 1 corner_convex, 2 corner_concave, 3 room, 4 qr; text: its SHA3-256, if it has one",
 )
 POSITION = Record("position", _XY, "content: where the robot is")
-WINDOW = Record("window", (Field("number", "i64", "⌊t / window⌋"),), "content: when")
+WINDOW = Record("window", (Field("number", "i64", ""),), "content: when, ⌊t / window⌋")
 DIRECTION = Record("direction", (Field("sector", "u16", ""), Field("of", "u16", "")), "content: where a way leads")
 NAME = Record("name", (Field("text", "v8", "UTF-8"),), "of an action; of an argument; or a text that is its value")
-ARGUMENT = Record("argument", (Field("kind", "u8", "0 a number, 1 a text"),), "after an argument's name")
+ARGUMENT = Record("argument", (Field("kind", "u8", ""),), "after an argument's name: 0 a number, 1 a text")
 NUMBER = Record("number", (Field("thousandths", "i64", ""),), "an argument's value")
 
 # --- the file ------------------------------------------------------------------------------------------------------
