@@ -18,6 +18,18 @@ FLAGS = [
     "--disable-sync",
     f"--host-resolver-rules=MAP {HOST} 127.0.0.1",
 ]
+# Pixels of one of the map's layers that have the colour of a variable of the stylesheet.
+COUNT = """([layer, name]) => {
+  const colour = getComputedStyle(document.body).getPropertyValue(name).trim();
+  const wanted = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+  const canvas = document.querySelectorAll("canvas.map-layer")[layer];
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    if (data[i + 3] > (layer ? 60 : 200) && wanted.every((value, k) => Math.abs(data[i + k] - value) <= 4)) count += 1;
+  }
+  return count;
+}"""
 AXE = Path(__file__).parent.parent / "web" / "node_modules" / "axe-core" / "axe.min.js"
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
@@ -83,3 +95,13 @@ def barriers(page) -> list[str]:
     page.evaluate("source => { if (!window.axe) window.eval(source); }", AXE.read_text())
     found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
     return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]
+
+
+def pixels(page, layer: int, name: str) -> int:
+    """Of that colour on the map's canvas, in the scheme that has fewer: light or dark."""
+    counts = []
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_timeout(150)  # it is drawn anew
+        counts.append(page.evaluate(COUNT, [layer, name]))
+    return min(counts)

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import os
+import re
 import socket
 import sys
 import time
@@ -248,11 +249,12 @@ class TestBrokersThatComeAndGo:
         gc.collect()  # a pipe left open would say so here
 
     @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])
-    async def test_brokers_that_start_together_take_ports_of_their_own(self, kind):
+    async def test_brokers_that_start_together_take_ports_of_their_own_and_say_so(self, kind, caplog):
         async with contextlib.AsyncExitStack() as stack:
             # None of them listens when the others look for a free port.
             at = await asyncio.gather(*(stack.enter_async_context(open_broker(kind)) for _ in range(3)))
             assert len({broker.url.port for broker in at}) == 3
+            assert len(re.findall(r"port 1883 is in use: \d+ is taken instead", caplog.text)) >= 2
             assert all(await asyncio.gather(*(serves(broker.gateway) for broker in at)))
 
     @pytest.mark.parametrize("kind", ["mosquitto", "amqtt"])

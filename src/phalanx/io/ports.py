@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import socket
 
 from phalanx.errors import Unavailable
+
+log = logging.getLogger(__name__)
 
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
@@ -33,13 +36,18 @@ def is_free(port: int, host: str = LOOPBACK) -> bool:
 
 
 def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
-    """`preferred` if it is free, else any free port. Raises: Unavailable: this machine has no such address."""
+    """`preferred` if it is free, else any free port, which is said.
+
+    Raises: Unavailable: this machine has no such address.
+    """
     if is_free(preferred, host) and preferred:
         return preferred
     with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
         probe.bind((host, 0))
         port: int = probe.getsockname()[1]
-        return port
+    if preferred:
+        log.warning("port %d is in use: %d is taken instead", preferred, port)
+    return port
 
 
 def _family(host: str) -> socket.AddressFamily:
