@@ -52,7 +52,7 @@ ELSEWHERE_M = 1.0
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 NOISE = OdometryNoise(0.03, 0.05)
 ROBOT_CONFIG = MissionConfig(timeout_s=15.0)
-# What a try costs decides how long guessing takes (`mission_guess`), and nothing here.
+# What a try costs decides how long guessing takes (`try_guess`), and nothing here.
 CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=2)
 NO_PEOPLE = np.zeros((0, 3))
 

@@ -7,22 +7,25 @@ and to a window of time, and started once.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from phalanx.config.defence import Defence
+from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
+from phalanx.mission import Profile, parse_mission
 from phalanx.robot.attacks.attack import Attack, Verdict
 from phalanx.robot.attacks.missions.guesses import Guess
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
 from phalanx.sim.missions.report import FALSE_FIX_M
 
 from .attacked import ROBOT, Operator, honest_errand, plan_of, walk
-from .errand import errand
-from .guess import try_guess
+from .errand import AREA_M, errand, shelf_alone
 
 LATEST_S = 3600.0
+SEALED = CodingConfig(delta_mm=400)
 OUT_OF_REACH = 2.0**100  # tries that nobody makes
 
 
@@ -79,6 +82,37 @@ def try_mission_attack(
         attacked=attacked,
         honest=honest,
     )
+
+
+def try_guess(
+    attack: Guess, defence: Defence, seed: int, *, coding: CodingConfig | None = None, tries: int | None = None
+) -> Guessed:
+    """What came of guessing, on one core, with at most about so many tries; by default as many as the attack has.
+
+    The mission was captured in the form that `defence` has, in a `coding` that costs what robots' does unless given.
+    """
+    coding = coding or (SEALED if defence == "bound" else None)
+    plain = shelf_alone(coding) if attack.one_node else errand(coding)
+    sent = Operator(defence, seed).send(plain, ROBOT, 1)
+    nodes = len(plain.nodes)
+    if defence == "none":
+        return Guessed(nodes, nodes, 0, 0.0, 0.0, 0.0, 0.0)
+    profile = parse_mission(sent.file).header.profile
+    most = attack.tries_max[profile] if tries is None else tries
+    if profile is Profile.PAPER:
+        next(attack.guess(sent, AREA_M))  # compiles what hashes, before the clock runs
+    read: set[int] = set()
+    made, of = 0, 0
+    began = time.perf_counter()
+    for batch in attack.guess(sent, AREA_M):
+        made, of = made + batch.tries, batch.of
+        read |= {found.node for found in batch.found}
+        if made >= most:
+            break
+    seconds = time.perf_counter() - began
+    rate = made / seconds
+    whole = attack.in_all(plain, of)
+    return Guessed(nodes, len(read), made, seconds, rate, whole, whole / rate)
 
 
 def is_kept(declared: Verdict, attack: Attack, attacked: Walked | Guessed, harm: float) -> bool:
