@@ -82,6 +82,13 @@ class BtiConfig:
         """Fresh tokens of different auditors that keep a robot alive."""
         return self.f_max + 1
 
+    def stop_bound_ms(self, *, output_missing: bool) -> int:
+        """From deviation to Safe Mode, at most; δ + skew more if an output is missing or late.
+
+        Source: docs/spec/rebound.md (P1).
+        """
+        return self.t_val_ms + self.p_check_ms + 1 + (self.delta_ms + self.skew_ms) * output_missing
+
     @property
     def log_bytes_per_s(self) -> float:
         """Growth of the log with `n_max` neighbours in range (RoboRebound §5.2: 806.67 B/s at 24)."""

@@ -106,16 +106,10 @@ class FlockTrial(Trial):
 
 
 def stop_bound_s(scenario: Scenario, *, output_missing: bool) -> float | None:
-    """At most from deviation to Safe Mode: T_val + P_check + 1 ms, and δ + skew if an output is missing or late.
-
-    None without a defence, and with more than f_max liars: then nothing is promised.
-
-    Source: docs/spec/rebound.md (P1).
-    """
-    bti = scenario.bti
-    if scenario.defence == "none" or len(scenario.attacks) > bti.f_max:
+    """From deviation to Safe Mode; None without a defence, and with more than f_max liars: nothing is promised then."""
+    if scenario.defence == "none" or len(scenario.attacks) > scenario.bti.f_max:
         return None
-    return (bti.t_val_ms + bti.p_check_ms + 1 + (bti.delta_ms + bti.skew_ms) * output_missing) / MS
+    return scenario.bti.stop_bound_ms(output_missing=output_missing) / MS
 
 
 def sent(run: Run, i: int) -> Sent:

@@ -92,14 +92,13 @@ def try_in_team(
             word = why.name.lower().replace("_", " ")
             refusals[word] = refusals.get(word, 0) + 1
     reports = world.finish()[1:]
-    bound_ms = bti.t_val_ms + bti.p_check_ms + 1 + (bti.delta_ms + bti.skew_ms) * liar.output_missing
     return TeamTrial(
         attack=attack.name,
         defence=defence,
         declared=attack.verdicts[defence],
         deviated_s=None if began_ms is None else began_ms / 1000 - int(world.world.boot_us[0]) / 1e6,
         stopped_s=world.stopped_s(0),
-        bound_s=bound_ms / 1000 if world.run.audited else None,
+        bound_s=bti.stop_bound_ms(output_missing=liar.output_missing) / 1000 if world.run.audited else None,
         refusals=refusals,
         completed=sum(report.done for report in reports),
         others=len(reports),
