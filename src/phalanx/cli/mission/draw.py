@@ -15,6 +15,7 @@ import numpy as np
 from phalanx.cli.terminal import Progress, end_status_line
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.figure import MATPLOTLIB_HINT
+from phalanx.experiments.plot import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from phalanx.mission import BuildOptions, Landmark, Mission, Profile, build
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.sim.building.odometry import OdometryNoise
@@ -23,18 +24,11 @@ from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission
 
 FORMATS = (".png", ".svg")
-# Okabe and Ito's colours, which the colour-blind tell apart.
-COLOURS = {
-    "doorway": "#0072B2",
-    "room": "#009E73",
-    "corner_concave": "#D55E00",
-    "corner_convex": "#E69F00",
-    "qr": "#CC79A7",
-}
+COLOURS = {"doorway": BLUE, "room": GREEN, "corner_concave": VERMILION, "corner_convex": ORANGE, "qr": PURPLE}
 OTHER = "#000000"
 ARROW_M = 0.8
 # True path, estimate, odometry alone: what a trace holds after its time.
-PATHS = (("true path", "black", "-", 1.6), ("estimate", "#D55E00", "--", 1.0), ("odometry alone", "#56B4E9", ":", 1.0))
+PATHS = (("true path", "black", "-", 1.6), ("estimate", VERMILION, "--", 1.0), ("odometry alone", "#56B4E9", ":", 1.0))
 NOISE = OdometryNoise(0.03, 0.05)  # as phalanx mission run has it
 
 
