@@ -19,7 +19,7 @@ from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .mission.crack import span
-from .sim import changed, progress, told, warn
+from .sim import TYPED, changed, progress, told, warn
 from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
 DURATION_S = 150.0  # the paper's
@@ -87,7 +87,7 @@ def _try_in_team(words: str, first: AttackSpec, said: dict[str, Any], defence: A
 
 def _options_of(words: str, spec: AttackSpec, swarm: Mapping[str, Any]) -> dict[str, float | str]:
     """The options of an attack on a mission; what is said of a swarm, which it does not have, is refused."""
-    wrong = [f"--{name.replace('_', '-')}" for name, value in swarm.items() if value is not None]
+    wrong = [TYPED.get(name, f"--{name}") for name, value in swarm.items() if value is not None]
     wrong += [name for name in ("robot", "until") if f"{name}=" in words]
     if wrong:
         raise UsageError(f"{spec.name} with {', '.join(wrong)}", "an attack on a mission is tried on one robot")

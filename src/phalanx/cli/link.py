@@ -10,7 +10,6 @@ from typing import Any
 
 import click
 
-from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
 from phalanx.io.broker import open_broker, warn_if_guessed_wrong
@@ -19,6 +18,7 @@ from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 
 from .login import read_login
+from .options import link_config
 from .run import run
 from .terminal import plain, print_json, talk
 
@@ -185,24 +185,20 @@ async def _watch(client: Client) -> None:
 
 
 def serve(
-    pin_digits: int,
-    rotate_s: float,
-    overlap_s: float,
-    root: str,
     broker: str,
     broker_ws: str,
     broker_login: Path | None,
     frontend: str,
-    wait: float,
-    duration: float | None,
+    wait_s: float,
+    duration_s: float | None,
     events: bool,
+    **said: Any,
 ) -> None:
     """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
     # Here, for it brings pages and missions along: a visitor need not wait for that.
     from phalanx.gateway.up import connected_within, for_at_most  # noqa: PLC0415
 
-    config = LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s)
-    login = read_login(broker_login)
+    config, login = link_config(said), read_login(broker_login)
 
     async def echo() -> None:
         async with open_broker(broker, login=login, websocket=broker_ws, root=config.root) as running:
@@ -214,10 +210,10 @@ def serve(
 
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
-                await connected_within(server, wait)
+                await connected_within(server, wait_s)
                 await warn_if_guessed_wrong(running)
                 _tell(server.epoch, url(), events, ready=True)
-                async with for_at_most(duration):
+                async with for_at_most(duration_s):
                     await server.run()
 
     run(echo())

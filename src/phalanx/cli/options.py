@@ -38,6 +38,11 @@ def defence_option(**more: Any) -> Callable[[Command], Command]:
     return option("--defence", type=click.Choice(DEFENCES), **more)
 
 
+def link_config(said: dict[str, Any]) -> LinkConfig:
+    """What `link_options` were given, taken out of what was said."""
+    return LinkConfig(**{name: said.pop(name) for name in ("pin_digits", "rotate_s", "overlap_s", "root")})
+
+
 FILE = click.Path(path_type=Path)
 link_options = together(
     option(
@@ -61,11 +66,11 @@ broker_options = together(
 # What people change of a scenario.
 swarm_options = together(
     option("--robots", type=int, metavar="N", help="How many, on a square grid."),
-    option("--spacing", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
-    option("--duration", type=float, metavar="S", help="Simulated seconds."),
+    option("--spacing", "spacing_m", type=float, metavar="M", help="Grid step and spacing of the flock, metres."),
+    option("--duration", "duration_s", type=float, metavar="S", help="Simulated seconds."),
     option("--f-max", type=int, metavar="F", help="Liars that are tolerated."),
-    option("--t-audit", type=float, metavar="S", help="Seconds from one round of audits to the next."),
-    option("--t-val", type=float, metavar="S", help="Seconds for which a token counts."),
+    option("--t-audit", "t_audit_s", type=float, metavar="S", help="Seconds from one round of audits to the next."),
+    option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token counts."),
     option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
 )
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
@@ -84,9 +89,12 @@ out_folder_option = option(
     default=Path("out"),
     help="Folder for the CSV and the figure.",
 )
-duration_option = option("--duration", help="End after so many seconds.", type=click.FloatRange(min=0, min_open=True))
+duration_option = option(
+    "--duration", "duration_s", help="End after so many seconds.", type=click.FloatRange(min=0, min_open=True)
+)
 wait_option = option(
     "--wait",
+    "wait_s",
     help="Give up if the broker has not answered in so many seconds.",
     type=click.FloatRange(min=0, min_open=True),
     default=30.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
@@ -19,10 +19,10 @@ from phalanx.sim.scenarios.scenario import Scenario
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows
 
-Command = TypeVar("Command", bound=Callable[..., Any])
 # What people typed, for what a scenario calls otherwise.
 TYPED = {
     "grid_step_m": "--spacing",
+    "spacing_m": "--spacing",
     "duration_s": "--duration",
     "f_max": "--f-max",
     "t_audit_s": "--t-audit",
@@ -36,16 +36,7 @@ TYPED = {
 def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
     """The scenario with what `swarm_options` were given. Raises: UsageError: as for the scenario."""
     try:
-        return scenario.with_options(
-            robots=said["robots"],
-            spacing_m=said["spacing"],
-            duration_s=said["duration"],
-            f_max=said["f_max"],
-            t_audit_s=said["t_audit"],
-            t_val_s=said["t_val"],
-            seed=said["seed"],
-            **more,
-        )
+        return scenario.with_options(**said, **more)
     except UsageError as error:
         said_as = re.sub(r"^\w+(?= is )", lambda field: TYPED.get(field[0], field[0]), str(error))
         raise UsageError(said_as, error.hint) from error

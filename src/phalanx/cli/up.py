@@ -13,7 +13,6 @@ from typing import Any
 
 import click
 
-from phalanx.config import LinkConfig
 from phalanx.demo.simulated import mission_swarm, simulated_swarm
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
@@ -28,6 +27,7 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .login import read_login
 from .mission.files import Wanted
+from .options import link_config
 from .qr import qr_text
 from .run import run
 from .stop_word import heed_stop_words
@@ -35,10 +35,6 @@ from .terminal import EventLines, end_status_line, plain, status_line, talk
 
 
 def up(
-    pin_digits: int,
-    rotate_s: float,
-    overlap_s: float,
-    root: str,
     robots: int | None,
     seed: int,
     missions: tuple[str, ...],
@@ -48,34 +44,16 @@ def up(
     trust: tuple[str, ...],
     defence: str | None,
     f_max: int | None,
-    broker: str,
-    broker_ws: str,
     broker_login: Path | None,
-    host: str,
-    port: int | None,
-    page_url: str,
-    frontend: str,
-    wait: float,
-    duration: float | None,
     events: bool,
+    **served: Any,
 ) -> None:
     """Runs a gateway until it is stopped."""
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
-    options = UpOptions(
-        broker=broker,
-        broker_ws=broker_ws,
-        login=read_login(broker_login),
-        host=host,
-        port=port,
-        page_url=page_url,
-        frontend=frontend,
-        wait_s=wait,
-        duration_s=duration,
-        link=LinkConfig(root=root, pin_digits=pin_digits, rotate_s=rotate_s, overlap_s=overlap_s),
-    )
+    options = UpOptions(link=link_config(served), login=read_login(broker_login), **served)
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")

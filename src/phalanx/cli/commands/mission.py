@@ -164,7 +164,7 @@ def crack() -> None:
     default=1,
 )
 @option("--people", help="Who walk about in the building.", default=0)
-@option("--duration", help="Simulated seconds at most.", default=1800.0)
+@option("--duration", "duration_s", help="Simulated seconds at most.", default=1800.0)
 @option(
     "--meet", "meet_m", help="Robots so near, metres, tell each other where they were.", default=0.0, show_default=False
 )

@@ -39,45 +39,30 @@ def run(
     trust: tuple[str, ...],
     at_s: float | None,
     said_start: str | None,
-    defence: str,
-    f_max: int,
-    people: int,
-    duration: float,
-    meet_m: float,
-    seed: int,
     record: Path | None,
     as_json: bool,
+    **how: Any,
 ) -> int:
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     count = robots if robots is not None else len(files or (plain.parts if plain else ()))
-    if defence != "none":  # before anything is encoded
-        check_count(count, f_max)
+    if how["defence"] != "none":  # before anything is encoded
+        check_count(count, how["f_max"])
     start = parse_start(said_start) if said_start else None
     named = world or (plain.floor_plan if plain else "")
     plan = _building(named or DEFAULT, told=start is not None)
     if not named:
         talk(f"in {DEFAULT}; --world names another building")
     if plain is not None and not files:
-        files = [(each.mission, each.key) for each in _built(plain, profile, seed)]
+        files = [(each.mission, each.key) for each in _built(plain, profile, how["seed"])]
     orders = orders_of_files(Path(sources[0]).stem, files, plan, plain, start)
     begin_s = float(max(encoded.header.valid_from_s for encoded, _ in files)) if at_s is None else at_s
     if not 0 <= begin_s < LONGEST_S:
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, len(range(i, count, len(files))), begin_s)
-    setting = orders.run(
-        robots=count,
-        defence=defence,
-        f_max=f_max,
-        noise=OdometryNoise.parse(noise),
-        seed=seed,
-        begin_s=begin_s,
-        duration_s=duration,
-        meet_m=meet_m,
-        keep_trace=record is not None,
-        people=people,
-    )
+    drawn = OdometryNoise.parse(noise)
+    setting = orders.run(robots=count, noise=drawn, begin_s=begin_s, keep_trace=record is not None, **how)
     progress = Progress()
     try:
         reports = run_mission(
