@@ -18,12 +18,7 @@ class PhalanxError(Exception):
 
 
 class _Told(PhalanxError):
-    """For a person to read.
-
-    Args:
-        message: what is wrong and where, lower case, no full stop.
-        hint: what to do about it, or "".
-    """
+    """For a person to read: what is wrong and where, lower case, no full stop; and what to do about it, or ""."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -69,12 +64,8 @@ class MalformedEnvelope(PeerError):
 
 
 class Stale(PeerError):
-    """The timestamp is further from now than the tolerance.
-
-    Args:
-        skew_s: sender's timestamp minus our clock, seconds. The message was authentic, so a client may take this for
-            the error of its own clock.
-        tolerance_s: the limit, seconds.
+    """The timestamp is further from now than the tolerance. `skew_s` is it minus our clock, seconds: the message was
+    authentic, so a client may take this for the error of its own clock.
     """
 
     reason = "stale"
@@ -139,10 +130,8 @@ class HandlerFailed(PeerError):
 
 
 class OpenError(PeerError):
-    """A sealed message was refused. One type, whatever went wrong: the cause is in `__cause__`.
-
-    Args:
-        cause: the specific error; its reason is this error's reason.
+    """A sealed message was refused. One type, whatever went wrong: `cause` is the specific error, whose reason this
+    has.
     """
 
     def __init__(self, cause: PeerError) -> None:

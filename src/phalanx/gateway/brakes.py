@@ -25,11 +25,7 @@ AGAIN_S = 0.1
 
 
 class Brakes:
-    """Drives robots, and stops them. Its thread runs in the context; methods are for any thread.
-
-    Args:
-        swarm: the robots.
-    """
+    """Drives robots, and stops them. Its thread runs in the context; methods are for any thread."""
 
     def __init__(self, swarm: Swarm) -> None:
         self.held = False
