@@ -1,15 +1,64 @@
-"""Children of ours end when we do."""
+"""Children of ours: they end when we do, and what they complain of is in our log."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import ctypes
+import logging
 import signal
 import sys
+import time
+from collections.abc import AsyncIterator, Sequence
+
+log = logging.getLogger(__name__)
 
 PR_SET_PDEATHSIG = 1
+COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
+END_TIMEOUT_S = 1.0
 
 
 def die_with_parent() -> None:
     """Called in a child before its program starts: it is sent SIGTERM when we end, even if we are killed outright."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+@contextlib.asynccontextmanager
+async def a_child(
+    *words: str, user: str | None = None, pass_fds: Sequence[int] = ()
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    """A program that is gone when the context is left, in whatever way, and its pipe closed."""
+    process = await asyncio.create_subprocess_exec(
+        *words,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
+        preexec_fn=die_with_parent,  # or a gateway that is killed outright left it behind
+        user=user,
+        pass_fds=pass_fds,
+    )
+    try:
+        yield process
+    finally:
+        try:
+            with contextlib.suppress(ProcessLookupError, TimeoutError):
+                process.terminate()
+                await asyncio.wait_for(process.wait(), END_TIMEOUT_S)
+        finally:  # also if we are cancelled once more meanwhile
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            # Waiting alone would leave the pipe to the garbage collector, which finds the event loop closed.
+            await process.communicate()
+
+
+async def repeat(process: asyncio.subprocess.Process, name: str) -> None:
+    """Log what it complains of, until it ends; not all of it, for strangers can make it complain of them."""
+    assert process.stderr is not None
+    quiet_until_s = 0.0
+    while said := await process.stderr.read(COMPLAINT_BYTES):
+        if time.monotonic() >= quiet_until_s:
+            line = said.decode(errors="replace").strip()
+            log.warning("%s: %s", name, "".join(c if c.isprintable() else " " for c in line))
+            quiet_until_s = time.monotonic() + COMPLAINTS_APART_S

@@ -11,14 +11,14 @@ import logging
 import os
 import pwd
 import shutil
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 from phalanx.errors import Unavailable
 
 from .broker_url import BrokerUrl, Login
-from .children import die_with_parent
+from .children import a_child, repeat
+from .guarding import guarded
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
 from .private_folder import private_folder
@@ -32,12 +32,11 @@ QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overl
 MAX_KEEPALIVE_S = 120
 ROUNDS = 101
 CONFIG = "mosquitto.conf"
-COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
+SOCKET = "run/visitors"
 PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
-END_TIMEOUT_S = 1.0
 
 
 def find_mosquitto() -> str | None:
@@ -46,8 +45,7 @@ def find_mosquitto() -> str | None:
 
 
 def configuration(at: Listeners, folder: Path) -> str:
-    """mosquitto.conf: the gateway with its login on one listener, visitors on two that let them do little."""
-    visitors = ("allow_anonymous true", f"acl_file {folder / 'visitors.acl'}", "max_qos 0", "max_topic_alias 0")
+    """mosquitto.conf: the gateway with its login on one listener, visitors by way of the guard on another."""
     return "\n".join(
         (
             "# written by phalanx",
@@ -56,13 +54,11 @@ def configuration(at: Listeners, folder: Path) -> str:
             "retain_available false",
             "sys_interval 0",
             f"max_packet_size {EMBEDDED_PACKET_BYTES}",
-            # The last word on what sessions that sleep, subscriptions and readers that stall may hold. Then nobody is
-            # served, and the watchdog starts it again.
+            # The last word: then nobody is served, and the watchdog starts it again. The guard leaves nothing to fill.
             f"memory_limit {MEMORY_BYTES}",
             f"max_queued_messages {QUEUED_MESSAGES}",
             "max_inflight_messages 1",
             f"max_keepalive {MAX_KEEPALIVE_S}",
-            "persistent_client_expiration 1h",  # the least it knows
             "set_tcp_nodelay true",
             "log_dest stderr",
             "log_type error",
@@ -70,15 +66,12 @@ def configuration(at: Listeners, folder: Path) -> str:
             f"listener {at.gateway_port} {LOOPBACK}",
             "allow_anonymous false",
             f"password_file {folder / 'gateway.password'}",
-            f"listener {at.visitors_port} {LOOPBACK}",
-            *visitors,
-            "max_connections 200",
-            f"listener {at.ws_port} {at.ws_host}",
-            "protocol websockets",
-            # Without it mosquitto 2.0.11 (Debian 12) ignores the address and listens for everybody.
-            f"socket_domain {'ipv6' if ':' in at.ws_host else 'ipv4'}",
-            *visitors,
-            "max_connections 1000",
+            f"# visitors come to the guard, at {at.visitors_port} and {at.ws_port}",
+            f"listener 0 {folder / SOCKET}",
+            "allow_anonymous true",
+            f"acl_file {folder / 'visitors.acl'}",
+            "max_qos 0",
+            "max_topic_alias 0",
             "",
         )
     )
@@ -117,8 +110,6 @@ async def mosquitto(at: Listeners) -> AsyncIterator[None]:
     program = find_mosquitto()
     if program is None:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
-    if ":" in at.ws_host and at.ws_host != "::":
-        raise Unavailable(f"mosquitto cannot serve browsers at {at.ws_host} alone", "--host :: or --broker amqtt")
     with private_folder() as folder:
         _write(folder, at)
         listens: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -127,7 +118,8 @@ async def mosquitto(at: Listeners) -> AsyncIterator[None]:
             await asyncio.wait((keeper, listens), return_when=asyncio.FIRST_COMPLETED)
             if keeper.done():
                 keeper.result()
-            yield
+            async with guarded(at, folder / SOCKET):
+                yield
         finally:
             keeper.cancel()
             await asyncio.gather(keeper, return_exceptions=True)
@@ -143,22 +135,23 @@ def _write(folder: Path, at: Listeners) -> None:
     for name, text in files.items():
         (folder / name).touch(mode=0o600)
         (folder / name).write_text(text)
+    (folder / SOCKET).parent.mkdir(mode=0o700)
     if user := _whose():
         folder.chmod(0o711)  # it may pass
-        for name in files:
+        for name in (*files, "run"):
             shutil.chown(folder / name, user)
 
 
 async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future[None]) -> None:
     while True:
         try:
-            async with _child(program, path) as process:
+            async with a_child(program, "-c", str(path), user=_whose()) as process:
                 await _until_it_serves(process, at.gateway)
                 if not listens.done():
                     listens.set_result(None)
                 watching = asyncio.create_task(_kill_if_it_does_not_serve(process, at.gateway))
                 try:
-                    await _repeat(process)
+                    await repeat(process, "mosquitto")
                 finally:
                     watching.cancel()
                 log.warning("mosquitto ended (%s); starting it again", await process.wait())
@@ -168,17 +161,6 @@ async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future
             log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
             await asyncio.sleep(1)
         await asyncio.sleep(RESTART_S)
-
-
-async def _repeat(process: asyncio.subprocess.Process) -> None:
-    """Log what mosquitto complains of, until it ends; not all of it, for clients can make it complain of them."""
-    assert process.stderr is not None
-    quiet_until_s = 0.0
-    while said := await process.stderr.read(COMPLAINT_BYTES):
-        if time.monotonic() >= quiet_until_s:
-            line = said.decode(errors="replace").strip()
-            log.warning("mosquitto: %s", "".join(c if c.isprintable() else " " for c in line))
-            quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
 
 
 async def _kill_if_it_does_not_serve(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
@@ -224,34 +206,6 @@ def _packet(kind: int, body: bytes) -> bytes:
         head.append(left & 127 | 128)
         left >>= 7
     return bytes((*head, left)) + body
-
-
-@contextlib.asynccontextmanager
-async def _child(program: str, path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
-    """A mosquitto that is gone when the context is left, in whatever way, and its pipe closed."""
-    process = await asyncio.create_subprocess_exec(
-        program,
-        "-c",
-        str(path),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.DEVNULL,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
-        preexec_fn=die_with_parent,  # or a gateway that is killed outright left a broker behind
-        user=_whose(),
-    )
-    try:
-        yield process
-    finally:
-        try:
-            with contextlib.suppress(ProcessLookupError, TimeoutError):
-                process.terminate()
-                await asyncio.wait_for(process.wait(), END_TIMEOUT_S)
-        finally:  # also if we are cancelled once more meanwhile
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            # Waiting alone would leave the pipe to the garbage collector, which finds the event loop closed.
-            await process.communicate()
 
 
 async def _until_it_serves(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:

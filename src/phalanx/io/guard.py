@@ -1,0 +1,285 @@
+"""The guard: a process that visitors of a broker of ours come to, and that passes on to it what visitors send.
+
+mosquitto keeps what it is given: sessions that sleep, subscriptions, news for readers that stall, connections that say
+nothing. Here each visitor may have a little of everything, and all of them together a fixed amount; whoever takes the
+most is hung up on first. The control loop lives in another process, and is held up by nothing of it.
+
+Started by `guarding.py`: `python -m phalanx.io.guard SOCKET TCP WEBSOCKETS`, the path of the broker's socket and the
+numbers of two that listen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import resource
+import signal
+import socket
+import sys
+import time
+from collections import Counter
+from functools import partial
+from typing import cast
+
+from phalanx.errors import PeerError
+
+from .visitor_packets import VisitorPackets
+from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
+
+VISITORS = 1000
+FILES_EACH, FILES_APART = 2, 64
+MANY_FILES = 4096
+HELLO_S = 5.0  # from a connection to its CONNECT
+# What waits for one visitor and for all: two lists of a thousand robots on their way to a slow phone; many of them.
+WAITING_BYTES, WAITING_IN_ALL_BYTES = 3 * 1024 * 1024, 64 * 1024 * 1024
+STALLED_S = 20.0
+TURN_PACKETS = 64  # of one visitor, before others have their turn
+FULL_BYTES = 64 * 1024  # what waits for the broker
+CHECK_S = 0.25
+
+
+class House:
+    """Who is here, and what waits for them."""
+
+    def __init__(self, broker: str, most: int) -> None:
+        self.broker = broker
+        self.waiting_bytes = 0
+        self._most = most
+        self._visitors: dict[Visitor, None] = {}
+        self._from: Counter[str] = Counter()
+
+    def enter(self, visitor: Visitor) -> None:
+        """One more; if all places are taken, in that of whoever was silent longest of those from where most are."""
+        self._visitors[visitor] = None
+        self._from[visitor.place] += 1
+        if len(self._visitors) > self._most:
+            crowd = max(self._from.values())
+            others = (v for v in self._visitors if v is not visitor and self._from[v.place] == crowd)
+            min(others, key=lambda v: v.heard_at_s, default=visitor).leave()
+
+    def gone(self, visitor: Visitor) -> None:
+        """It has left."""
+        if self._visitors.pop(visitor, visitor) is None:
+            self._from[visitor.place] -= 1
+            if not self._from[visitor.place]:
+                del self._from[visitor.place]
+
+    def make_room(self) -> None:
+        """Hang up on those who let the most lie unread, until what waits is a part of what may."""
+        waits = sorted(self._visitors, key=Visitor.waiting_bytes, reverse=True)
+        self.waiting_bytes = sum(map(Visitor.waiting_bytes, waits))
+        if self.waiting_bytes > WAITING_IN_ALL_BYTES:
+            for visitor in waits:
+                if self.waiting_bytes <= WAITING_IN_ALL_BYTES // 2:
+                    return
+                self.waiting_bytes -= visitor.waiting_bytes()
+                visitor.leave()
+
+    async def watch(self) -> None:
+        """Hang up on who says nothing at first or reads nothing, until cancelled."""
+        while True:
+            await asyncio.sleep(CHECK_S)
+            now_s = time.monotonic()
+            for visitor in [v for v in self._visitors if v.is_overdue(now_s)]:
+                visitor.leave()
+            self.make_room()
+
+
+class Visitor(asyncio.Protocol):
+    """One connection, and beside it one to the broker."""
+
+    def __init__(self, house: House, *, browser: bool) -> None:
+        self.place = ""
+        self.heard_at_s = self._came_at_s = time.monotonic()
+        self._house = house
+        self._websocket = Websocket() if browser else None
+        self._packets = VisitorPackets()
+        self._broker: asyncio.WriteTransport | None = None
+        self._asking: asyncio.Task[None] | None = None
+        self._is_held_up = self._has_turn = self._has_left = False
+        self._read_all_at_s = self._came_at_s
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """It came."""
+        self._transport = cast("asyncio.Transport", transport)
+        self._transport.set_write_buffer_limits(high=2 * WAITING_BYTES)
+        with contextlib.suppress(OSError):
+            transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.place = place_of((transport.get_extra_info("peername") or ("",))[0])
+        self._house.enter(self)
+
+    def data_received(self, data: bytes) -> None:
+        """It said something."""
+        self.heard_at_s = time.monotonic()
+        try:
+            if self._websocket is not None:
+                data = self._websocket.read(data)
+                self._transport.write(self._websocket.replies)
+                self._websocket.replies = b""
+                if self.waiting_bytes() > WAITING_BYTES:
+                    raise NoWebsocketError("asks and does not read")
+            self._packets.add(data)
+        except PeerError as error:
+            self._transport.write(error.answer if isinstance(error, NoWebsocketError) else b"")
+            self._transport.close()
+            return
+        if self._websocket is not None and self._websocket.closed:
+            self._transport.close()
+        elif not self._has_turn:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """So many packets; the others when all who wait have had their turn."""
+        self._has_turn = False
+        if self._is_held_up:
+            return
+        try:
+            for _ in range(TURN_PACKETS):
+                packet = self._packets.next()
+                if packet is None:
+                    self._heard_out()
+                    return
+                self._tell_broker(packet)
+                if self._is_held_up:
+                    break
+        except PeerError:
+            self.leave()
+            return
+        self._transport.pause_reading()
+        if not self._is_held_up:
+            self._has_turn = True
+            asyncio.get_running_loop().call_soon(self._pass_on)
+
+    def _heard_out(self) -> None:
+        if not self._has_left:
+            self._transport.resume_reading()
+        elif self._broker is not None:
+            self._broker.close()
+
+    def _tell_broker(self, packet: bytes) -> None:
+        if self._broker is not None:
+            self._broker.write(packet)
+        else:  # the first is its CONNECT
+            self._is_held_up = True
+            self._asking = asyncio.create_task(self._ask(packet))
+
+    async def _ask(self, hello: bytes) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            self._broker, _ = await loop.create_unix_connection(lambda: Broker(self), self._house.broker)
+        except OSError:  # it starts again, say
+            self._transport.close()
+            return
+        self._broker.set_write_buffer_limits(high=FULL_BYTES)
+        self._broker.write(hello)
+        self.go_on()
+
+    def hold_up(self) -> None:
+        """The broker does not keep up."""
+        self._is_held_up = True
+        if not self._has_left:
+            self._transport.pause_reading()
+
+    def go_on(self) -> None:
+        """It does again."""
+        self._is_held_up = False
+        self._pass_on()
+
+    def tell(self, data: bytes) -> None:
+        """The broker said something. Nothing of it waits in the broker, which could be filled so."""
+        before = self.waiting_bytes()
+        if self._websocket is not None:
+            self._transport.write(frame_head(BINARY, len(data)) + data)
+        else:
+            self._transport.write(data)
+        waiting = self.waiting_bytes()
+        self._house.waiting_bytes += waiting - before
+        if waiting > WAITING_BYTES:
+            self.leave()
+        elif self._house.waiting_bytes > WAITING_IN_ALL_BYTES:
+            self._house.make_room()
+
+    def waiting_bytes(self) -> int:
+        """What it has not read yet."""
+        return self._transport.get_write_buffer_size()
+
+    def is_overdue(self, now_s: float) -> bool:
+        """Whether it should have said or read something by now."""
+        if not self.waiting_bytes():
+            self._read_all_at_s = now_s
+        is_silent = not self._packets.connected and now_s - self._came_at_s > HELLO_S
+        return is_silent or now_s - self._read_all_at_s > STALLED_S
+
+    def say_goodbye(self) -> None:
+        """The broker has hung up: so do we, when all is said."""
+        self._transport.close()
+
+    def leave(self) -> None:
+        """Hang up at once."""
+        self._transport.abort()
+        self._house.gone(self)
+        self._packets = VisitorPackets()  # nothing of it is passed on any more
+        if self._broker is not None:
+            self._broker.abort()
+
+    def connection_lost(self, error: Exception | None) -> None:  # noqa: ARG002
+        """It has gone; what it said last is passed on."""
+        self._house.gone(self)
+        self._has_left = True
+        if self._packets.connected and not self._has_turn:
+            self._pass_on()
+
+
+class Broker(asyncio.Protocol):
+    """The broker's end of a visitor's connection."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
+
+    def data_received(self, data: bytes) -> None:
+        """For the visitor."""
+        self._visitor.tell(data)
+
+    def pause_writing(self) -> None:
+        """It does not keep up."""
+        self._visitor.hold_up()
+
+    def resume_writing(self) -> None:
+        """It does again."""
+        self._visitor.go_on()
+
+    def connection_lost(self, error: Exception | None) -> None:  # noqa: ARG002
+        """It has hung up."""
+        self._visitor.say_goodbye()
+
+
+def place_of(address: str) -> str:
+    """Where a visitor comes from: an address, or the network that one machine has as many addresses of as it likes."""
+    try:
+        ip = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(ip, ipaddress.IPv6Address):
+        return str(ip.ipv4_mapped or ipaddress.ip_network((ip, 64), strict=False))
+    return str(ip)
+
+
+async def guard(broker: str, tcp: socket.socket, websockets: socket.socket) -> None:
+    """Let visitors in until SIGTERM."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    files = MANY_FILES if hard == resource.RLIM_INFINITY else min(MANY_FILES, hard)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (files, hard))
+    house = House(broker, min(VISITORS, (files - FILES_APART) // FILES_EACH))
+    loop = asyncio.get_running_loop()
+    over = asyncio.Event()
+    loop.add_signal_handler(signal.SIGTERM, over.set)
+    for listening, browser in ((tcp, False), (websockets, True)):
+        await loop.create_server(partial(Visitor, house, browser=browser), sock=listening, backlog=1024)
+    watching = asyncio.create_task(house.watch())
+    await over.wait()
+    watching.cancel()
+
+
+if __name__ == "__main__":
+    asyncio.run(guard(sys.argv[1], *(socket.socket(fileno=int(number)) for number in sys.argv[2:4])))

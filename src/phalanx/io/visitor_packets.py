@@ -1,0 +1,125 @@
+"""What a visitor may send to a broker of ours, packet by packet: nothing that the broker would keep or that costs much.
+
+Source: MQTT 3.1.1 and 5.0, §2 and §3.
+"""
+
+from __future__ import annotations
+
+from phalanx.errors import PeerError, TooLarge
+
+CONNECT, PUBLISH, SUBSCRIBE, UNSUBSCRIBE = 0x10, 0x30, 0x82, 0xA2
+# Above the longest message that a server reads: 48 KiB of plaintext, 4/3 of that sealed, and its topic.
+LONGEST = {CONNECT: 2048, PUBLISH: 80 * 1024, SUBSCRIBE: 2048, UNSUBSCRIBE: 2048}
+LONGEST_OTHER = 128
+# A visitor has two, and two more while it follows a rotation.
+SUBSCRIPTIONS = 8
+FILTER_BYTES, FILTER_LEVELS = 1024, 16
+CLEAN, SESSION_EXPIRY = 0x02, 0x11
+# How long a property of CONNECT is, by its id; a negative one begins with so many strings' lengths.
+_PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0x26: -2, 0x15: -1, 0x16: -1}
+
+
+class NotForVisitorsError(PeerError):
+    """No visitor sends that: it is hung up on."""
+
+
+class VisitorPackets:
+    """One visitor's stream of MQTT, cut into packets that are whole and may be passed on."""
+
+    def __init__(self) -> None:
+        self.connected = False
+        self._mqtt = 4
+        self._came = bytearray()
+        self._filters: set[bytes] = set()
+
+    def add(self, data: bytes) -> None:
+        """More of the stream."""
+        self._came += data
+
+    def next(self) -> bytes | None:
+        """The next packet that is whole, as the broker shall have it; None if there is none yet.
+
+        Raises: NotForVisitorsError. TooLarge.
+        """
+        came = self._came
+        try:
+            length, at = _varint(came, 1)
+            first = came[0]
+        except IndexError:
+            return None
+        kind = PUBLISH if first & 0xF0 == PUBLISH else first
+        if length > LONGEST.get(kind, LONGEST_OTHER):
+            raise TooLarge(f"packet of {length} bytes")
+        if self.connected == (kind == CONNECT):
+            raise NotForVisitorsError("CONNECT comes first, and once")
+        if len(came) < at + length:
+            return None
+        packet = came[: at + length]
+        del came[: at + length]
+        try:
+            if kind == CONNECT:
+                self._keep_nothing_of(packet, at)
+            elif kind in (SUBSCRIBE, UNSUBSCRIBE):
+                self._count(kind, packet[at:])
+        except IndexError:
+            raise NotForVisitorsError("shorter than it says") from None
+        return bytes(packet)
+
+    def _keep_nothing_of(self, packet: bytearray, at: int) -> None:
+        """The session ends with its connection, whatever was asked for."""
+        at += 2 + _u16(packet, at)
+        self._mqtt = packet[at]
+        packet[at + 1] |= CLEAN
+        self.connected = True
+        if self._mqtt != 5:
+            return
+        size, at = _varint(packet, at + 4)
+        end = at + size
+        while at < end:
+            kind, at = packet[at], at + 1
+            if kind == SESSION_EXPIRY:
+                packet[at : at + 4] = bytes(4)
+            size = _PROPERTIES.get(kind, 0)
+            if not size:
+                raise NotForVisitorsError("no such property")
+            for _ in range(-size):
+                at += 2 + _u16(packet, at)
+            at += max(size, 0)
+        if at != end or end > len(packet):
+            raise NotForVisitorsError("properties that do not end")
+
+    def _count(self, kind: int, body: bytearray) -> None:
+        at = 2
+        if self._mqtt == 5:
+            size, at = _varint(body, at)
+            at += size
+        while at < len(body):
+            end = at + 2 + _u16(body, at)
+            name = bytes(body[at + 2 : end])
+            if len(name) > FILTER_BYTES or name.count(b"/") >= FILTER_LEVELS:
+                raise NotForVisitorsError("a filter like none of ours")
+            if kind == SUBSCRIBE:
+                self._filters.add(name)
+                end += 1
+            else:
+                self._filters.discard(name)
+            at = end
+        if at != len(body):
+            raise NotForVisitorsError("shorter than it says")
+        if len(self._filters) > SUBSCRIPTIONS:
+            raise NotForVisitorsError("subscriptions without end")
+
+
+def _u16(data: bytearray, at: int) -> int:
+    return data[at] << 8 | data[at + 1]
+
+
+def _varint(data: bytearray, at: int) -> tuple[int, int]:
+    """The number there, and where it ends."""
+    value = 0
+    for shift in range(0, 28, 7):
+        value |= (data[at] & 127) << shift
+        at += 1
+        if data[at - 1] < 128:
+            return value, at
+    raise NotForVisitorsError("a length without an end")

@@ -1,0 +1,276 @@
+"""The guard before a broker of ours: what visitors may send, and that they fill nothing, together or alone."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import os
+import resource
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conftest import a_broker, a_server
+from phalanx.errors import PeerError, TooLarge
+from phalanx.io import Client
+from phalanx.io.guard import VISITORS, place_of
+from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
+from phalanx.io.websocket import Websocket
+from test_strangers import Stranger, connect, the_process, varint, with_length
+
+MASK = b"\x01\x02\x03\x80"
+
+
+def frame(payload: bytes, opcode: int = 2, *, last: bool = True) -> bytes:
+    """As a browser sends it."""
+    size = len(payload)
+    length = bytes([size | 128]) if size < 126 else b"\xfe" + size.to_bytes(2, "big")
+    masked = bytes(byte ^ MASK[i % 4] for i, byte in enumerate(payload))
+    return bytes([opcode | (128 if last else 0)]) + length + MASK + masked
+
+
+def hello(protocol: str = "mqtt", key: str = base64.b64encode(bytes(16)).decode()) -> bytes:
+    lines = ("GET /mqtt HTTP/1.1", "Host: x", "upgrade: WebSocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13")
+    return "\r\n".join((*lines, f"Sec-WebSocket-Key: {key}", f"Sec-WebSocket-Protocol: {protocol}", "", "")).encode()
+
+
+def subscribe(*filters: bytes) -> bytes:
+    return with_length(0x82, b"\x00\x01" + b"".join(len(f).to_bytes(2, "big") + f + b"\x00" for f in filters))
+
+
+def passed_on(stream: bytes) -> list[bytes]:
+    packets = VisitorPackets()
+    packets.add(stream)
+    return list(iter(packets.next, None))
+
+
+class TestWebsocket:
+    @given(st.lists(st.binary(max_size=300), max_size=8), st.lists(st.integers(1, 90), min_size=1, max_size=9))
+    def test_however_it_is_cut_the_same_comes_out(self, payloads, cuts):
+        stream = hello()
+        for payload in payloads:
+            stream += frame(payload) + frame(b"hm", 9) + frame(b"", 0)
+        there, out, replies, at, turn = Websocket(), b"", b"", 0, 0
+        while at < len(stream):
+            out += there.read(stream[at : at + cuts[turn % len(cuts)]])
+            replies, there.replies = replies + there.replies, b""
+            at += cuts[turn % len(cuts)]
+            turn += 1
+        assert out == b"".join(payloads)
+        assert replies.count(b"\x8a\x02hm") == len(payloads)
+        assert replies.startswith(b"HTTP/1.1 101 ")
+        assert b"Sec-WebSocket-Protocol: mqtt\r\n" in replies
+
+    def test_the_answer_is_the_one_of_the_standard(self):
+        there = Websocket()
+        there.read(hello(key="dGhlIHNhbXBsZSBub25jZQ=="))  # RFC 6455 §1.3
+        assert b"Sec-WebSocket-Accept: s3pPLMBiTxaQ9kYGzzhZRbK+xOo=\r\n" in there.replies
+
+    def test_what_was_said_before_the_end_is_heard(self):
+        there = Websocket()
+        assert there.read(hello() + frame(b"last words") + frame(b"\x03\xe8", 8) + b"rest") == b"last words"
+        assert there.closed
+
+    @pytest.mark.parametrize(
+        "stream",
+        [
+            b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
+            b"x" * 9000,
+            hello() + b"\x82\x03abc",  # no mask
+            hello() + frame(b"text", 1),
+            hello() + b"\xc2" + frame(b"compressed")[1:],
+            hello() + frame(b"x" * 126, 9),
+        ],
+    )
+    def test_nothing_else_is_taken(self, stream):
+        with pytest.raises(PeerError):
+            Websocket().read(stream)
+
+    @given(st.binary(max_size=300))
+    def test_rubbish_is_refused_or_ignored(self, data):
+        for start in (b"", hello()):
+            with contextlib.suppress(PeerError):
+                Websocket().read(start + data)
+
+
+class TestPackets:
+    @pytest.mark.parametrize("version", [4, 5])
+    def test_no_session_outlives_its_connection_whatever_was_asked(self, version):
+        told = connect(version, clean=False)
+        (packet,) = passed_on(told)
+        assert packet[9] == told[9] | 2
+        assert packet[:9] + packet[10:] == told[:9] + told[10:]
+
+    def test_not_by_a_property_either(self):
+        properties = b"\x26\x00\x01a\x00\x01b\x21\x00\x09\x11\xff\xff\xff\xff\x27\x00\x01\x00\x00"
+        body = b"\x00\x04MQTT\x05\x00\x00\x3c" + varint(len(properties)) + properties + b"\x00\x01x"
+        (packet,) = passed_on(with_length(0x10, body))
+        assert packet.endswith(b"\x11\x00\x00\x00\x00\x27\x00\x01\x00\x00\x00\x01x")
+        for wrong in (b"\x11\xff", b"\x77\x00", b"\x26\x00\xffab"):
+            body = b"\x00\x04MQTT\x05\x00\x00\x3c" + varint(len(wrong)) + wrong + b"\x00\x01x"
+            with pytest.raises(NotForVisitorsError):
+                passed_on(with_length(0x10, body))
+
+    @given(st.lists(st.integers(1, 50), min_size=1, max_size=9))
+    def test_packets_come_out_whole_however_they_are_cut(self, cuts):
+        told = [connect(4), subscribe(b"/qrkey/x/notify"), with_length(0x30, b"\x00\x01t" + bytes(300)), b"\xc0\x00"]
+        stream, packets, out, at, turn = b"".join(told), VisitorPackets(), [], 0, 0
+        while at < len(stream):
+            packets.add(stream[at : at + cuts[turn % len(cuts)]])
+            out += iter(packets.next, None)
+            at += cuts[turn % len(cuts)]
+            turn += 1
+        assert out[1:] == told[1:]
+
+    @pytest.mark.parametrize(
+        "stream",
+        [
+            b"\xc0\x00",
+            connect(4) + connect(4),
+            connect(4) + b"\x30\xff\xff\xff\xff\x01",
+            connect(4) + b"\x30\xff\xff\x7f",
+            connect(4) + subscribe(b"x" * 1100),
+            connect(4) + subscribe(b"/" * 16),
+            connect(4) + subscribe(b"x")[:-3] + b"\xff\xff\x00",
+            connect(4) + b"".join(subscribe(b"%d" % n) for n in range(SUBSCRIPTIONS + 1)),
+            connect(4) + b"\x50\x81\x01",
+        ],
+    )
+    def test_what_a_broker_would_keep_or_choke_on_is_refused(self, stream):
+        with pytest.raises((NotForVisitorsError, TooLarge)):
+            passed_on(stream)
+
+    def test_who_unsubscribes_may_subscribe_again(self):
+        gone = with_length(0xA2, b"\x00\x01\x00\x011")
+        assert len(passed_on(connect(4) + (subscribe(b"1") + gone + subscribe(b"2")) * 50)) == 151
+
+    @given(st.binary(max_size=200), st.sampled_from([4, 5]))
+    def test_rubbish_is_refused_and_nothing_else_breaks(self, data, version):
+        for start in (b"", connect(version)):
+            with contextlib.suppress(PeerError):
+                passed_on(start + data)
+
+
+def test_a_network_that_one_machine_has_to_itself_is_one_place():
+    assert place_of("2001:db8::1") == place_of("2001:db8::ffff:1") != place_of("2001:db8:0:1::1")
+    assert place_of("::ffff:192.0.2.7") == place_of("192.0.2.7") != place_of("192.0.2.8")
+    assert place_of("fe80::1%eth0") == place_of("fe80::2%eth0")
+
+
+def memory_mb(pid: int) -> float:
+    (line,) = (line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+def the_guard(broker) -> int:
+    """Of a broker in this process."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            words = path.read_text().split("\0")
+            if "phalanx.io.guard" in words and Path(words[3]).parent.parent == folder_of(broker):
+                return int(path.parent.name)
+    raise AssertionError("no guard")
+
+
+def folder_of(broker) -> Path:
+    return Path(Path(f"/proc/{the_process(broker.url.port)}/cmdline").read_text().split("\0")[2]).parent
+
+
+@contextlib.contextmanager
+def many_files():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(8192, hard), hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.waits
+class TestNothingIsFilled:
+    async def test_sessions_that_sleep_and_long_subscriptions_fill_nothing(self):
+        async with a_broker() as broker, a_server(broker) as server:
+            await server.wait_connected(10)
+            pid, before_mb = the_process(broker.url.port), memory_mb(the_process(broker.url.port))
+
+            def fill():
+                for n in range(300):
+                    # The longest that was taken once, which is hung up on now, and the longest that is taken now.
+                    for long, count in ((60_000, 8), (900, 2)):
+                        with contextlib.suppress(OSError, AssertionError):
+                            how = {"name": b"sleeper%d" % n, "clean": False}
+                            with Stranger(broker.url.port, 4, **how) as stranger:
+                                stranger.subscribe(*(f"{n}/{i}/{'x' * long}" for i in range(count)))
+
+            await asyncio.to_thread(fill)
+            async with Client(server.qr()) as client:
+                assert (await client.request(0))["robots"] == [1, 2]
+            assert the_process(broker.url.port) == pid
+            assert memory_mb(pid) - before_mb < 10, "64 MB and more were a start"
+            assert not server.reconnects
+
+    async def test_a_thousand_who_say_nothing_keep_nobody_out_and_push_nobody_out_who_comes_from_elsewhere(self):
+        with many_files(), contextlib.ExitStack() as idle:
+            async with a_broker() as broker, a_server(broker) as server:
+                await server.wait_connected(10)
+                port = int(broker.websocket.split(":")[2].split("/")[0])
+
+                def sit_down(place: str) -> socket.socket:
+                    seat = socket.create_connection(("127.0.0.1", port), 10, (place, 0))
+                    idle.enter_context(seat)
+                    seat.sendall(hello() + frame(connect(4, os.urandom(8).hex().encode())))
+                    said = b""
+                    while b"\x20\x02\x00\x00" not in said:  # CONNACK
+                        said += (more := seat.recv(500))
+                        assert more, "hung up"
+                    return seat
+
+                elsewhere = await asyncio.to_thread(sit_down, "127.0.0.2")
+                async with Client(server.qr()) as client:  # this one is never silent for long
+                    for n in range(VISITORS + 100):
+                        await asyncio.to_thread(sit_down, "127.0.0.1")
+                        if n % 20 == 0:
+                            assert (await client.request(0))["robots"] == [1, 2]
+                async with Client(server.qr()) as late:
+                    assert (await late.request(0))["robots"] == [1, 2]
+                elsewhere.settimeout(10)
+                elsewhere.sendall(frame(b"\xc0\x00"))
+                assert elsewhere.recv(100) == b"\x82\x02\xd0\x00"
+
+    async def test_readers_that_stall_fill_nothing_and_others_hear_all(self):
+        async with a_broker() as broker, a_server(broker) as server:
+            await server.wait_connected(10)
+            pid, guard = the_process(broker.url.port), the_guard(broker)
+            with contextlib.ExitStack() as stalled:
+                for n in range(60):
+                    stranger = await asyncio.to_thread(
+                        stalled.enter_context, Stranger(broker.url.port, 4, name=b"stalled%d" % n)
+                    )
+                    await asyncio.to_thread(stranger.subscribe, "/qrkey/+/notify")
+                async with Client(server.qr()) as client:
+                    news = client.notifications()
+                    for n in range(100):
+                        assert await server.notify({"n": n, "much": "x" * 60_000})
+                        assert (await asyncio.wait_for(anext(news), 10))["n"] == n
+                    assert (await client.request(0))["robots"] == [1, 2]
+                assert memory_mb(pid) < 60, "60 readers of 8 MB"
+                assert memory_mb(guard) < 200
+            assert the_process(broker.url.port) == pid
+            assert not server.reconnects
+
+    async def test_who_says_nothing_at_first_is_hung_up_on(self, broker):
+        with socket.create_connection(("127.0.0.1", broker.url.port), 10) as silent:
+            assert await asyncio.to_thread(silent.recv, 1) == b""
+
+    async def test_a_guard_that_dies_is_started_again_and_nobody_takes_its_ports(self, broker):
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            first = the_guard(broker)
+            os.kill(first, signal.SIGKILL)
+            async with Client(server.qr()) as client:
+                assert (await client.request(0, timeout_s=10))["robots"] == [1, 2]
+            assert the_guard(broker) != first
+            assert not server.reconnects, "it does not come by way of the guard"
