@@ -1,7 +1,7 @@
 """The two pages over HTTP. The visitors' page is plain files and knows no secret; the operator's asks for a token.
 
-Only `OperatorPages` may answer with a pin, and it listens on loopback only. It is served beside the gateway's event
-loop (`beside`): what holds that up does not hold up an emergency stop.
+Only `OperatorPages` may answer with a pin, and it listens on loopback only. Both are served beside the gateway's event
+loop (`beside`): what holds that up does not hold up an emergency stop, nor a thousand who ask for the page a joystick.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ _FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Told = TypeVar("Told")
+Site = TypeVar("Site", bound="_Site")
 
 COMMON_HEADERS = {
     "Referrer-Policy": "no-referrer",
@@ -285,10 +286,10 @@ async def _soon(job: Callable[[], Told]) -> Told:
 
 
 @contextlib.asynccontextmanager
-async def beside(pages: OperatorPages) -> AsyncIterator[OperatorPages]:
-    """The operator's page, served by an event loop in a thread of its own while the context lasts."""
+async def beside(pages: Site) -> AsyncIterator[Site]:
+    """A page, served by an event loop in a thread of its own while the context lasts."""
     loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, name="operator's page", daemon=True)
+    thread = threading.Thread(target=loop.run_forever, name="pages", daemon=True)
     thread.start()
 
     async def there(job: Coroutine[Any, Any, Any]) -> None:

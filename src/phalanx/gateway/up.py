@@ -276,7 +276,7 @@ async def up(
     token = secrets.token_hex(16)
     _allow_many_connections()
     async with contextlib.AsyncExitStack() as stack:
-        pages = await stack.enter_async_context(VisitorPages(options.host, port))
+        pages = await stack.enter_async_context(beside(VisitorPages(options.host, port)))
         broker = await stack.enter_async_context(
             open_broker(
                 options.broker,
