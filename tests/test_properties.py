@@ -149,6 +149,18 @@ class TestReplayCache:
                 assert len(cache) == capacity
             assert len(cache) <= capacity
 
+    def test_messages_dated_ahead_take_no_room_of_those_dated_now(self):
+        cache, now = ReplayCache(6000, 30.0), 1000.0
+        ahead = [number.to_bytes(12, "big") for number in range(6000)]
+        with pytest.raises(CacheFull):
+            for iv in ahead:
+                cache.enter("e", iv, now + 29.0, now)
+        assert len(cache) == 100
+        for second in range(29):
+            cache.enter("e", bytes([second + 1]) * 12, now + second, now + second)
+        with pytest.raises(Replayed):
+            cache.enter("e", ahead[0], now + 29.0, now + 29.0)
+
 
 class TestVocabulary:
     @given(wild_values | st.dictionaries(st.sampled_from(["left_x", "left_y", "right_x", "right_y"]), wild_values))

@@ -6,17 +6,21 @@ import math
 
 from phalanx.errors import CacheFull, Replayed, Stale
 
+LEAST_OF_A_SECOND = 64  # of a small cache too
+
 
 class ReplayCache:
     """Remembers (epoch, IV) until the message would be stale anyway: until |now - timestamp| passes `tolerance_s`.
 
-    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay.
+    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of one
+    second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
 
     Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
     """
 
     def __init__(self, capacity: int, tolerance_s: float) -> None:
         self._capacity = capacity
+        self._of_a_second = max(LEAST_OF_A_SECOND, int(capacity / (2 * tolerance_s)))
         self._tolerance_s = tolerance_s
         self._seen: set[tuple[str, bytes]] = set()
         # Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
@@ -46,8 +50,11 @@ class ReplayCache:
             raise Replayed("this IV was seen before")
         if len(self._seen) >= self._capacity:
             raise CacheFull(f"{self._capacity} messages within {2 * self._tolerance_s:g} s")
+        due = self._by_second.setdefault(second, [])
+        if len(due) >= self._of_a_second:
+            raise CacheFull(f"{self._of_a_second} messages of one second")
         self._seen.add(entry)
-        self._by_second.setdefault(second, []).append(entry)
+        due.append(entry)
 
     def _sweep(self, now_s: float) -> None:
         if now_s <= self._swept_to + 1:

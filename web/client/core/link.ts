@@ -13,7 +13,9 @@ import { ReplayCache } from "./replay";
 import { belowEpoch, fullTopic, isClientId, type SubTopic, splitTopic } from "./topics";
 
 // 30 messages a second, twice over what a gateway sends, for the 60 s that an entry may live.
-const REPLAY_CAPACITY = 4096;
+// 512 for each second in which a message may be dated: what the lists of a thousand robots take, and a flood does not fill
+// without saying far more than a phone reads.
+const REPLAY_CAPACITY = 60 * 512;
 
 /** A notification for everybody. */
 export interface Notified {

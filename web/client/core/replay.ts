@@ -2,13 +2,18 @@
 
 import { CacheFull, Replayed, Stale } from "./errors";
 
+/** Of a small cache too: a list of many robots comes in one second. */
+const LEAST_OF_A_SECOND = 64;
+
 /**
  * Remembers (epoch, IV) until the message would be stale anyway.
  *
- * When full it refuses: forgetting inside the window would let a flood reopen the door to a replay.
+ * When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of one
+ * second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
  */
 export class ReplayCache {
   readonly #capacity: number;
+  readonly #ofASecond: number;
   readonly #tolerance_s: number;
   readonly #seen = new Set<string>();
   // Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
@@ -17,6 +22,7 @@ export class ReplayCache {
 
   constructor(capacity: number, tolerance_s: number) {
     this.#capacity = capacity;
+    this.#ofASecond = Math.max(LEAST_OF_A_SECOND, Math.floor(capacity / (2 * tolerance_s)));
     this.#tolerance_s = tolerance_s;
   }
 
@@ -40,8 +46,9 @@ export class ReplayCache {
     const entry = `${epoch} ${iv}`;
     if (this.#seen.has(entry)) throw new Replayed("this IV was seen before");
     if (this.#seen.size >= this.#capacity) throw new CacheFull(`${this.#capacity} messages at once`);
-    this.#seen.add(entry);
     const due = this.#bySecond.get(second);
+    if (due && due.length >= this.#ofASecond) throw new CacheFull(`${this.#ofASecond} messages of one second`);
+    this.#seen.add(entry);
     if (due) due.push(entry);
     else this.#bySecond.set(second, [entry]);
   }
