@@ -20,7 +20,7 @@ from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
 from phalanx.io.guard import VISITORS, place_of
 from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
-from phalanx.io.websocket import Websocket
+from phalanx.io.websocket import Websocket, frame_head
 from test_strangers import Stranger, connect, the_process, varint, with_length
 
 MASK = b"\x01\x02\x03\x80"
@@ -65,6 +65,17 @@ class TestWebsocket:
         assert replies.count(b"\x8a\x02hm") == len(payloads)
         assert replies.startswith(b"HTTP/1.1 101 ")
         assert b"Sec-WebSocket-Protocol: mqtt\r\n" in replies
+
+    @given(st.lists(st.binary(max_size=300), max_size=8), st.lists(st.integers(1, 90), min_size=1, max_size=9))
+    def test_what_one_end_says_the_other_reads(self, payloads, cuts):
+        said = b"".join(frame_head(2, len(each)) + each + frame_head(9, 2) + b"hm" for each in payloads)
+        there, out, at, turn = Websocket(server=False), b"", 0, 0
+        while at < len(said):
+            out += there.read(said[at : at + cuts[turn % len(cuts)]])
+            at += cuts[turn % len(cuts)]
+            turn += 1
+        assert out == b"".join(payloads)
+        assert there.replies == (b"\x8a\x82" + bytes(4) + b"hm") * len(payloads)
 
     def test_the_answer_is_the_one_of_the_standard(self):
         there = Websocket()

@@ -24,6 +24,7 @@ from phalanx.gateway.joystick import Told
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 from phalanx.io.private_folder import private_folder
+from phalanx.io.websocket import Websocket, frame_head
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
@@ -126,6 +127,33 @@ class TestNothingFreezesTheGateway:
                     await eventually(lambda: server.rejected == {"too_large": 2})
                     assert time.thread_time() - before_s < 1
                 assert server.reconnects == 0
+
+    async def test_a_brokers_frame_full_of_small_packets_holds_nothing_up(self):
+        async def broker(reader, writer):
+            visitor, heard = Websocket(), b""
+            while data := await reader.read(65536):
+                heard += visitor.read(data)
+                writer.write(visitor.replies)
+                visitor.replies = b""
+                if b"MQTT" in heard:
+                    writer.write(frame_head(2, 5) + b"\x20\x03\x00\x00\x00")
+                while (at := heard.find(b"\x82")) >= 0 and len(heard) > at + 3:  # each subscription is granted
+                    writer.write(frame_head(2, 6) + b"\x90\x04" + heard[at + 2 : at + 4] + b"\x00\x00")
+                    heard = heard[at + 4 :]
+                    asked.append(1)
+                heard = b"" if b"MQTT" in heard else heard[-8:]
+                if len(asked) == 2 and not told:
+                    told.append(1)
+                    writer.write(frame_head(9, 2) + b"hm" + frame_head(2, 600_000) + b"\xd0\x00" * 300_000)
+                    writer.write(frame_head(2, 7) + b"\x30\x05\x00\x01x\x00y")
+
+        asked, told = [], []
+        async with await asyncio.start_server(broker, "127.0.0.1", 0) as there:
+            before_s = time.thread_time()
+            async with Server(f"ws://127.0.0.1:{there.sockets[0].getsockname()[1]}/mqtt") as server:
+                await eventually(lambda: sum(server.rejected.values()) == 1, 60)
+                assert time.thread_time() - before_s < 4
+                assert not server.reconnects
 
     async def test_a_packet_longer_than_any_is_skipped_and_the_connection_lives(self, tmp_path):
         tcp = free_port()

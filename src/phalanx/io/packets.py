@@ -17,12 +17,15 @@ from paho.mqtt.enums import MQTTErrorCode
 
 from phalanx.errors import PeerError, TooLarge
 
+from .websocket import Websocket
+
 MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
 MAX_TOPIC_BYTES = 1024  # above the longest topic of ours, under the longest root
 MAX_PROPERTIES_BYTES = 256  # nobody here reads any
 MAX_ANSWER_BYTES = 4096  # of a broker to what we asked of it
 # Other work of this loop waits no longer for packets that come without end; more than enough to empty a socket.
 READ_FOR_S = 0.005
+READ_BYTES = 64 * 1024
 BEAT_S = 0.05
 PUBLISH, QOS = 0x30, 0x06
 
@@ -91,6 +94,49 @@ class Emptied:
             self._beat_s = time.monotonic()
 
 
+class Frames:
+    """What a websocket of paho's reads, in a time that grows with its length.
+
+    paho copies all that it has of a frame for every piece that it takes of it: a frame of a megabyte in which a broker
+    puts many small packets holds it up for minutes. And it answers pings unmasked, and is hung up on for it.
+    """
+
+    def __init__(self, sock: Any) -> None:
+        self._socket = sock._socket  # noqa: SLF001
+        self._websocket = Websocket(server=False)
+        self._carried = bytearray()
+        self._at = 0
+        self._pending = sock.pending
+        sock.recv, sock.pending = self.recv, self.pending
+
+    def recv(self, length: int) -> bytes:
+        """At most so many bytes; b"" at the end.
+
+        Raises: BlockingIOError: there are none now.
+        """
+        while self._at == len(self._carried):
+            if self._websocket.closed:
+                return b""
+            try:
+                data = self._socket.recv(READ_BYTES)
+                self._carried, self._at = bytearray(self._websocket.read(data)), 0
+                if self._websocket.replies:
+                    self._socket.send(self._websocket.replies)
+                    self._websocket.replies = b""
+            except (ConnectionError, PeerError):
+                return b""
+            if not data:
+                return b""
+        piece = bytes(self._carried[self._at : self._at + length])
+        self._at += len(piece)
+        return piece
+
+    def pending(self) -> int:
+        """Bytes that were taken from the socket already."""
+        waiting: int = len(self._carried) - self._at + self._pending()
+        return waiting
+
+
 class CheckedClient(aiomqtt.Client):
     """aiomqtt's client, but every packet is checked first.
 
@@ -99,6 +145,7 @@ class CheckedClient(aiomqtt.Client):
 
     def __init__(self, *where: Any, on_dropped: Callable[[PeerError], None], emptied: Emptied, **more: Any) -> None:
         super().__init__(*where, **more)
+        self._is_websocket = more.get("transport") == "websockets"
         self._on_dropped = on_dropped
         self._emptied = emptied
         paho: Any = self._client
@@ -122,6 +169,8 @@ class CheckedClient(aiomqtt.Client):
 
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         # Called from the thread that connects. aiomqtt's own reader does not end under TLS while packets come.
+        if self._is_websocket:
+            Frames(sock)
         super()._on_socket_open(client, userdata, sock)
         self._loop.call_soon_threadsafe(self._loop.add_reader, sock.fileno(), self._read)
 

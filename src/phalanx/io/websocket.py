@@ -1,4 +1,4 @@
-"""The server's end of a websocket: bytes of a visitor in, what they carry out. Without a socket.
+"""One end of a websocket: bytes of the other end in, what they carry out. Without a socket.
 
 No extension is agreed on, so nothing can be small on the wire and large here; nothing is kept but a piece of a header.
 Source: RFC 6455.
@@ -14,6 +14,7 @@ from phalanx.errors import PeerError
 LONGEST_REQUEST = 8192
 LONGEST_CONTROL = 125
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
+UNMASKED = bytes(4)
 _MAGIC = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
 
@@ -26,12 +27,16 @@ class NoWebsocketError(PeerError):
 
 
 class Websocket:
-    """One connection. After each `read`, `replies` is to be sent to the visitor and emptied, and it may be `closed`."""
+    """One connection. After each `read`, `replies` is to be sent to the other end and emptied, and it may be `closed`.
 
-    def __init__(self) -> None:
+    The server's end, which agrees to a request first; or a client's that was agreed to already.
+    """
+
+    def __init__(self, *, server: bool = True) -> None:
         self.replies = b""
         self.closed = False
-        self._is_open = False
+        self._server = server
+        self._is_open = not server
         self._head = bytearray()  # of a request or a frame, as far as it has come
         self._left = self._turn = 0  # bytes of the frame to come; which byte of the mask is next
         self._mask = b""
@@ -39,7 +44,7 @@ class Websocket:
         self._control = bytearray()
 
     def read(self, data: bytes) -> bytes:
-        """What `data` carries of the stream that the visitor sends.
+        """What `data` carries of the stream that the other end sends.
 
         Raises: NoWebsocketError: it is to be hung up on.
         """
@@ -70,27 +75,36 @@ class Websocket:
     def _begin_frame(self, data: bytes, at: int) -> int:
         """Read a frame's header from `at` on, as far as it is there; where what follows begins."""
         self._mask = b""
-        while at < len(data) and len(self._head) < _head_bytes(self._head):
+        while at < len(data) and len(self._head) < self._head_bytes():
             self._head.append(data[at])
             at += 1
-        size = _head_bytes(self._head)
+        size = self._head_bytes()
         if len(self._head) < size:
             return at
         self._opcode = self._head[0] & 15 or BINARY  # 0 goes on with what was begun, and text is refused
         short = self._head[1] & 127
-        self._left = short if short < 126 else int.from_bytes(self._head[2 : size - 4], "big")
+        self._left = short if short < 126 else int.from_bytes(self._head[2 : size - 4 * self._server], "big")
         if self._head[0] & 0x70 or self._opcode not in (BINARY, CLOSE, PING, PONG):
             raise NoWebsocketError("a frame that nobody agreed on")
         if self._opcode >= CLOSE and self._left > LONGEST_CONTROL:
             raise NoWebsocketError("a long control frame")
-        self._mask, self._turn = bytes(self._head[-4:]), 0
+        self._mask, self._turn = bytes(self._head[-4:]) if self._server else UNMASKED, 0
         self._head.clear()
         if not self._left:
             self._take(b"", bytearray())
             self._mask = b"" if at == len(data) else self._mask
         return at
 
+    def _head_bytes(self) -> int:
+        if len(self._head) < 2:
+            return 2
+        if bool(self._head[1] & 128) != self._server:
+            raise NoWebsocketError("visitors mask their frames, and nobody else")
+        return 2 + 4 * self._server + {126: 2, 127: 8}.get(self._head[1] & 127, 0)
+
     def _unmasked(self, piece: bytes) -> bytes:
+        if self._mask == UNMASKED:
+            return piece
         mask = self._mask[self._turn :] + self._mask[: self._turn]
         self._turn = (self._turn + len(piece)) % 4
         key = (mask * (len(piece) // 4 + 1))[: len(piece)]
@@ -105,11 +119,16 @@ class Websocket:
             return
         if self._opcode == CLOSE:
             self.closed = True
-            self.replies += frame_head(CLOSE, 0)
+            self.replies += self._control_frame(CLOSE)
         if self._opcode == PING:
-            self.replies += frame_head(PONG, len(self._control)) + self._control
+            self.replies += self._control_frame(PONG)
         self._control.clear()
         self._opcode = BINARY
+
+    def _control_frame(self, opcode: int) -> bytes:
+        told = bytes(self._control) if opcode == PONG else b""
+        head = frame_head(opcode, len(told))
+        return head + told if self._server else bytes((head[0], head[1] | 128)) + UNMASKED + told
 
 
 def frame_head(opcode: int, length: int) -> bytes:
@@ -118,14 +137,6 @@ def frame_head(opcode: int, length: int) -> bytes:
     if length < 126:
         return head + bytes([length])
     return head + (b"\x7e" + length.to_bytes(2, "big") if length < 65536 else b"\x7f" + length.to_bytes(8, "big"))
-
-
-def _head_bytes(head: bytearray) -> int:
-    if len(head) < 2:
-        return 2
-    if not head[1] & 128:
-        raise NoWebsocketError("a frame without a mask")
-    return 6 + {126: 2, 127: 8}.get(head[1] & 127, 0)
 
 
 def _agree(request: bytes) -> bytes:

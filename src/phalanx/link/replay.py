@@ -12,8 +12,8 @@ LEAST_OF_A_SECOND = 64  # of a small cache too
 class ReplayCache:
     """Remembers (epoch, IV) until the message would be stale anyway: until |now - timestamp| passes `tolerance_s`.
 
-    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of one
-    second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
+    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of
+    one second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
 
     Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
     """
