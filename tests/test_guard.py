@@ -276,12 +276,14 @@ class TestNothingIsFilled:
         with socket.create_connection(("127.0.0.1", broker.url.port), 10) as silent:
             assert await asyncio.to_thread(silent.recv, 1) == b""
 
-    async def test_a_guard_that_dies_is_started_again_and_nobody_takes_its_ports(self, broker):
+    @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+    async def test_a_guard_that_dies_or_does_not_serve_is_started_again(self, broker, number):
         async with a_server(broker) as server:
             await server.wait_connected(10)
+            await asyncio.sleep(2)  # it is watched from when it first serves
             first = the_guard(broker)
-            os.kill(first, signal.SIGKILL)
-            async with Client(server.qr()) as client:
-                assert (await client.request(0, timeout_s=10))["robots"] == [1, 2]
+            os.kill(first, number)
+            async with Client(server.qr(), timeout_s=30) as client:
+                assert (await client.request(0, timeout_s=30))["robots"] == [1, 2]
             assert the_guard(broker) != first
             assert not server.reconnects, "it does not come by way of the guard"

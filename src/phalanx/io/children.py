@@ -9,13 +9,14 @@ import logging
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 
 log = logging.getLogger(__name__)
 
 PR_SET_PDEATHSIG = 1
 COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
 END_TIMEOUT_S = 1.0
+PROBE_EVERY_S, PROBES = 1.0, 2
 
 
 def die_with_parent() -> None:
@@ -62,3 +63,14 @@ async def repeat(process: asyncio.subprocess.Process, name: str) -> None:
             line = said.decode(errors="replace").strip()
             log.warning("%s: %s", name, "".join(c if c.isprintable() else " " for c in line))
             quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
+
+
+async def kill_unless(serves: Callable[[], Awaitable[bool]], process: asyncio.subprocess.Process, name: str) -> None:
+    """End one that lives but serves no longer: stopped, or its memory full. Runs until cancelled."""
+    failures = 0
+    while failures < PROBES:
+        await asyncio.sleep(PROBE_EVERY_S)
+        failures = 0 if await serves() else failures + 1
+    log.warning("%s does not serve", name)
+    with contextlib.suppress(ProcessLookupError):
+        process.kill()  # a stopped process hears nothing else

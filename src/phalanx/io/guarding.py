@@ -8,18 +8,21 @@ import errno
 import logging
 import socket
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from phalanx.errors import Unavailable
 
-from .children import a_child, repeat
+from .children import a_child, kill_unless, repeat
 from .listeners import Listeners
 from .ports import LOOPBACK, PortTaken
 
 log = logging.getLogger(__name__)
 
 RESTART_S = 0.3
+PROBE_TIMEOUT_S = 3.0
+HELLO, WELCOME = b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x0a\x00\x00", b"\x20\x02\x00\x00"  # CONNECT, CONNACK
 
 
 @contextlib.asynccontextmanager
@@ -56,8 +59,33 @@ async def _keep(broker: Path, *listening: socket.socket) -> None:
     while True:
         try:
             async with a_child(*words, pass_fds=numbers) as process:
-                await repeat(process, "guard")
+                watching = asyncio.create_task(_watch(process, partial(_serves, listening[0])))
+                try:
+                    await repeat(process, "guard")
+                finally:
+                    watching.cancel()
                 log.warning("the guard ended (%s); starting it again", await process.wait())
         except OSError as error:  # out of files or processes, for the moment
             log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
         await asyncio.sleep(RESTART_S)
+
+
+async def _watch(process: asyncio.subprocess.Process, serves: Callable[[], Awaitable[bool]]) -> None:
+    while not await serves():  # noqa: ASYNC110  # on a busy machine it takes its time to begin
+        await asyncio.sleep(RESTART_S)
+    await kill_unless(serves, process, "the guard")
+
+
+async def _serves(tcp: socket.socket) -> bool:
+    """Whether a visitor gets through, in time."""
+    writer = None
+    try:
+        async with asyncio.timeout(PROBE_TIMEOUT_S):
+            reader, writer = await asyncio.open_connection(*tcp.getsockname()[:2])
+            writer.write(HELLO)
+            return await reader.readexactly(len(WELCOME)) == WELCOME
+    except (TimeoutError, asyncio.IncompleteReadError, OSError):
+        return False
+    finally:
+        if writer is not None:
+            writer.transport.abort()

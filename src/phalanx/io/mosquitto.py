@@ -12,12 +12,13 @@ import os
 import pwd
 import shutil
 from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
 
 from phalanx.errors import Unavailable
 
 from .broker_url import BrokerUrl, Login
-from .children import a_child, repeat
+from .children import a_child, kill_unless, repeat
 from .guarding import guarded
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
@@ -33,7 +34,7 @@ MAX_KEEPALIVE_S = 120
 ROUNDS = 101
 CONFIG = "mosquitto.conf"
 SOCKET = "run/visitors"
-PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
+PROBE_TIMEOUT_S = 3.0
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 RESTART_S = 0.3
@@ -149,7 +150,7 @@ async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future
                 await _until_it_serves(process, at.gateway)
                 if not listens.done():
                     listens.set_result(None)
-                watching = asyncio.create_task(_kill_if_it_does_not_serve(process, at.gateway))
+                watching = asyncio.create_task(kill_unless(partial(serves, at.gateway), process, "mosquitto"))
                 try:
                     await repeat(process, "mosquitto")
                 finally:
@@ -161,17 +162,6 @@ async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future
             log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
             await asyncio.sleep(1)
         await asyncio.sleep(RESTART_S)
-
-
-async def _kill_if_it_does_not_serve(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
-    """End a broker that lives but does not pass on messages: stopped, or its memory full. Runs until cancelled."""
-    failures = 0
-    while failures < PROBES:
-        await asyncio.sleep(PROBE_EVERY_S)
-        failures = 0 if await serves(url) else failures + 1
-    log.warning("mosquitto does not serve")
-    with contextlib.suppress(ProcessLookupError):
-        process.kill()  # a stopped process hears nothing else
 
 
 async def serves(url: BrokerUrl) -> bool:

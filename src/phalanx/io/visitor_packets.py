@@ -22,6 +22,8 @@ _PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0
 class NotForVisitorsError(PeerError):
     """No visitor sends that: it is hung up on."""
 
+    reason = "not_for_visitors"
+
 
 class VisitorPackets:
     """One visitor's stream of MQTT, cut into packets that are whole and may be passed on."""

@@ -21,6 +21,8 @@ _MAGIC = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 class NoWebsocketError(PeerError):
     """Not a websocket that carries MQTT; `answer` is what HTTP says to that, or b""."""
 
+    reason = "no_websocket"
+
     def __init__(self, why: str, answer: bytes = b"") -> None:
         super().__init__(why)
         self.answer = answer
