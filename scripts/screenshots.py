@@ -52,7 +52,7 @@ async def main() -> None:
             )
             await phone.goto(str(ready["qr_url"]))
             await phone.get_by_test_id("robot-select").select_option(index=3)
-            desk = await chromium.new_page(viewport={"width": 1280, "height": 1080})
+            desk = await chromium.new_page(viewport={"width": 1280, "height": 720})
             await desk.goto(str(ready["operator_url"]))
             await asyncio.sleep(9)
             await desk.get_by_test_id("victim").select_option(label=LIAR)

@@ -38,7 +38,7 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
     with (
         a_gateway("--defence", "bound", "--seed", "6") as (up, ready),
         a_page(browser, **PHONE) as phone,
-        a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
+        a_page(browser, viewport={"width": 1280, "height": 720}) as desk,
     ):
         phone.goto(insecure(ready["qr_url"]))
         badge(phone, "live")
@@ -63,8 +63,17 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         began = time.monotonic()
         wait_until(lambda: pixels(phone, 1, "--bad") > 100, 12)
         phone.screenshot(path=tmp_path / "refused.png")
+        wait_until(lambda: pixels(desk, 1, "--bad") > 100)
+        assert "Cleo lies" in desk.get_by_test_id("live-words").inner_text()
         shield(phone, "stopped").wait_for(timeout=15_000)
         assert time.monotonic() - began < 10 + 2
+        desk.get_by_test_id("live-words").get_by_text("Cleo was stopped").wait_for()
+        assert pixels(desk, 1, "--unlit") > 100
+        assert desk.evaluate("window.scrollY") == 0, "an audience saw all of it on a projector"
+        for part in ("qr", "map", "live-words", "stop-all"):
+            box = desk.get_by_test_id(part).bounding_box()
+            assert box["y"] >= 0
+            assert box["y"] + box["height"] <= 720, part
         assert "output wrong" in shield(phone, "stopped").inner_text()
         assert cut_off(phone) == 0
         assert obeys_nobody(phone)

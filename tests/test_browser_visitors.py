@@ -8,7 +8,9 @@ from contextlib import contextmanager
 import pytest
 
 from chromium import PHONE, a_page, badge, barriers, choose, insecure, moves, wait_until
-from conftest import a_gateway
+from conftest import a_gateway, bare_mosquitto
+from phalanx.io.ports import free_port
+from phalanx.link import Pin, QrUrl
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
@@ -153,6 +155,19 @@ def test_two_fingers_enlarge_the_map_and_a_tap_still_means_what_it_shows(browser
         page.get_by_test_id("map").focus()
         page.keyboard.press("0")
         page.get_by_test_id("zoom-out").wait_for(state="detached")
+
+
+def test_a_broker_that_refuses_the_login_is_named_and_tried_again(browser, gateway, tmp_path):
+    _, ready = gateway
+    tcp, ws = free_port(), free_port()
+    with bare_mosquitto(tcp, ws, tmp_path, "allow_anonymous false") as (start, _), a_page(browser) as page:
+        start()
+        qr = QrUrl(Pin("1" * 39), f"ws://127.0.0.1:{ws}/mqtt", "/qrkey")
+        page.goto(insecure(qr.for_page(ready["page_url"])))
+        page.get_by_text("Login refused by the broker").wait_for()
+        with page.expect_websocket(timeout=10_000):
+            pass  # it may learn a new password
+        assert "Login refused" in badge(page, "offline")
 
 
 def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 
 import aiohttp
@@ -51,7 +52,7 @@ class TestPages:
     )
     async def test_nothing_secret_is_reachable_without_the_token(self, operator, headers):
         async with aiohttp.ClientSession() as http:
-            for path in ("/api/state", "/", f"/api/state?token={'t0ken' * 6}"):
+            for path in ("/api/state", "/api/frames", "/", f"/api/state?token={'t0ken' * 6}"):
                 async with http.get(f"http://127.0.0.1:{operator.port}{path}", headers=headers) as answer:
                     assert answer.status == (200 if path == "/" else 401)
                     assert "314159" not in await answer.text()
@@ -63,6 +64,32 @@ class TestPages:
             async with http.get(f"http://127.0.0.1:{operator.port}/api/state", headers=headers) as answer:
                 assert await answer.json() == {"pin": "314159"}
                 assert answer.headers["Cache-Control"] == "no-store"
+
+    async def test_frames_come_a_line_each_until_their_reader_is_too_slow_or_gone(self, monkeypatch):
+        monkeypatch.setattr("phalanx.gateway.serve_pages.FRAMES_WAITING", 3)
+        watching: list = []
+
+        def watch(tell):
+            watching.append(tell)
+            tell({"request": 0, "data": []})
+            return lambda: watching.remove(tell)
+
+        headers = {"Authorization": "Bearer " + "t0ken" * 6}
+        pages = OperatorPages("t0ken" * 6, dict, lambda *_: None, watch=watch)
+        async with pages, aiohttp.ClientSession() as http:
+            url = f"http://127.0.0.1:{pages.port}/api/frames"
+            async with http.get(url, headers=headers) as answer:
+                assert answer.headers["X-Content-Type-Options"] == "nosniff"
+                assert json.loads(await answer.content.readline()) == {"request": 0, "data": []}
+                watching[0]({"cmd": 16})
+                assert json.loads(await answer.content.readline()) == {"cmd": 16}
+                for i in range(50):  # before the reader has another turn
+                    watching[0]({"cmd": i})
+                assert len((await answer.content.read()).splitlines()) == 3
+            await eventually(lambda: not watching)
+            async with http.get(url, headers=headers) as answer:
+                await answer.content.readline()
+            await eventually(lambda: [tell({"cmd": 16}) for tell in watching] == [])
 
     async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}

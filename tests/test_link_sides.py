@@ -228,6 +228,19 @@ class TestRotation:
         forged = seal_jwe(b"{}", Key(bytes(32)), bytes(12))
         assert server.receive(old_request.topic, forged, NOW, 1600.0).reason == "not_authentic"
 
+    def test_it_may_rotate_before_its_time_but_not_in_an_overlap(self):
+        server, phone = pair()
+        first = server.epoch
+        assert isinstance(deliver(phone, published(server.rotate(5.0))[0]), Moved)
+        second = server.epoch
+        assert second is not first
+        assert server.next_due_s() == 125.0
+        assert server.rotate(6.0) == ()
+        assert server.epoch is second
+        server.advance(125.0)
+        server.rotate(126.0)
+        assert server.epoch not in (first, second)
+
     def test_two_rotations_ago_is_forgotten(self):
         server, phone = pair()
         for uptime in (900.0, 1020.0, 1800.0):

@@ -5,6 +5,9 @@ import { createRoot, type Root } from "react-dom/client";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { App } from "./app";
 
+// jsdom has no canvas.
+vi.mock("../map/map_view", () => ({ MapView: () => null }));
+
 const TOKEN = "an-operator-token";
 const PIN = "314159265358979323846264338327950288419";
 
@@ -73,6 +76,8 @@ beforeEach(() => {
   answer = good;
   asked = [];
   vi.stubGlobal("fetch", (url: string, init: RequestInit) => {
+    // The map's frames: they have tests of their own, and a real browser.
+    if (url === "/api/frames") return new Promise(() => {});
     asked.push({ url, init });
     return Promise.resolve().then(answer);
   });

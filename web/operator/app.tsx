@@ -7,6 +7,7 @@ import { Fleet } from "./fleet";
 import type { GatewayState } from "./gateway_state";
 import { Invitation } from "./invitation";
 import { BrokerCard, CountersCard, VisitorsCard } from "./link_health";
+import { LiveMap } from "./live_map";
 import { MissionCard } from "./mission/card";
 import { Editor } from "./mission/editor";
 import { type Polled, useGateway } from "./poll";
@@ -14,11 +15,14 @@ import { useWindow } from "./rates";
 import { Rejections } from "./rejections";
 import { AuditsCard, CompromiseCard, UnprotectedCard } from "./shields";
 import { StopAll } from "./stop_all";
+import { Term, Tip } from "./terms";
 import { takeToken } from "./token";
 import { ago } from "./words";
 
 // A restart of the gateway is over by then; after it, a code on the screen most likely opens nothing.
 const DEAD_AFTER_MS = 5000;
+/** Whoever started it again without --operator-port waits here for nothing. */
+const RESTARTED_AFTER_S = 15;
 
 export function App() {
   const token = useToken();
@@ -44,31 +48,44 @@ export function App() {
       )}
       {newest && !drawing && (
         <main>
-          <Invitation newest={newest} outOfOrder={dead ? "Back in a moment" : undefined} exhibition={exhibition} />
+          <div className="stage">
+            <Invitation
+              token={token}
+              newest={newest}
+              outOfOrder={dead ? "Back in a moment" : undefined}
+              exhibition={exhibition}
+            />
+            {!exhibition.on && <LiveMap token={token} state={newest.state} />}
+            {!exhibition.on && <Show token={token} state={newest.state} />}
+          </div>
           {!exhibition.on && (
             <div className="overview">
-              <div className="pair">
-                <BrokerCard broker={newest.state.broker} />
-                <VisitorsCard visitors={newest.state.visitors} />
-              </div>
-              {newest.state.shields && (
-                <div className="pair roomy">
-                  <CompromiseCard token={token} robots={newest.state.robots} shields={newest.state.shields} />
-                  <AuditsCard refusals={newest.state.shields.refusals} />
-                </div>
-              )}
-              {!newest.state.shields && !newest.state.mission && <UnprotectedCard />}
-              {newest.state.mission && <MissionCard mission={newest.state.mission} />}
               <Fleet robots={newest.state.robots} shields={newest.state.shields} mission={newest.state.mission} />
               <div className="pair roomy">
                 <CountersCard counters={newest.state.counters} window={window} />
                 <Rejections rejected={newest.state.rejected} window={window} />
               </div>
+              <BrokerCard broker={newest.state.broker} />
             </div>
           )}
         </main>
       )}
       {!newest && !trouble && <p className="waiting">Asking the gateway…</p>}
+      <Tip />
+    </div>
+  );
+}
+
+/** What one does, and talks about, before an audience. */
+function Show({ token, state }: { readonly token: string; readonly state: GatewayState }) {
+  const { robots, shields, mission, visitors } = state;
+  return (
+    <div className="show">
+      {shields && <CompromiseCard token={token} robots={robots} shields={shields} />}
+      {shields && <AuditsCard refusals={shields.refusals} />}
+      {mission && <MissionCard mission={mission} />}
+      {!shields && !mission && <UnprotectedCard />}
+      <VisitorsCard visitors={visitors} />
     </div>
   );
 }
@@ -110,7 +127,7 @@ function Header({ state, drawing, onDrawing }: HeaderProps) {
       )}
       {state && (
         <p className="quiet">
-          mode <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}
+          <Term of="mode">mode</Term> <span className="mono">{state.mode}</span> · up {ago(Math.max(1, state.uptime_s))}
         </p>
       )}
     </header>
@@ -120,7 +137,11 @@ function Header({ state, drawing, onDrawing }: HeaderProps) {
 function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent_s: number }) {
   const { newest, trouble } = polled;
   let text: string | undefined;
-  if (trouble === "unreachable") text = "Gateway not answering, retrying";
+  if (trouble === "unreachable")
+    text =
+      silent_s < RESTARTED_AFTER_S
+        ? "Gateway not answering, retrying"
+        : "Gateway not answering, retrying. If it was started again, open the operator link that it printed then";
   else if (trouble === "incomprehensible") text = "Gateway and page are of different versions: reload this page";
   else if (newest && !newest.state.broker.connected)
     text = "The gateway has lost its broker, retrying: no visitor gets through";
@@ -141,7 +162,7 @@ function OpenTheLink({ refused }: { readonly refused: boolean }) {
       <h1>Open the operator link printed in the terminal</h1>
       <p>
         {refused
-          ? "The gateway does not accept this page’s link. It makes a new one each time it starts."
+          ? "The gateway does not accept this page’s link. It makes a new one each time it starts, unless --operator-token-file keeps it."
           : "This page needs the link that the gateway prints when it starts."}{" "}
         Look for the line that begins with <span className="mono">http://127.0.0.1</span> and open all of it, to the
         last character.

@@ -3,6 +3,7 @@
 import { useNow } from "./clock";
 import type { Sample } from "./poll";
 import { clock } from "./words";
+import { Term } from "./terms";
 
 const RADIUS = 20;
 const AROUND = 2 * Math.PI * RADIUS;
@@ -31,7 +32,7 @@ export function Countdown({ newest }: { readonly newest: Sample }) {
         <p className="countdown-main">
           {left_s > 0 ? (
             <>
-              New code in <strong>{clock(left_s)}</strong>
+              New <Term of="code">code</Term> in <strong>{clock(left_s)}</strong>
             </>
           ) : (
             "Changing the code…"

@@ -2,6 +2,7 @@
 
 import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } from "./gateway_state";
 import { ago } from "./words";
+import { Term } from "./terms";
 
 // A DotBot's range: below it brakes out, above it has just been charged.
 const EMPTY_V = 1.8;
@@ -28,7 +29,7 @@ export function Fleet({ robots, shields, mission }: Props) {
     <section className="card fleet" aria-labelledby="fleet-title">
       <header>
         <h2 id="fleet-title">
-          Fleet <span className="count">{robots.length}</span>
+          <Term of="fleet">Fleet</Term> <span className="count">{robots.length}</span>
         </h2>
         <p className="tally">
           {counted.map(([link, n]) => (
@@ -43,13 +44,13 @@ export function Fleet({ robots, shields, mission }: Props) {
           <thead>
             <tr>
               <th scope="col">Robot</th>
-              <th scope="col">LED</th>
+              <th scope="col"><Term of="led">LED</Term></th>
               <th scope="col">Battery</th>
-              <th scope="col">Mode</th>
-              <th scope="col">Heard</th>
-              <th scope="col">Link</th>
-              {shields && <th scope="col">Shield</th>}
-              {mission && <th scope="col">Mission</th>}
+              <th scope="col"><Term of="drive">Mode</Term></th>
+              <th scope="col"><Term of="heard">Heard</Term></th>
+              <th scope="col"><Term of="link">Link</Term></th>
+              {shields && <th scope="col"><Term of="shield">Shield</Term></th>}
+              {mission && <th scope="col"><Term of="mission">Mission</Term></th>}
             </tr>
           </thead>
           <tbody>
@@ -120,7 +121,7 @@ function Shield({ shield, needed }: { readonly shield: RobotShield; readonly nee
     <>
       {safe_mode ? (
         <span className="tag" data-link="lost">
-          Safe Mode
+          <Term of="safeMode">Safe Mode</Term>
         </span>
       ) : (
         <span className="number" title={vouchers.map(({ name, left_s: s }) => `${name} ${s} s`).join(", ")}>

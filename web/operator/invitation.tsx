@@ -3,19 +3,23 @@
 import { useEffect, useRef, useState } from "react";
 import { Countdown } from "./countdown";
 import type { Exhibition } from "./exhibition";
+import { order } from "./orders";
 import type { Sample } from "./poll";
 import { QrCode } from "./qr_code";
+import { TERMS } from "./terms";
 import { shortUrl } from "./words";
 
 const SAID_FOR_MS = 2500;
+const NEW_CODE = TERMS.newCode;
 
 interface Props {
+  readonly token: string;
   readonly newest: Sample;
   readonly outOfOrder: string | undefined;
   readonly exhibition: Exhibition;
 }
 
-export function Invitation({ newest, outOfOrder, exhibition }: Props) {
+export function Invitation({ token, newest, outOfOrder, exhibition }: Props) {
   const button = useRef<HTMLButtonElement>(null);
   const { on, enter, leave } = exhibition;
   const wasOn = useRef(on);
@@ -33,6 +37,7 @@ export function Invitation({ newest, outOfOrder, exhibition }: Props) {
       <div className="invitation-foot">
         <Countdown newest={newest} />
         <div className="buttons">
+          {!on && <NewCode token={token} overlapping={newest.state.overlapping} />}
           {!on && <CopyLink url={newest.state.qr_url} />}
           <button ref={button} type="button" className={on ? "subtle" : "primary"} onClick={on ? leave : enter}>
             {on ? "Back to the overview" : "QR only"}
@@ -40,6 +45,30 @@ export function Invitation({ newest, outOfOrder, exhibition }: Props) {
         </div>
       </div>
     </section>
+  );
+}
+
+// One overlap at a time: phones that sleep through two new codes would be told of neither.
+function NewCode({ token, overlapping }: { readonly token: string; readonly overlapping: boolean }) {
+  const [trouble, setTrouble] = useState<string>();
+  return (
+    <>
+      <button
+        type="button"
+        data-testid="new-code"
+        disabled={overlapping}
+        data-tip={NEW_CODE}
+        aria-description={NEW_CODE}
+        onClick={async () => setTrouble(await order(token, "rotate"))}
+      >
+        New code now
+      </button>
+      {trouble !== undefined && (
+        <span className="trouble" role="alert">
+          {trouble}
+        </span>
+      )}
+    </>
   );
 }
 

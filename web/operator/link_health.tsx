@@ -3,6 +3,7 @@
 import { type Broker, COUNTERS, type Counters, type Visitor } from "./gateway_state";
 import { rate, type TotalsAt } from "./rates";
 import { ago, grouped, perSecond } from "./words";
+import { Term } from "./terms";
 
 const BROKERS: Readonly<Record<string, string>> = {
   mosquitto: "mosquitto, started by the gateway",
@@ -22,7 +23,7 @@ export function BrokerCard({ broker }: { readonly broker: Broker }) {
   return (
     <section className="card" data-testid="broker" data-connected={broker.connected} aria-labelledby="broker-title">
       <header>
-        <h2 id="broker-title">Broker</h2>
+        <h2 id="broker-title"><Term of="broker">Broker</Term></h2>
         <span className="tag" data-link={broker.connected ? "ok" : "lost"}>
           {broker.connected ? "connected" : "not connected"}
         </span>
@@ -39,7 +40,7 @@ export function VisitorsCard({ visitors }: { readonly visitors: readonly Visitor
     <section className="card visitors" data-testid="visitors" aria-labelledby="visitors-title">
       <header>
         <h2 id="visitors-title">
-          Visitors <span className="count">{visitors.length}</span>
+          <Term of="visitors">Visitors</Term> <span className="count">{visitors.length}</span>
         </h2>
       </header>
       {recent.length === 0 ? (
@@ -72,7 +73,7 @@ export function CountersCard({ counters, window }: CountersProps) {
   return (
     <section className="card" data-testid="counters" aria-labelledby="counters-title">
       <header>
-        <h2 id="counters-title">Messages</h2>
+        <h2 id="counters-title"><Term of="messages">Messages</Term></h2>
       </header>
       <table>
         <thead>

@@ -3,6 +3,7 @@
 import { rate, type TotalsAt } from "./rates";
 import { reason, TONES } from "./reasons";
 import { grouped, perSecond } from "./words";
+import { Term } from "./terms";
 
 interface Props {
   readonly rejected: Readonly<Record<string, number>>;
@@ -19,7 +20,7 @@ export function Rejections({ rejected, window }: Props) {
     <section className="card" data-testid="rejections" aria-labelledby="rejections-title">
       <header>
         <h2 id="rejections-title">
-          Refused messages <span className="count">{grouped(total)}</span>
+          <Term of="refused">Refused messages</Term> <span className="count">{grouped(total)}</span>
         </h2>
       </header>
       {rows.length === 0 ? (

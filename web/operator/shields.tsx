@@ -4,6 +4,7 @@ import { useState } from "react";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
 import { order } from "./orders";
 import { ago } from "./words";
+import { Term } from "./terms";
 
 interface Props {
   readonly token: string;
@@ -42,7 +43,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
   return (
     <section className="card compromise" data-testid="compromise" aria-labelledby="compromise-title">
       <header>
-        <h2 id="compromise-title">Compromise a robot</h2>
+        <h2 id="compromise-title"><Term of="compromise">Compromise</Term> a robot</h2>
         <span className="quiet">stopped within {shields.t_val_ms / 1000} s</span>
       </header>
       <form
@@ -63,7 +64,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
           </select>
         </label>
         <label>
-          Attack
+          <Term of="attack">Attack</Term>
           <select data-testid="attack" value={attack?.name ?? ""} onChange={(event) => setName(event.target.value)}>
             {shields.attacks.map((each) => (
               <option key={each.name} value={each.name}>
@@ -87,7 +88,7 @@ export function CompromiseCard({ token, robots, shields }: Props) {
       )}
       {attack && (
         <p className="quiet">
-          It {attack.does}. Its trusted nodes stay as they are; visitors are not told which robot it is.
+          It {attack.does}. Its <Term of="trusted">trusted nodes</Term> stay as they are; visitors are not told which robot it is.
         </p>
       )}
       {lying.length > tolerated && (
@@ -130,7 +131,7 @@ export function UnprotectedCard() {
       <header>
         <h2 id="unprotected-title">No shields</h2>
       </header>
-      <p className="quiet">These robots do not audit each other: nothing would stop one that lies.</p>
+      <p className="quiet">These robots do not <Term of="audits">audit</Term> each other: nothing would stop one that lies.</p>
     </section>
   );
 }
@@ -139,7 +140,7 @@ export function AuditsCard({ refusals }: { readonly refusals: readonly Refusal[]
   return (
     <section className="card audits" data-testid="refusals" aria-labelledby="refusals-title">
       <header>
-        <h2 id="refusals-title">Refused audits</h2>
+        <h2 id="refusals-title">Refused <Term of="audits">audits</Term></h2>
       </header>
       {refusals.length === 0 ? (
         <p className="quiet">None so far.</p>

@@ -1,8 +1,11 @@
-"""The broker's login, out of a file or the environment: only this package reads that."""
+"""Secrets of the operator's, out of files or the environment: only this package reads that."""
 
 from __future__ import annotations
 
 import os
+import re
+import secrets
+import stat
 from pathlib import Path
 
 from phalanx.errors import UsageError
@@ -27,3 +30,28 @@ def read_login(path: Path | None) -> Login | None:
         return Login(username, password)
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")
     return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", "")) if username else None
+
+
+def kept_token(path: Path) -> str:
+    """The operator's token in this file, which is made for its owner alone if there is none.
+
+    Raises: UsageError: it cannot be read or made, others may read it, or it holds something else.
+    """
+    try:
+        # Opened once, and never followed elsewhere: between a look and a second opening somebody could swap it.
+        with os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600), "r+") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise UsageError(f"{path} is no file", "one that is not there is made")
+            if status.st_mode & 0o077 or status.st_uid != os.geteuid():
+                raise UsageError(f"others may read {path}", f"chmod 600 {path}, or another file of your own")
+            token = file.read(256).strip()
+            if not token:
+                token = secrets.token_hex(16)
+                file.write(token + "\n")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not text"
+        raise UsageError(f"cannot keep a token in {path}: {reason}", "a file that is yours") from error
+    if not re.fullmatch(r"[0-9A-Za-z_.~-]{16,255}", token):
+        raise UsageError(f"{path} holds no token", "16 or more letters and digits; an empty file gets one")
+    return token

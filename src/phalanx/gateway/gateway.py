@@ -55,6 +55,7 @@ class Gateway:
         self.server = server
         self.visitors = Visitors()
         self._drivers = Drivers()
+        self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._clock = clock
         self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
@@ -88,7 +89,23 @@ class Gateway:
         self._serve(swarm)
         self.brakes.adopt(swarm)
         self._lists.clear()
+        for tell in self._watchers:
+            self._tell_all(tell)
         await self._tell_one(Notice.RELOAD)
+
+    def watch(self, tell: Callable[[dict[str, Any]], None]) -> Callable[[], None]:
+        """`tell` is told, past the broker, what draws the swarm, and every frame from then on; the result ends it."""
+        self._tell_all(tell)
+        self._watchers.append(tell)
+        return lambda: self._watchers.remove(tell)
+
+    def _tell_all(self, tell: Callable[[dict[str, Any]], None]) -> None:
+        """In the words in which visitors are answered."""
+        answers: dict[int, Any] = {vocabulary.REQUEST_AREA: self._area(), vocabulary.REQUEST_ROBOTS: self._list(True)}
+        if self.missions:
+            answers |= {vocabulary.REQUEST_WALLS: self.missions.walls(), vocabulary.REQUEST_LIT: self.missions.lit()}
+        for number, data in answers.items():
+            tell({"request": number, "data": data})
 
     async def run(self) -> None:
         """Tell visitors what happens, and have robots stopped that nobody drives any longer, until cancelled."""
@@ -167,6 +184,9 @@ class Gateway:
 
     def _tell_area(self, request: Request) -> dict[str, Any]:
         self._asked(request)
+        return self._area()
+
+    def _area(self) -> dict[str, Any]:
         width, height = self.swarm.area_mm
         told: dict[str, Any] = {"width": width, "height": height}
         if self.shields:
@@ -203,6 +223,8 @@ class Gateway:
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
         for frame in tick.frames if tick else ():
+            for tell in self._watchers:
+                tell(frame)
             if await self._notify(frame):
                 self._told.sent(frame["data"]["seq"], time.monotonic())
         if self.visitors.older_pages(time.monotonic()):

@@ -31,6 +31,7 @@ PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
+FRAMES_WAITING = 100
 # aiohttp logs a trace for every request that is no HTTP, and quotes it.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
@@ -61,6 +62,8 @@ def pages_are_built() -> bool:
 
 class _Site:
     """An HTTP server for one page."""
+
+    port_option = "--port"
 
     def __init__(self, page: str, policy: str, host: str, port: int, longest: int = 4096) -> None:
         self.host, self.port = host, port
@@ -112,7 +115,7 @@ class _Site:
             is_taken = error.errno == errno.EADDRINUSE
             raise Unavailable(
                 f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
-                "another program has it; choose another with --port, or --port 0 for any"
+                f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
                 if is_taken
                 else "--host is an address of this machine, and below port 1024 only root may listen",
             ) from error
@@ -159,9 +162,13 @@ class OperatorPages(_Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
+    `rotate` makes a new code, or says that it is too soon; `watch` tells all that draws the swarm, until its result is
+    called.
     `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event
     loop in which this is made.
     """
+
+    port_option = "--operator-port"
 
     def __init__(
         self,
@@ -170,6 +177,9 @@ class OperatorPages(_Site):
         compromise: Callable[[str, str], None],
         desk: MissionDesk | None = None,
         hold: Callable[[bool], None] = lambda _: None,
+        rotate: Callable[[], Coroutine[Any, Any, bool]] | None = None,
+        watch: Callable[[Callable[[dict[str, Any]], None]], Callable[[], None]] = lambda _: lambda: None,
+        port: int = 0,
     ) -> None:
         self._gateways = asyncio.get_running_loop()
         self._hold = hold
@@ -177,12 +187,17 @@ class OperatorPages(_Site):
         self._state = state
         self._compromise = compromise
         self._desk = desk
+        self._rotate = rotate
+        self._watch = watch
         # As JSON a text may be twice as long as it is.
-        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, 0, 2 * TEXT_MAX_BYTES + 1024 if desk else 4096)
+        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, 2 * TEXT_MAX_BYTES + 1024 if desk else 4096)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/api/state", self._tell_state)
         self.app.router.add_post("/api/compromise", self._do_compromise)
+        self.app.router.add_get("/api/frames", self._tell_frames)
+        if self._rotate:
+            self.app.router.add_post("/api/rotate", self._do_rotate)
         self.app.router.add_post("/api/stop", self._do_stop)
         self.app.router.add_post("/api/go", self._do_go)
         if self._desk:
@@ -200,6 +215,36 @@ class OperatorPages(_Site):
 
     async def _tell_state(self, request: web.Request) -> web.Response:
         return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))
+
+    async def _tell_frames(self, request: web.Request) -> web.StreamResponse:
+        """What draws the swarm, a JSON object a line, until somebody hangs up; the page then asks again."""
+        if stranger := self._stranger(request):
+            return stranger
+        lines: asyncio.Queue[dict[str, Any] | None] = asyncio.Queue()
+        loop = asyncio.get_running_loop()
+
+        def put(words: dict[str, Any]) -> None:
+            # Whoever reads too slowly begins anew: the robots of a minute ago are no use.
+            if lines.qsize() <= FRAMES_WAITING:
+                lines.put_nowait(words if lines.qsize() < FRAMES_WAITING else None)
+
+        response = web.StreamResponse(headers=COMMON_HEADERS | {"Content-Type": "application/x-ndjson"})
+        end = await self._at_the_gateway(_soon(lambda: self._watch(lambda words: _soon_at(loop, put, words))))
+        try:
+            await response.prepare(request)
+            while (words := await lines.get()) is not None:
+                await response.write(json.dumps(words).encode() + b"\n")
+        finally:
+            _soon_at(self._gateways, end)
+        return response
+
+    async def _do_rotate(self, request: web.Request) -> web.Response:
+        assert self._rotate is not None, "or there is no such route"
+        if stranger := self._stranger(request):
+            return stranger
+        if await self._at_the_gateway(self._rotate()):
+            return _answer({})
+        return _answer({"error": "the code has just changed; the one before it has to end first"}, 409)
 
     async def _do_stop(self, request: web.Request) -> web.Response:
         return self._stranger(request) or self._told(True)
@@ -279,6 +324,11 @@ class OperatorPages(_Site):
         if request.headers.get("Origin", f"http://{request.host}") != f"http://{request.host}":
             return _answer({"error": "not from this page"}, 403)
         return None
+
+
+def _soon_at(loop: asyncio.AbstractEventLoop, job: Callable[..., None], *words: Any) -> None:
+    with contextlib.suppress(RuntimeError):  # it has ended
+        loop.call_soon_threadsafe(job, *words)
 
 
 async def _soon(job: Callable[[], Told]) -> Told:

@@ -61,6 +61,8 @@ class UpOptions:
     page_url: str = ""
     frontend: str = ""  # page of the published form to send visitors to, instead of ours
     wait_s: float = 30.0  # for the broker
+    operator_port: int = 0  # of the operator's page; 0 for any free one
+    operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
     duration_s: float | None = None  # end by itself after so long
     link: LinkConfig = field(default_factory=LinkConfig)  # the link's parameters
 
@@ -273,7 +275,7 @@ async def up(
     advertised = lan_address() if options.host in EVERYWHERE else options.host
     port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
-    token = secrets.token_hex(16)
+    token = options.operator_token or secrets.token_hex(16)
     _allow_many_connections()
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(beside(VisitorPages(options.host, port)))
@@ -298,7 +300,16 @@ async def up(
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
         if desk:
             stack.callback(desk.stop)
-        operators = OperatorPages(token, running.state, running.compromise, desk, running.hold)
+        operators = OperatorPages(
+            token,
+            running.state,
+            running.compromise,
+            desk,
+            running.hold,
+            server.rotate,
+            running.gateway.watch,
+            options.operator_port,
+        )
         operator = await stack.enter_async_context(beside(operators))
         await stack.enter_async_context(server)
         await _until_connected(server, say, options.wait_s)

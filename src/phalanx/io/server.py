@@ -6,6 +6,7 @@ Use it as `phalanx.link.Server`.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import inspect
 import logging
 import os
@@ -78,6 +79,7 @@ class Server:
         self._mqtt = mqtt
         self._tasks: list[asyncio.Task[None]] = []
         self._reached = asyncio.Event()
+        self._sooner = asyncio.Event()
 
     def on_command(self, name: str) -> Callable[[CommandHandler], CommandHandler]:
         """Decorate the handler of command `name`, or of every other one with `ANY`; it takes a `Command`."""
@@ -210,15 +212,28 @@ class Server:
     def _on_dropped(self, error: PeerError) -> None:
         self._report(self._side.reject(error))
 
+    async def rotate(self) -> bool:
+        """A new pin now, as at any rotation; False in an overlap, and before the broker was reached."""
+        return self._reached.is_set() and await self._advance(self._side.rotate)
+
     async def _rotate(self) -> None:
         await self._reached.wait()
         while True:
-            await asyncio.sleep(max(0.01, self._side.next_due_s() - time.monotonic()))
-            before = self._side.epoch
-            await self._do(self._side.advance(time.monotonic()))
-            if self._side.epoch is not before:
-                log.info("a new pin; the old one is accepted for %g s more", self.config.overlap_s)
-                self._report(self._side.epoch)
+            self._sooner.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(max(0.01, self._side.next_due_s() - time.monotonic())):
+                    await self._sooner.wait()
+            await self._advance(self._side.advance)
+
+    async def _advance(self, step: Callable[[float], tuple[Ask, ...]]) -> bool:
+        before = self._side.epoch
+        await self._do(step(time.monotonic()))
+        if self._side.epoch is before:
+            return False
+        log.info("a new pin; the old one is accepted for %g s more", self.config.overlap_s)
+        self._report(self._side.epoch)
+        self._sooner.set()
+        return True
 
     async def _do(self, asks: tuple[Ask, ...]) -> None:
         if self._link is not None and asks:

@@ -28,6 +28,7 @@ interface Waiting {
 const KEEPALIVE_S = 60;
 const RECONNECT_MS = 1000;
 const CONNECT_TIMEOUT_MS = 5000;
+const inBrowser = typeof window !== "undefined";
 /** Reasons of a CONNACK, of MQTT 3.1.1 and of MQTT 5: a bad name or password, and not allowed. */
 const LOGIN_REFUSED: readonly unknown[] = [4, 5, 134, 135];
 
@@ -39,6 +40,7 @@ export class Connection {
   readonly #waiting = new Set<Waiting>();
   #state: BrokerState = "connecting";
   #refused = false;
+  #socket: WebSocket | undefined;
 
   /** Connects at once, and again whenever the broker is lost, until close(). */
   constructor(to: Invitation) {
@@ -57,6 +59,9 @@ export class Connection {
       // Ours: after a rotation the topics to resubscribe to are others than those first asked for.
       resubscribe: false,
       queueQoSZero: false,
+      ...(inBrowser && {
+        createWebsocket: (url: string, protocols: string[]) => (this.#socket = new WebSocket(url, protocols)),
+      }),
       // The default runs its timers in a Worker made from a blob: URL, which a strict content security policy refuses.
       timerVariant: "native",
     });
@@ -128,6 +133,13 @@ export class Connection {
     });
   }
 
+  /** Ask when the page is being closed, and no answer is wanted: what mqtt.js sends a moment later would never leave. */
+  lastRequest(request: number, more: JsonObject): void {
+    if (!this.#mqtt.connected) return;
+    const { topic, bytes } = this.#link.request(request, more, now_s(), randomBytes(IV_BYTES));
+    this.#socket?.send(publishPacket(topic, bytes, this.#mqtt.options.protocolVersion === 5));
+  }
+
   /** Give up a connection that may be dead or was denied its topics, and make another. */
   restart(): void {
     if (this.#mqtt.connected) this.#mqtt.stream.destroy();
@@ -184,6 +196,15 @@ export class Connection {
   #emit(event: ConnectionEvent): void {
     for (const listener of this.#listeners) listener(event);
   }
+}
+
+/** An MQTT PUBLISH with QoS 0. */
+function publishPacket(topic: string, bytes: Uint8Array, hasProperties: boolean): Uint8Array<ArrayBuffer> {
+  const name = new TextEncoder().encode(topic);
+  const body = [name.length >> 8, name.length & 255, ...name, ...(hasProperties ? [0] : []), ...bytes];
+  const length: number[] = [];
+  for (let rest = body.length; rest > 0 || length.length === 0; rest >>= 7) length.push((rest & 127) | (rest > 127 ? 128 : 0));
+  return new Uint8Array([0x30, ...length, ...body]);
 }
 
 function now_s(): number {

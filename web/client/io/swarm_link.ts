@@ -100,7 +100,7 @@ export class SwarmLink implements SwarmSource {
 
   /** Say that nobody is here any more; whoever asks something again has come back. */
   leave(): void {
-    this.request(REQUEST_AREA, { leaving: true }).catch(() => {});
+    this.connection.lastRequest(REQUEST_AREA, { frames: true, leaving: true });
   }
 
   close(): void {

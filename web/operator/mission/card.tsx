@@ -1,6 +1,7 @@
 // The mission that runs, in a line or two.
 
 import type { Missions } from "../gateway_state";
+import { Term } from "../terms";
 
 export function MissionCard({ mission }: { readonly mission: Missions }) {
   const { world, running, robots } = mission;
@@ -8,7 +9,7 @@ export function MissionCard({ mission }: { readonly mission: Missions }) {
   return (
     <section className="card" data-testid="mission-card" aria-labelledby="mission-title">
       <header>
-        <h2 id="mission-title">Mission{running && `: ${running.name}`}</h2>
+        <h2 id="mission-title"><Term of="mission">Mission</Term>{running && `: ${running.name}`}</h2>
         <span className="quiet">{world}</span>
       </header>
       {running ? (

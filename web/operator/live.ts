@@ -1,0 +1,99 @@
+// The swarm as it moves: the gateway's frames by HTTP, so that this map does not need the broker that visitors use.
+
+import { useEffect, useState } from "react";
+import { type Json, NO_SWARM, type SwarmSource, type SwarmView, swarmReducer } from "../client";
+import { isObject } from "../client/core/json";
+
+const AGAIN_MS = 500;
+/** The longest line: a list of two thousand robots. */
+const MOST_CHARS = 16_000_000;
+
+export class Live implements SwarmSource {
+  readonly #token: string;
+  readonly #listeners = new Set<() => void>();
+  readonly #ended = new AbortController();
+  #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
+
+  constructor(token: string) {
+    this.#token = token;
+    void this.#run();
+  }
+
+  get view(): SwarmView {
+    return this.#view;
+  }
+
+  subscribe(listener: () => void): () => void {
+    this.#listeners.add(listener);
+    return () => this.#listeners.delete(listener);
+  }
+
+  close(): void {
+    this.#listeners.clear();
+    this.#ended.abort();
+  }
+
+  async #run(): Promise<void> {
+    while (!this.#ended.signal.aborted) {
+      try {
+        await this.#read();
+      } catch {
+        // The gateway is away: the page says so, from what it asks once a second.
+      }
+      // The gateway hangs up now and then; that is not worth a word.
+      await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    }
+  }
+
+  async #read(): Promise<void> {
+    const answer = await fetch("/api/frames", {
+      headers: { Authorization: `Bearer ${this.#token}` },
+      cache: "no-store",
+      credentials: "omit",
+      redirect: "error",
+      signal: this.#ended.signal,
+    });
+    if (!answer.ok || !answer.body) return;
+    this.#show(swarmReducer(this.#view.swarm, { kind: "reconnected" }));
+    const reader = answer.body.getReader();
+    const decoder = new TextDecoder();
+    let rest = "";
+    for (;;) {
+      const { value, done } = await reader.read();
+      if (done) return;
+      const lines = (rest + decoder.decode(value, { stream: true })).split("\n");
+      rest = lines.pop() ?? "";
+      if (rest.length > MOST_CHARS) return;
+      for (const line of lines) this.#take(JSON.parse(line) as Json);
+    }
+  }
+
+  #take(words: Json): void {
+    if (!isObject(words)) return;
+    const at_ms = performance.now();
+    const { swarm } = this.#view;
+    const { request, data } = words;
+    if (typeof request === "number" && data !== undefined) {
+      this.#show(swarmReducer(swarm, { kind: "replied", request, data, at_ms }));
+    } else this.#show(swarmReducer(swarm, { kind: "notified", payload: words, at_ms }));
+  }
+
+  #show(swarm: SwarmView["swarm"]): void {
+    this.#view = { swarm, health: { state: "live" } };
+    for (const listener of this.#listeners) listener();
+  }
+}
+
+/** The live swarm, for as long as the component lives. */
+export function useLive(token: string): Live | undefined {
+  const [live, setLive] = useState<Live>();
+  useEffect(() => {
+    const opened = new Live(token);
+    setLive(opened);
+    return () => {
+      opened.close();
+      setLive(undefined);
+    };
+  }, [token]);
+  return live;
+}

@@ -1,0 +1,54 @@
+// The map for the projector: the robots as visitors see them, and in large words what became of the one that lies.
+
+import { useState } from "react";
+import { MapView } from "../map/map_view";
+import type { GatewayState, Lie, Robot } from "./gateway_state";
+import { useLive } from "./live";
+
+interface Props {
+  readonly token: string;
+  readonly state: GatewayState;
+}
+
+export function LiveMap({ token, state }: Props) {
+  const live = useLive(token);
+  const [chosen, setChosen] = useState<string>();
+  const newest = newestLie(state);
+  return (
+    <section className="live" aria-label="Live map">
+      <MapView link={live} selected={chosen ?? newest?.robot.address} onSelect={(address) => setChosen(address === chosen ? undefined : address)} />
+      <p className="live-words" data-testid="live-words" data-stopped={newest?.lie.stopped_after_s !== undefined} hidden={!newest}>
+        {newest && <LieWords {...newest} />}
+      </p>
+    </section>
+  );
+}
+
+interface Newest {
+  readonly robot: Robot;
+  readonly lie: Lie;
+  readonly attack: string;
+}
+
+function newestLie({ robots, shields }: GatewayState): Newest | undefined {
+  const lying = robots.flatMap((robot) => {
+    const shield = shields?.robots[robot.address];
+    return shield?.lie ? [{ robot, lie: shield.lie, attack: shield.attack }] : [];
+  });
+  return lying.sort((a, b) => a.lie.since_s - b.lie.since_s)[0];
+}
+
+function LieWords({ robot, lie, attack }: Newest) {
+  if (lie.stopped_after_s !== undefined) {
+    return (
+      <>
+        <strong>{robot.name} was stopped</strong> by the others after {`${lie.stopped_after_s.toFixed(1)}\u00a0s`}
+      </>
+    );
+  }
+  return (
+    <>
+      <strong>{robot.name} lies</strong> ({attack}) for {Math.floor(lie.since_s)} s
+    </>
+  );
+}

@@ -1,0 +1,90 @@
+// Words that are not plain, and what they mean: shown to a pointer, a finger or the keyboard's focus.
+
+import { type ReactNode, useEffect, useState } from "react";
+
+export const TERMS = {
+  mode: "How visitors get in. qrkey: by the code alone. Nobody proves who they are, so whoever has the code can drive.",
+  code: "It holds a secret number, the pin, that opens what is said between phones and the gateway. It changes by itself from time to time; phones that are in follow.",
+  newCode: "Changes the code at once. Nobody is thrown out by it: phones that are in are told the new one. To throw everybody out, start the gateway again.",
+  broker: "The program in the network that passes messages between phones and the gateway.",
+  visitors: "Pages and programs that asked for something lately, by a name that each makes up. One that is closed disappears at once, one that lost its network within a minute.",
+  compromise: "Let a robot behave as if somebody had broken into its computer, to see the others find out.",
+  attack: "What the robot does from then on.",
+  trusted: "Two small computers on each robot that nobody can change: they write down what it sees and does, and stop it when no neighbour vouches for it any longer.",
+  audits: "Neighbours check what a robot wrote down by doing the same sums. Whoever cannot explain what it did gets no voucher.",
+  fleet: "All robots that the gateway knows.",
+  led: "The colour of the robot's light.",
+  drive: "manual: driven by visitors, or standing. route: on its way to points that a visitor tapped. mission: goes where what it finds tells it.",
+  heard: "How long ago the robot was last heard.",
+  link: "ok: heard within 5 s. quiet: within a minute. lost: not for a minute.",
+  shield: "How many neighbours vouch for the robot, of how many it needs; and for how long it may go on if none does so anew. Without, it stops: Safe Mode.",
+  safeMode: "Stopped by its trusted nodes, as too few neighbours vouched for it. It obeys nobody until the gateway is started again.",
+  mission: "How far the robot is with its encoded mission: how many of its instructions it could decode by reaching the places that they describe.",
+  messages: "What went through the gateway since it was started.",
+  refused: "Messages that were thrown away: broken, too old, sent twice, or not sealed with the code.",
+} as const;
+
+export function Term({ of, children }: { readonly of: keyof typeof TERMS; readonly children: ReactNode }) {
+  return (
+    <span className="term" tabIndex={0} data-tip={TERMS[of]} aria-description={TERMS[of]}>
+      {children}
+    </span>
+  );
+}
+
+interface Shown {
+  readonly term: Element;
+  readonly text: string;
+  readonly left: number;
+  readonly top: number;
+}
+
+const WIDTH_PX = 320;
+
+function below(term: Element): Shown {
+  const { left, bottom } = term.getBoundingClientRect();
+  return {
+    term,
+    text: term.getAttribute("data-tip") ?? "",
+    left: Math.max(8, Math.min(left, window.innerWidth - WIDTH_PX - 8)),
+    top: bottom + 6,
+  };
+}
+
+/** Once on the page: the box in which meanings appear. */
+export function Tip() {
+  const [shown, setShown] = useState<Shown>();
+
+  useEffect(() => {
+    const show = (event: Event) => {
+      const term = event.target instanceof Element ? event.target.closest("[data-tip]") : null;
+      setShown(term ? below(term) : undefined);
+    };
+    // The focus itself may scroll its word into view.
+    const follow = () => setShown((now) => now && below(now.term));
+    const hide = () => setShown(undefined);
+    const hideByKey = (event: KeyboardEvent) => {
+      if (event.key === "Escape") hide();
+    };
+    document.addEventListener("pointerover", show);
+    document.addEventListener("focusin", show);
+    document.addEventListener("focusout", hide);
+    document.addEventListener("keydown", hideByKey);
+    document.addEventListener("scroll", follow, true);
+    return () => {
+      document.removeEventListener("pointerover", show);
+      document.removeEventListener("focusin", show);
+      document.removeEventListener("focusout", hide);
+      document.removeEventListener("keydown", hideByKey);
+      document.removeEventListener("scroll", follow, true);
+    };
+  }, []);
+
+  if (!shown) return null;
+  // Read out as the word's own description, so not a second time here.
+  return (
+    <div className="tip" role="tooltip" aria-hidden="true" style={{ left: shown.left, top: shown.top }}>
+      {shown.text}
+    </div>
+  );
+}
