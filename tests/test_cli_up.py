@@ -182,6 +182,24 @@ class TestUp:
                     assert told.stop() == 0
                     assert not told.err
 
+    def test_a_broker_that_locks_phones_out_is_told_by_up_and_by_the_doctor(self, tmp_path):
+        tcp, ws = free_port(), free_port()
+        users = tmp_path / "users"
+        subprocess.run(["mosquitto_passwd", "-c", "-b", users, "me", "secret"], check=True)
+        (tmp_path / "login").write_text("me:secret\n")
+        # As root it would become somebody who may not read the file.
+        guarded = ("allow_anonymous false", f"password_file {users}", "user root")
+        with bare_mosquitto(tcp, ws, tmp_path, *guarded) as (start, _):
+            start()
+            login = ["--broker-login", str(tmp_path / "login")]
+            there = f"ws://127.0.0.1:{ws}/mqtt"
+            with a_gateway("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login) as (up, _):
+                assert any("phones are locked out" in line and "without a login" in line for line in up.err)
+                assert "secret" not in " ".join(up.err)
+            done = run("doctor", "--broker", there, *login)
+            assert done.returncode == 1
+            assert any(line.startswith("fix") and "phones are locked out" in line for line in done.stdout.splitlines())
+
     def test_foreign_pages_get_the_published_form(self):
         with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):
             assert ready["qr_url"].startswith("https://dotbots.example/PyDotBot?use_qrkey=true&pin=")

@@ -17,7 +17,8 @@ from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
 from phalanx.io import Server, parse_broker_url
-from phalanx.io.broker import BROKER_HINT, has_amqtt
+from phalanx.io.broker import BROKER_HINT, has_amqtt, why_no_phone_gets_in
+from phalanx.io.broker_url import websocket_of
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
@@ -44,6 +45,7 @@ def doctor(broker: str | None, broker_login: Path | None, as_json: bool) -> int:
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:
         findings.append(asyncio.run(_reach(Server(url), str(url))))
+        findings.append(asyncio.run(_phones(websocket_of(url))))
     if as_json:
         print_json({"findings": [asdict(finding) for finding in findings]})
     else:
@@ -113,6 +115,11 @@ def _clock() -> Finding:
     if keeper:
         return Finding("clock", True, f"{now}, kept by {keeper}")
     return Finding("clock", True, f"{now}, not known to be synchronized: messages more than 30 s off are refused")
+
+
+async def _phones(websocket: str) -> Finding:
+    trouble, hint = await why_no_phone_gets_in(websocket)
+    return Finding("broker, for phones", not trouble, trouble or f"{websocket} takes them", hint)
 
 
 async def _reach(server: Server, url: str) -> Finding:

@@ -12,7 +12,7 @@ import click
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
-from phalanx.io.broker import open_broker, warn_if_guessed_wrong
+from phalanx.io.broker import open_broker, warn_if_phones_are_locked_out
 from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
@@ -211,7 +211,7 @@ def serve(
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
                 await connected_within(server, wait_s)
-                await warn_if_guessed_wrong(running)
+                await warn_if_phones_are_locked_out(running)
                 _tell(server.epoch, url(), events, ready=True)
                 async with for_at_most(duration_s):
                     await server.run()

@@ -20,7 +20,7 @@ import segno
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
-from phalanx.io.broker import RunningBroker, open_broker, warn_if_guessed_wrong
+from phalanx.io.broker import RunningBroker, open_broker, warn_if_phones_are_locked_out
 from phalanx.io.broker_url import on_host
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, free_port, lan_address
 from phalanx.io.server import Happening
@@ -314,7 +314,7 @@ async def up(
         await stack.enter_async_context(server)
         await _until_connected(server, say, options.wait_s)
         async with for_at_most(options.duration_s):
-            await warn_if_guessed_wrong(broker)
+            await warn_if_phones_are_locked_out(broker)
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
             started(running)
             await running.run()

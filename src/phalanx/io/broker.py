@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from phalanx.errors import Unavailable, UsageError
 
 from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .connection import Connection
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
 from .ports import EVERYWHERE, LOOPBACK, PortTaken, free_port
@@ -35,7 +36,6 @@ class RunningBroker:
     gateway: BrokerUrl  # for the gateway; the only one who may speak as the swarm, where the broker is ours
     websocket: str  # for browsers, as seen from this machine
     mqtt: int  # protocol version to begin with
-    guessed: bool = False  # whether `websocket` is only where such brokers usually have theirs
 
 
 def has_amqtt() -> bool:
@@ -70,8 +70,7 @@ async def open_broker(
         browsers = parse_broker_url(websocket) if websocket else None
         if browsers and not browsers.websockets:
             raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
-        guessed = not (browsers or url.websockets)
-        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5, guessed)
+        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5)
         return
     if websocket:
         raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
@@ -122,15 +121,35 @@ def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
     return amqtt(at)
 
 
-async def warn_if_guessed_wrong(broker: RunningBroker) -> None:
-    """Whoever reads the log knows if nothing listens where browsers are sent on a guess. Asks once."""
-    if not broker.guessed:
-        return
-    at = parse_broker_url(broker.websocket)
+async def why_no_phone_gets_in(websocket: str) -> tuple[str, str]:
+    """Why pages, which come by websocket and have no login, cannot connect; and a hint. Empty if they can."""
+    at = parse_broker_url(websocket)
     try:
         async with asyncio.timeout(PROBE_S):
             _, writer = await asyncio.open_connection(at.host, at.port)
+            writer.close()
     except (OSError, TimeoutError):
-        log.warning("nothing listens at %s, where phones will look for the broker; hint: --broker-ws", at)
-    else:
-        writer.close()
+        return f"nothing listens at {at}, where phones will look for the broker", "--broker-ws"
+    link = Connection(at, "probe", tuple, _ignore, _ignore)
+    trying = link.start()
+    try:
+        await link.wait_connected(PROBE_S)
+    except Unavailable as error:
+        return f"phones are locked out: {error}", "clients without a login need a way in, to our topics only"
+    except TimeoutError as error:
+        return f"phones are locked out: {error}", "--broker-ws"
+    finally:
+        trying.cancel()
+        await asyncio.wait([trying])
+    return "", ""
+
+
+async def _ignore(*_: object) -> None: ...
+
+
+async def warn_if_phones_are_locked_out(broker: RunningBroker) -> None:
+    """Whoever reads the log knows if no phone will get into a broker that is not ours. Asks once."""
+    if broker.name == "external":
+        trouble, hint = await why_no_phone_gets_in(broker.websocket)
+        if trouble:
+            log.warning("%s; hint: %s", trouble, hint)

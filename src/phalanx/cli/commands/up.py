@@ -57,7 +57,7 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @broker_options
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
 @option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))
-@option("--operator-port", help="Of the operator's page.  [default: any]", type=click.IntRange(0, 65535), default=0)
+@option("--operator-port", help="Of the operator's page; 0 is any free one.", type=click.IntRange(0, 65535), default=0)
 @option(
     "--operator-token-file",
     help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful.",
