@@ -57,7 +57,9 @@ export function Tip() {
 
   useEffect(() => {
     const show = (event: Event) => {
-      const term = event.target instanceof Element ? event.target.closest("[data-tip]") : null;
+      const under = event.target instanceof Element ? event.target.closest("[data-tip]") : null;
+      // A pointer that rests while the page scrolls below it does not take away what the keyboard asked for.
+      const term = under ?? document.activeElement?.closest("[data-tip]");
       setShown(term ? below(term) : undefined);
     };
     // The focus itself may scroll its word into view.
