@@ -15,7 +15,7 @@ from pathlib import Path
 import paho.mqtt.publish as publish
 import pytest
 
-from conftest import a_gateway, bare_mosquitto, child, run, secrets_of
+from conftest import ROOT, a_gateway, bare_mosquitto, child, run, secrets_of
 from phalanx.cli import up as command
 from phalanx.gateway.up import UpOptions, for_at_most
 from phalanx.io.ports import free_port
@@ -281,3 +281,14 @@ def test_people_are_told_when_shields_that_had_to_be_compiled_are_up(late, monke
     monkeypatch.setattr(command, "_keep_status", quiet)
     command._run_for_people(UpOptions(), lambda: None)
     assert ("shields are up" in capsys.readouterr().err) == late
+
+
+@pytest.mark.parametrize("file", ["phalanx.service", "Containerfile"])
+def test_what_we_deploy_starts_a_gateway_in_words_that_it_knows(file):
+    text = (ROOT / "deploy" / file).read_text().replace("\\\n", " ")
+    found = re.search(r"^(ENTRYPOINT |ExecStart=\S+/)(.*phalanx.*)$", text, re.MULTILINE)[2]
+    command, *words = re.findall(r"[^\s\[\]\",]+", found)
+    assert command == "phalanx"
+    done = run(*words, "--help")
+    assert done.returncode == 0, done.stderr
+    assert "--host" in done.stdout

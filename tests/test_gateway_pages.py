@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+import urllib.error
+import urllib.request
 
 import aiohttp
 import pytest
@@ -12,7 +14,7 @@ import pytest
 from conftest import eventually
 from phalanx.errors import Unavailable
 from phalanx.gateway import OperatorPages, VisitorPages
-from phalanx.gateway.serve_pages import PAGES
+from phalanx.gateway.serve_pages import PAGES, beside
 
 pytestmark = pytest.mark.waits
 
@@ -90,6 +92,29 @@ class TestPages:
             async with http.get(url, headers=headers) as answer:
                 await answer.content.readline()
             await eventually(lambda: [tell({"cmd": 16}) for tell in watching] == [])
+
+    async def test_anybody_here_may_ask_whether_it_is_well_and_is_told_nothing_else(self):
+        state = {"pin": "314159", "broker": {"connected": True}}
+        pages = OperatorPages("t0ken" * 6, lambda: state, lambda *_: None)
+        async with beside(pages), aiohttp.ClientSession() as http:
+
+            async def well():
+                async with http.get(f"http://127.0.0.1:{pages.port}/healthz") as answer:
+                    return answer.status, await answer.json()
+
+            assert await well() == (200, {"turns": True, "broker": True})
+            state["broker"]["connected"] = False
+            assert await well() == (503, {"turns": True, "broker": False})
+
+            def ask():
+                with pytest.raises(urllib.error.HTTPError) as told:
+                    urllib.request.urlopen(f"http://127.0.0.1:{pages.port}/healthz", timeout=10)
+                return told.value.code, json.loads(told.value.read())
+
+            state["broker"]["connected"] = True
+            asking = asyncio.get_running_loop().run_in_executor(None, ask)
+            time.sleep(2)  # the gateway's loop does not turn
+            assert await asking == (503, {"turns": False, "broker": False})
 
     async def test_a_foreign_name_for_loopback_is_turned_away(self, operator):
         headers = {"Authorization": "Bearer " + "t0ken" * 6, "Host": f"evil.example:{operator.port}"}

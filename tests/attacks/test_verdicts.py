@@ -163,6 +163,10 @@ def test_a_robot_taken_over_on_its_way_is_honest_until_it_lies():
     running.advance(20)
     assert start_ms <= liar.first_deviation_ms <= start_ms + 250
     assert running.in_safe_mode.nonzero()[0].tolist() == [3]
+    places = running.positions_m.copy()
+    running.advance(running.now_s + 2)
+    stands = (running.positions_m == places).all(axis=1)
+    assert stands.nonzero()[0].tolist() == [3]  # and the others fly on
 
 
 def test_the_page_about_attacks_has_each_with_its_verdicts():

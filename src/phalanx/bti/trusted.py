@@ -83,6 +83,8 @@ def _in_c(declared: _F) -> _F:
     parameters = inspect.signature(declared).parameters
     given = [f"{each.name}.ctypes.data" if each.annotation == "Row" else each.name for each in parameters.values()]
     told = ", ".join(each for each in given if each != "profile")
+    rows = {each.name for each in parameters.values() if each.annotation == "Row"}
+    assert rows <= CHECKS.keys() | {"node", "data"}, "no row goes to C unchecked"  # `length` is that of `data`
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)
     body = [f"if not ({checks}):", "    return E_ARG"] if checks else []
     if "profile" in parameters:

@@ -32,6 +32,7 @@ PAGES = Path(__file__).parent / "pages"
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
 FRAMES_WAITING = 100
+HEALTHY_S = 1.0  # within which a gateway that is well answers itself
 # aiohttp logs a trace for every request that is no HTTP, and quotes it.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
 _FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
@@ -193,6 +194,7 @@ class OperatorPages(_Site):
         super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, 2 * TEXT_MAX_BYTES + 1024 if desk else 4096)
 
     def _add_routes(self) -> None:
+        self.app.router.add_get("/healthz", self._tell_health)
         self.app.router.add_get("/api/state", self._tell_state)
         self.app.router.add_post("/api/compromise", self._do_compromise)
         self.app.router.add_get("/api/frames", self._tell_frames)
@@ -215,6 +217,15 @@ class OperatorPages(_Site):
 
     async def _tell_state(self, request: web.Request) -> web.Response:
         return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))
+
+    async def _tell_health(self, _: web.Request) -> web.Response:
+        """For whoever watches over the gateway; without a token, for it tells nothing else."""
+        turns = connected = False
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(HEALTHY_S):
+                connected = (await self._at_the_gateway(_soon(self._state)))["broker"]["connected"]
+                turns = True
+        return _answer({"turns": turns, "broker": connected}, 200 if connected else 503)
 
     async def _tell_frames(self, request: web.Request) -> web.StreamResponse:
         """What draws the swarm, a JSON object a line, until somebody hangs up; the page then asks again."""
