@@ -112,6 +112,7 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser):
         phone.keyboard.down("KeyW")
         wait_until(lambda: moves(up, "0001"))
         desk.goto(ready["operator_url"])
+        shield(phone, "whole").wait_for(timeout=20_000)
         desk.get_by_test_id("victim").select_option(label="Ada")
         desk.get_by_test_id("attack").select_option(label="crash")
         desk.get_by_test_id("compromise-button").click()

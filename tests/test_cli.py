@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli.commands.mission import PROFILES
-from phalanx.cli.main import ABOUT, phalanx
+from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.qr import qr_text
 from phalanx.io.ports import free_port
 
@@ -82,16 +82,19 @@ class TestMistakes:
         ],
         ids=lambda value: " ".join(value) if isinstance(value, list) else None,
     )
-    def test_one_clear_line_and_the_right_exit_code(self, arguments, code, words):
-        done = run(*arguments)
-        assert done.returncode == code, done.stderr
-        assert words in done.stderr
-        lines = [
-            line for line in done.stderr.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: WARNING"))
-        ]
-        assert len(lines) <= 1, done.stderr
-        assert "Traceback" not in done.stderr
-        assert "hunter2" not in done.stderr
+    def test_one_clear_line_and_the_right_exit_code(self, arguments, code, words, capsys):
+        if code == 2:  # nothing of it is begun: no process has to be
+            assert run_command(arguments) == 2
+            told = capsys.readouterr().err
+        else:
+            done = run(*arguments)
+            assert done.returncode == code, done.stderr
+            told = done.stderr
+        assert words in told
+        lines = [line for line in told.splitlines() if not line.startswith(("phalanx: hint:", "phalanx: WARNING"))]
+        assert len(lines) <= 1, told
+        assert "Traceback" not in told
+        assert "hunter2" not in told
 
     def test_a_port_in_use(self):
         with socket.socket() as taken:
@@ -140,7 +143,9 @@ class TestMistakes:
         with Path("/dev/full").open("w") as full:
             words = ["up", "--events", "--port", "0", "--defence", "none", "--duration", "60"]
             up = subprocess.run([*PHALANX, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=30)
-        assert (up.returncode, up.stderr) == (1, "phalanx: error: cannot write: No space left on device\n")
+        assert up.returncode == 1
+        assert up.stderr.endswith("phalanx: error: cannot write: No space left on device\n")
+        assert "Traceback" not in up.stderr
 
     @pytest.mark.parametrize("module", ["phalanx.cli", "click", "phalanx.cli.commands.up", "numpy", "phalanx.io"])
     def test_ctrl_c_while_we_start_leaves_no_traceback(self, module):

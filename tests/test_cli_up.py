@@ -15,6 +15,7 @@ from pathlib import Path
 import paho.mqtt.publish as publish
 import pytest
 
+from chromium import a_page, badge, insecure
 from conftest import ROOT, a_gateway, bare_mosquitto, child, run, secrets_of
 from phalanx.cli import up as command
 from phalanx.gateway.up import UpOptions, for_at_most
@@ -182,7 +183,7 @@ class TestUp:
                     assert told.stop() == 0
                     assert not told.err
 
-    def test_a_broker_that_locks_phones_out_is_told_by_up_and_by_the_doctor(self, tmp_path):
+    def test_a_broker_that_locks_phones_out_is_told_by_up_and_by_the_doctor(self, browser, tmp_path):
         tcp, ws = free_port(), free_port()
         users = tmp_path / "users"
         subprocess.run(["mosquitto_passwd", "-c", "-b", users, "me", "secret"], check=True)
@@ -194,11 +195,24 @@ class TestUp:
             login = ["--broker-login", str(tmp_path / "login")]
             there = f"ws://127.0.0.1:{ws}/mqtt"
             with a_gateway("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login) as (up, _):
-                assert any("phones are locked out" in line and "without a login" in line for line in up.err)
+                assert any("phones are locked out" in line and "without one" in line for line in up.err)
                 assert "secret" not in " ".join(up.err)
             done = run("doctor", "--broker", there, *login)
             assert done.returncode == 1
             assert any(line.startswith("fix") and "phones are locked out" in line for line in done.stdout.splitlines())
+            # The same broker, with a login for them.
+            theirs = ["--visitors-login", str(tmp_path / "login")]
+            words = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login, *theirs)
+            with a_gateway(*words) as (up, ready):
+                assert not up.err
+                assert ready["qr_url"].endswith("&user=me&password=secret")
+                visit = run("link", "connect", "-", "--json", input=ready["qr_url"])
+                assert len(json.loads(visit.stdout)["robots"]) == 12
+                with a_page(browser) as page:
+                    page.goto(insecure(ready["qr_url"]))
+                    badge(page, "live")
+                    assert "secret" not in page.url
+            assert run("doctor", "--broker", there, *login, *theirs).returncode == 0
 
     def test_foreign_pages_get_the_published_form(self):
         with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):

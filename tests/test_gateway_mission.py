@@ -196,7 +196,6 @@ class TestSwarm:
         assert [code.text for code in told.plan.codes] == ["7d1f0c52a9e84b3666c0e2f1b8d49a07"]
         assert len(told.controller) == 1
 
-    @pytest.mark.alone
     def is_held(self, swarm) -> bool:
         swarm.hold()
         time.sleep(0.5)
@@ -207,6 +206,7 @@ class TestSwarm:
         assert after[0].heard_at_s > before[0].heard_at_s, "heard, as before"
         return [robot.at for robot in after] == [robot.at for robot in before]
 
+    @pytest.mark.alone
     def test_robots_live_it_in_a_process_of_their_own_stand_while_held_and_end_with_it(self):
         with MissionSwarm(PLAN, 2, 0, time.time) as swarm:
             swarm.begin(orders())

@@ -289,9 +289,10 @@ class TestLateness:
                         await asyncio.sleep(4)
                     finally:
                         os.kill(pid, signal.SIGCONT)
-                    await eventually(lambda: server.rejected["late"] == 10)
+                    await eventually(lambda: server.rejected["late"] >= 10)
                     assert not [speed for speed in driven if 10 <= speed < 20]
-                    await eventually(lambda: 33 in driven)
+                    # Unless we were held up ourselves, which counts as waiting.
+                    await eventually(lambda: 33 in driven or server.rejected["late"] == 11)
                     # What is sent from now on is obeyed again, as soon as frames come through.
                     async with asyncio.timeout(20):
                         while 50 not in driven:

@@ -17,7 +17,7 @@ from phalanx.link.envelope import Bound, Envelope, encode_envelope, open_envelop
 from phalanx.link.keys import Epoch, derive_epoch
 from phalanx.link.parts import PartsInbox
 from phalanx.link.pin import Pin
-from phalanx.link.qrurl import parse_qr_url
+from phalanx.link.qrurl import Login, parse_qr_url
 from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import CommandTopic, ReplyTopic, full_topic, split_topic
 
@@ -149,11 +149,13 @@ def test_qr_urls_parse_and_are_made_again(case):
     assert outcome(lambda: parse_qr_url(case["url"])) == case["expect"]
     if case["expect"] == "ok":
         url = parse_qr_url(case["url"])
-        assert (url.pin.digits, url.broker, url.root, url.mqtt) == (
+        login = Login(**case["login"]) if "login" in case else None
+        assert (url.pin.digits, url.broker, url.root, url.mqtt, url.login) == (
             case["pin"],
             case["broker"],
             case["root"],
             case["mqtt"],
+            login,
         )
         page, foreign = url.for_page("https://a.example/"), url.for_foreign_page("https://a.example/")
         assert parse_qr_url(page) == url

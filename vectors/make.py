@@ -330,6 +330,20 @@ def qrurls() -> list[dict[str, Any]]:
     good = [
         {"name": "ours", "url": ours, "pin": pin, **own},
         {"name": "ours, 3.1.1", "url": ours.replace("mqtt=5", "mqtt=4"), "pin": pin, **own, "mqtt": 4},
+        {
+            "name": "ours, login",
+            "url": f"{ours}&user=guest&password=a%26b%20c%23%C3%A9",
+            "pin": pin,
+            **own,
+            "login": {"username": "guest", "password": "a&b c#\u00e9"},
+        },
+        {
+            "name": "ours, login without a password",
+            "url": f"{ours}&user=guest",
+            "pin": pin,
+            **own,
+            "login": {"username": "guest", "password": ""},
+        },
         {"name": "ours, defaults", "url": ours.split("&root", maxsplit=1)[0], "pin": pin, **own},
         {
             "name": "published, TLS",
@@ -338,6 +352,15 @@ def qrurls() -> list[dict[str, Any]]:
             "broker": "wss://broker.hivemq.com:8884/mqtt",
             "root": "/qrkey",
             "mqtt": 5,
+        },
+        {
+            "name": "published, login",
+            "url": f"{theirs}&mqtt_username=guest&mqtt_password=open%20house",
+            "pin": "012345678901",
+            "broker": "wss://broker.hivemq.com:8884/mqtt",
+            "root": "/qrkey",
+            "mqtt": 5,
+            "login": {"username": "guest", "password": "open house"},
         },
         {
             "name": "published, plain, 3.1.1",
@@ -364,6 +387,11 @@ def qrurls() -> list[dict[str, Any]]:
         "mqtt 3": ours.replace("mqtt=5", "mqtt=3"),
         "published without a host": theirs.replace("broker.hivemq.com", ""),
         "published with a bad port": theirs.replace("8884", "http"),
+        "a password without a name": f"{ours}&password=x",
+        "a name twice": f"{ours}&user=a&user=b",
+        "a name too long": f"{ours}&user={'a' * 129}",
+        "a name that commands a terminal": f"{ours}&user=%1B%5B2J",
+        "published with a password alone": f"{theirs}&mqtt_password=x",
     }
     return [{"expect": "ok", **case} for case in good] + [
         {"expect": "BadPin" if name == "pin of letters" else "BadQrUrl", "name": name, "url": url}

@@ -197,13 +197,19 @@ describe("places", () => {
 });
 
 describe("QR url", () => {
-  type C = Case & { url: string; pin: string; broker: string; root: string; mqtt: number };
+  type C = Case & { url: string; pin: string; broker: string; root: string; mqtt: number; login?: object };
   test.each(load<C>("qrurl"))("$name", (c) => {
     const { name, result } = outcome(() => parseQrUrl(c.url));
     expect(name).toBe(c.expect);
     if (!result) return;
     const plain = { ...result, pin: result.pin.reveal() };
-    expect(plain).toEqual({ pin: c.pin, broker: c.broker, root: c.root, mqtt: c.mqtt });
+    expect(plain).toEqual({
+      pin: c.pin,
+      broker: c.broker,
+      root: c.root,
+      mqtt: c.mqtt,
+      ...(c.login && { login: c.login }),
+    });
     const again = parseQrUrl(`http://page/${qrFragment(result)}`);
     expect({ ...again, pin: again.pin.reveal() }).toEqual(plain);
   });

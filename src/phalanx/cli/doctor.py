@@ -16,13 +16,13 @@ from phalanx.errors import PhalanxError
 from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
-from phalanx.io import Server, parse_broker_url
+from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import BROKER_HINT, has_amqtt, why_no_phone_gets_in
 from phalanx.io.broker_url import websocket_of
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
-from .login import read_login
+from .login import login_in, read_login
 from .terminal import print_json
 
 RELEASED_S = 1_767_225_600  # 2026-01-01: a clock before this is wrong
@@ -39,13 +39,16 @@ class Finding:
     fix: str = ""
 
 
-def doctor(broker: str | None, broker_login: Path | None, as_json: bool) -> int:
+def doctor(
+    broker: str | None, broker_ws: str, broker_login: Path | None, visitors_login: Path | None, as_json: bool
+) -> int:
     """Prints a line for each finding; 1 if something has to be mended."""
     url = parse_broker_url(broker, read_login(broker_login)) if broker else None
+    visitors = login_in(visitors_login) if visitors_login else None
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:
         findings.append(asyncio.run(_reach(Server(url), str(url))))
-        findings.append(asyncio.run(_phones(websocket_of(url))))
+        findings.append(asyncio.run(_phones(broker_ws or websocket_of(url), visitors)))
     if as_json:
         print_json({"findings": [asdict(finding) for finding in findings]})
     else:
@@ -117,8 +120,8 @@ def _clock() -> Finding:
     return Finding("clock", True, f"{now}, not known to be synchronized: messages more than 30 s off are refused")
 
 
-async def _phones(websocket: str) -> Finding:
-    trouble, hint = await why_no_phone_gets_in(websocket)
+async def _phones(websocket: str, login: Login | None) -> Finding:
+    trouble, hint = await why_no_phone_gets_in(websocket, login)
     return Finding("broker, for phones", not trouble, trouble or f"{websocket} takes them", hint)
 
 

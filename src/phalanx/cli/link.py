@@ -17,7 +17,7 @@ from phalanx.io.broker_url import BrokerUrl
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 
-from .login import read_login
+from .login import login_in, read_login
 from .options import link_config
 from .run import run
 from .terminal import plain, print_json, talk
@@ -188,6 +188,7 @@ def serve(
     broker: str,
     broker_ws: str,
     broker_login: Path | None,
+    visitors_login: Path | None,
     frontend: str,
     wait_s: float,
     duration_s: float | None,
@@ -199,10 +200,18 @@ def serve(
     from phalanx.gateway.up import connected_within, for_at_most  # noqa: PLC0415
 
     config, login = link_config(said), read_login(broker_login)
+    visitors = login_in(visitors_login) if visitors_login else None
+    where = open_broker(broker, login=login, websocket=broker_ws, visitors_login=visitors, root=config.root)
 
     async def echo() -> None:
-        async with open_broker(broker, login=login, websocket=broker_ws, root=config.root) as running:
-            server = Server(running.gateway, config=config, broker_for_visitors=running.websocket, mqtt=running.mqtt)
+        async with where as running:
+            server = Server(
+                running.gateway,
+                config=config,
+                broker_for_visitors=running.websocket,
+                login_for_visitors=visitors,
+                mqtt=running.mqtt,
+            )
             _echo(server)
 
             def url() -> str:

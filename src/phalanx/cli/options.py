@@ -62,6 +62,11 @@ broker_options = together(
     option("--broker", default="auto", help="auto, mosquitto, amqtt, or a mqtt(s):// or ws(s):// URL."),
     option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it."),
     login_option,
+    option(
+        "--visitors-login",
+        type=FILE,
+        help="File with user:password that phones say to that broker; in every QR code, so let it do little.",
+    ),
 )
 # What people change of a scenario.
 swarm_options = together(

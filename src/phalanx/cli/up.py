@@ -25,7 +25,7 @@ from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .login import kept_token, read_login
+from .login import kept_token, login_in, read_login
 from .mission.files import Wanted
 from .options import link_config
 from .qr import qr_text
@@ -45,6 +45,7 @@ def up(
     defence: str | None,
     f_max: int | None,
     broker_login: Path | None,
+    visitors_login: Path | None,
     operator_token_file: Path | None,
     events: bool,
     **served: Any,
@@ -55,7 +56,13 @@ def up(
     on_mission = bool(missions) or world is not None
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
-    options = UpOptions(link=link_config(served), login=read_login(broker_login), operator_token=token, **served)
+    options = UpOptions(
+        link=link_config(served),
+        login=read_login(broker_login),
+        visitors_login=login_in(visitors_login) if visitors_login else None,
+        operator_token=token,
+        **served,
+    )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")

@@ -55,6 +55,7 @@ class UpOptions:
     broker: str = "auto"  # auto, mosquitto, amqtt or a URL
     broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
     login: Login | None = None  # for a broker elsewhere
+    visitors_login: Login | None = None  # for phones there; every QR code has it
     host: str = LOOPBACK  # address to listen on for visitors; 0.0.0.0 for every one
     port: int | None = None  # of the visitors' page; None for 8080 or any free one, 0 for any
     # Where visitors find our page, if not at this machine's address: behind a proxy that speaks https, say.
@@ -284,6 +285,7 @@ async def up(
                 options.broker,
                 login=options.login,
                 websocket=options.broker_ws,
+                visitors_login=options.visitors_login,
                 ws_host=ws_host,
                 root=options.link.root,
             )
@@ -293,6 +295,7 @@ async def up(
             broker.gateway,
             config=options.link,
             broker_for_visitors=on_host(broker.websocket, advertised),
+            login_for_visitors=broker.visitors_login,
             mqtt=broker.mqtt,
         )
         robots = swarm()

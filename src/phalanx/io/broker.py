@@ -36,6 +36,7 @@ class RunningBroker:
     gateway: BrokerUrl  # for the gateway; the only one who may speak as the swarm, where the broker is ours
     websocket: str  # for browsers, as seen from this machine
     mqtt: int  # protocol version to begin with
+    visitors_login: Login | None = None  # for browsers, of a broker elsewhere
 
 
 def has_amqtt() -> bool:
@@ -49,6 +50,7 @@ async def open_broker(
     *,
     login: Login | None = None,
     websocket: str = "",
+    visitors_login: Login | None = None,
     ws_host: str = LOOPBACK,
     tcp_port: int = 0,
     ws_port: int = 0,
@@ -56,11 +58,12 @@ async def open_broker(
 ) -> AsyncIterator[RunningBroker]:
     """The broker that `kind` asks for: auto, mosquitto, amqtt, or a URL.
 
-    Of a broker elsewhere, `login` is for it and `websocket` its URL for browsers, where `kind` does not tell that. One
-    of ours listens for browsers at `ws_host`, loopback unless asked; ports of 0 are 1883 and 9001 or any free ones.
-    `root` is the first part of every topic that it lets visitors use.
+    Of a broker elsewhere, `login` is for it and `websocket` its URL for browsers, where `kind` does not tell that;
+    `visitors_login` is what they say there, if it asks. One of ours listens for browsers at `ws_host`, loopback unless
+    asked; ports of 0 are 1883 and 9001 or any free ones. `root` is the first part of every topic that it lets visitors
+    use.
 
-    Raises: UsageError: a bad URL, or a websocket given for an embedded broker. Unavailable: an embedded one fails, or
+    Raises: UsageError: a bad URL, or what is for a broker elsewhere given for one of ours. Unavailable: ours fails, or
         is not installed.
     """
     if kind not in EMBEDDED:
@@ -70,10 +73,11 @@ async def open_broker(
         browsers = parse_broker_url(websocket) if websocket else None
         if browsers and not browsers.websockets:
             raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
-        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5)
+        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5, visitors_login)
         return
-    if websocket:
-        raise UsageError("a websocket address for a broker of our own", "give it with a --broker URL only")
+    if websocket or visitors_login:
+        what = "a websocket address" if websocket else "a login of visitors"
+        raise UsageError(f"{what} for a broker of our own", "give it with a --broker URL only")
     name = kind if kind != "auto" else "mosquitto" if find_mosquitto() else "amqtt"
     if name == "amqtt" and not has_amqtt():
         raise Unavailable(
@@ -121,9 +125,9 @@ def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
     return amqtt(at)
 
 
-async def why_no_phone_gets_in(websocket: str) -> tuple[str, str]:
-    """Why pages, which come by websocket and have no login, cannot connect; and a hint. Empty if they can."""
-    at = parse_broker_url(websocket)
+async def why_no_phone_gets_in(websocket: str, login: Login | None = None) -> tuple[str, str]:
+    """Why pages, which come by websocket with the visitors' login, cannot connect; and a hint. Empty if they can."""
+    at = parse_broker_url(websocket, login)
     try:
         async with asyncio.timeout(PROBE_S):
             _, writer = await asyncio.open_connection(at.host, at.port)
@@ -135,7 +139,7 @@ async def why_no_phone_gets_in(websocket: str) -> tuple[str, str]:
     try:
         await link.wait_connected(PROBE_S)
     except Unavailable as error:
-        return f"phones are locked out: {error}", "clients without a login need a way in, to our topics only"
+        return f"phones are locked out: {error}", "--visitors-login, or a way in without one, to our topics only"
     except TimeoutError as error:
         return f"phones are locked out: {error}", "--broker-ws"
     finally:
@@ -150,6 +154,6 @@ async def _ignore(*_: object) -> None: ...
 async def warn_if_phones_are_locked_out(broker: RunningBroker) -> None:
     """Whoever reads the log knows if no phone will get into a broker that is not ours. Asks once."""
     if broker.name == "external":
-        trouble, hint = await why_no_phone_gets_in(broker.websocket)
+        trouble, hint = await why_no_phone_gets_in(broker.websocket, broker.visitors_login)
         if trouble:
             log.warning("%s; hint: %s", trouble, hint)

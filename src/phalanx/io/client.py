@@ -56,7 +56,7 @@ class Client:
         self.qr = parse_qr_url(qr) if isinstance(qr, str) else qr
         self.skew_s: float | None = None
         broker = broker or self.qr.broker
-        self._broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
+        self._broker = parse_broker_url(broker, login or self.qr.login) if isinstance(broker, str) else broker
         self._timeout_s = timeout_s
         self._clock = clock
         client_id = f"phalanx_{os.urandom(8).hex()}"

@@ -48,6 +48,7 @@ class Server:
         config: the link's parameters.
         login: for a broker that asks for one.
         broker_for_visitors: websocket URL that browsers use; derived from `broker` if that is one.
+        login_for_visitors: goes into the link, for a broker that asks for one: it should allow visitors' topics only.
         pin: the first pin; a fresh one unless given.
         mqtt: protocol version to try first, 5 or 4.
         clock: seconds since 1970; for tests.
@@ -62,6 +63,7 @@ class Server:
         config: LinkConfig | None = None,
         login: Login | None = None,
         broker_for_visitors: str = "",
+        login_for_visitors: Login | None = None,
         pin: Pin | None = None,
         mqtt: int = 5,
         clock: Callable[[], float] = time.time,
@@ -69,6 +71,7 @@ class Server:
         self.config = config or LinkConfig()
         self.broker = parse_broker_url(broker, login) if isinstance(broker, str) else broker
         self.broker_for_visitors = broker_for_visitors or websocket_of(self.broker)
+        self._login_for_visitors = login_for_visitors
         self.counters: Counter[str] = Counter()
         self.on_event: Callable[[Happening], None] = lambda _: None
         self._clock = clock
@@ -146,7 +149,7 @@ class Server:
     def qr(self) -> QrUrl:
         """What a QR code says now; it changes at every rotation. Source: docs/spec/link.md."""
         mqtt = self._link.mqtt if self._link else self._mqtt
-        return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt)
+        return QrUrl(self._side.epoch.pin, self.broker_for_visitors, self.config.root, mqtt, self._login_for_visitors)
 
     async def __aenter__(self) -> Self:
         self._link = Connection(

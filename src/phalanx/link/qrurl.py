@@ -17,6 +17,7 @@ from .pin import Pin
 VERSION = "1"
 DEFAULT_ROOT = "/qrkey"
 DEFAULT_MQTT = 5
+LOGIN_LONGEST = 128  # bytes of UTF-8
 _BROKER = re.compile(
     r"wss?://([0-9a-z._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?(/[^?#\s]*)?",  # no login in it: it would be in every QR code
     re.IGNORECASE | re.ASCII,
@@ -31,6 +32,14 @@ class BadQrUrl(UsageError):
 
 
 @dataclass(frozen=True, slots=True)
+class Login:
+    """A broker's user name and password."""
+
+    username: str
+    password: str = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
 class QrUrl:
     """Everything that a visitor needs. Raises: BadQrUrl."""
 
@@ -38,6 +47,7 @@ class QrUrl:
     broker: str  # websocket URL of the broker
     root: str = DEFAULT_ROOT  # first part of every topic
     mqtt: int = DEFAULT_MQTT  # protocol version, 5 or 4 (3.1.1)
+    login: Login | None = None  # for visitors, where the broker asks for one
 
     def __post_init__(self) -> None:
         if not _BROKER.fullmatch(self.broker):
@@ -61,6 +71,8 @@ class QrUrl:
             words["root"] = self.root
         if self.mqtt != DEFAULT_MQTT:
             words["mqtt"] = str(self.mqtt)
+        if self.login:
+            words |= {"user": self.login.username, "password": self.login.password}
         return f"{page}#{urlencode(words, quote_via=quote, safe='')}"
 
     def for_foreign_page(self, frontend: str) -> str:
@@ -78,6 +90,8 @@ class QrUrl:
             "mqtt_version": str(self.mqtt),
             "mqtt_use_ssl": str(tls),
         }
+        if self.login:
+            words |= {"mqtt_username": self.login.username, "mqtt_password": self.login.password}
         return f"{frontend}?{urlencode(words, quote_via=quote)}"
 
 
@@ -105,10 +119,20 @@ def parse_qr_url(url: str, root: str = DEFAULT_ROOT) -> QrUrl:
             words.get("broker", ""),
             words.get("root", DEFAULT_ROOT),
             _mqtt(words.get("mqtt", str(DEFAULT_MQTT))),
+            _login(words.get("user", ""), words.get("password", "")),
         )
     scheme = "wss" if words.get("mqtt_use_ssl", "False").lower() == "true" else "ws"
     broker = f"{scheme}://{words.get('mqtt_host', '')}:{words.get('mqtt_port', '')}/mqtt"
-    return QrUrl(Pin(words["pin"]), broker, root, _mqtt(words.get("mqtt_version", "5")))
+    login = _login(words.get("mqtt_username", ""), words.get("mqtt_password", ""))
+    return QrUrl(Pin(words["pin"]), broker, root, _mqtt(words.get("mqtt_version", "5")), login)
+
+
+def _login(username: str, password: str) -> Login | None:
+    if password and not username:
+        raise BadQrUrl("a password without a name")
+    if max(len(username.encode()), len(password.encode())) > LOGIN_LONGEST or not (username + password).isprintable():
+        raise BadQrUrl("a login that is none")
+    return Login(username, password) if username else None
 
 
 def _mqtt(text: str) -> int:

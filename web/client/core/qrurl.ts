@@ -12,12 +12,20 @@ export interface Invitation {
   readonly root: string;
   /** MQTT protocol level: 5, or 4 for 3.1.1. */
   readonly mqtt: 5 | 4;
+  /** What visitors say to a broker that asks for a login. */
+  readonly login?: BrokerLogin;
+}
+
+export interface BrokerLogin {
+  readonly username: string;
+  readonly password: string;
 }
 
 export const DEFAULT_ROOT = "/qrkey";
 const DEFAULT_MQTT = "5";
 const VERSION = "1";
 const LONGEST = 4096;
+const LOGIN_LONGEST = 128;
 // Whatever follows must stay one topic: no wildcards, no empty level, no trailing slash.
 const ROOT = /^(\/[0-9A-Za-z_-]{1,64}){1,8}$/;
 const HOST = /^[0-9A-Za-z.-]{1,253}$|^\[[0-9A-Fa-f:.]{2,64}\]$/;
@@ -54,13 +62,20 @@ export function parseQrUrl(text: string, root: string = DEFAULT_ROOT): Invitatio
 }
 
 /** An invitation from words that a person typed. @throws BadQrUrl, BadPin */
-export function invitation(pin: string, broker: string, root: string, mqtt: string): Invitation {
-  return { pin: new Pin(pin), broker: checkedBroker(broker), root: checkedRoot(root), mqtt: checkedMqtt(mqtt) };
+export function invitation(pin: string, broker: string, root: string, mqtt: string, login?: BrokerLogin): Invitation {
+  return {
+    pin: new Pin(pin),
+    broker: checkedBroker(broker),
+    root: checkedRoot(root),
+    mqtt: checkedMqtt(mqtt),
+    ...(login && { login }),
+  };
 }
 
 /** The fragment form, to be appended to the address of the visitor page. */
-export function qrFragment({ pin, broker, root, mqtt }: Invitation): string {
-  const words = { v: VERSION, pin: pin.reveal(), broker, root, mqtt: String(mqtt) };
+export function qrFragment({ pin, broker, root, mqtt, login }: Invitation): string {
+  const named = login && { user: login.username, password: login.password };
+  const words = { v: VERSION, pin: pin.reveal(), broker, root, mqtt: String(mqtt), ...named };
   return `#${Object.entries(words)
     .map(([key, value]) => `${key}=${encodeURIComponent(value)}`)
     .join("&")}`;
@@ -73,6 +88,7 @@ function parseFragment(words: URLSearchParams): Invitation {
     one(words, "broker"),
     one(words, "root", DEFAULT_ROOT),
     one(words, "mqtt", DEFAULT_MQTT),
+    checkedLogin(one(words, "user", ""), one(words, "password", "")),
   );
 }
 
@@ -84,7 +100,8 @@ function parsePublished(words: URLSearchParams, root: string): Invitation {
   if (!PORT.test(port)) throw new BadQrUrl("the broker's port is not a number");
   if (ssl !== "true" && ssl !== "false") throw new BadQrUrl("mqtt_use_ssl is neither True nor False");
   const broker = `${ssl === "true" ? "wss" : "ws"}://${host}:${port}/mqtt`;
-  return invitation(one(words, "pin"), broker, root, one(words, "mqtt_version", DEFAULT_MQTT));
+  const login = checkedLogin(one(words, "mqtt_username", ""), one(words, "mqtt_password", ""));
+  return invitation(one(words, "pin"), broker, root, one(words, "mqtt_version", DEFAULT_MQTT), login);
 }
 
 /** At most one: of two, two readers could each take another. */
@@ -111,6 +128,14 @@ function checkedBroker(text: string): string {
   if (url.username !== "" || url.password !== "") throw new BadQrUrl("the broker's address has a login");
   if (url.port === "0") throw new BadQrUrl("the broker's port is 0");
   return text;
+}
+
+function checkedLogin(username: string, password: string): BrokerLogin | undefined {
+  if (username === "" && password !== "") throw new BadQrUrl("a password without a name");
+  const bytes = Math.max(...[username, password].map((text) => new TextEncoder().encode(text).length));
+  if (bytes > LOGIN_LONGEST || /\p{C}|(?! )\p{Z}/u.test(username + password))
+    throw new BadQrUrl("a login that is none");
+  return username === "" ? undefined : { username, password };
 }
 
 function checkedRoot(text: string): string {

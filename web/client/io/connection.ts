@@ -50,6 +50,7 @@ export class Connection {
       // connections of one name, so whoever read it there could push this visitor off.
       clientId: `phalanx${bytesToHex(randomBytes(8))}`,
       protocolVersion: to.mqtt,
+      ...to.login,
       clean: true,
       keepalive: KEEPALIVE_S,
       reconnectPeriod: RECONNECT_MS,

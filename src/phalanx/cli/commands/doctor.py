@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.options import json_option, login_option, option
+from phalanx.cli.options import FILE, json_option, login_option, option
 
 from .runs import runs
 
 
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
 @option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
+@option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
 @login_option
+@option("--visitors-login", type=FILE, help="File with user:password that phones say to that broker.")
 @json_option
 @runs("doctor", "doctor")
 def doctor() -> None:
