@@ -1,6 +1,8 @@
 """The world of brokers, sockets and clocks."""
 
-from .broker_url import BrokerUrl, Login, parse_broker_url
+from phalanx.link.qrurl import Login
+
+from .broker_url import BrokerUrl, parse_broker_url
 from .client import Client
 from .server import ANY, Server
 

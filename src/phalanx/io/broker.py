@@ -12,8 +12,9 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
 
 from phalanx.errors import Unavailable, UsageError
+from phalanx.link.qrurl import Login
 
-from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import Connection
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto

@@ -15,10 +15,10 @@ from phalanx.config import LinkConfig
 from phalanx.errors import OpenError, PeerError, Stale, Unavailable, UsageError
 from phalanx.link.client_side import ClientSide
 from phalanx.link.messages import Moved, Notification, Rejected, Reply, ReplyPart
-from phalanx.link.qrurl import QrUrl, parse_qr_url
+from phalanx.link.qrurl import Login, QrUrl, parse_qr_url
 from phalanx.link.topics import CommandTopic
 
-from .broker_url import BrokerUrl, Login, parse_broker_url
+from .broker_url import BrokerUrl, parse_broker_url
 from .connection import Connection
 
 log = logging.getLogger(__name__)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .broker_url import BrokerUrl, Login
+from phalanx.link.qrurl import Login
+
+from .broker_url import BrokerUrl
 from .ports import LOOPBACK
 
 # Below root and epoch, in MQTT's own words for patterns.

@@ -16,8 +16,9 @@ from functools import partial
 from pathlib import Path
 
 from phalanx.errors import Unavailable
+from phalanx.link.qrurl import Login
 
-from .broker_url import BrokerUrl, Login
+from .broker_url import BrokerUrl
 from .children import a_child, kill_unless, repeat
 from .guarding import guarded
 from .listeners import READ, WRITE, Listeners

@@ -23,10 +23,10 @@ from phalanx.errors import HandlerFailed, PeerError, Unknown, UsageError
 from phalanx.link.keys import Epoch
 from phalanx.link.messages import Ask, Command, Knock, Rejected, Request
 from phalanx.link.pin import Pin
-from phalanx.link.qrurl import QrUrl
+from phalanx.link.qrurl import Login, QrUrl
 from phalanx.link.server_side import ServerSide
 
-from .broker_url import BrokerUrl, Login, parse_broker_url, websocket_of
+from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import Connection
 
 log = logging.getLogger(__name__)
