@@ -135,6 +135,7 @@ class TestVisitor:
                 page.keyboard.down("KeyW")
                 wait_until(lambda: len(moves(up)) >= 5)
                 page.close(run_before_unload=False)
+            time.sleep(0.5)
             watch = subprocess.run(
                 [sys.executable, "-m", "phalanx", "link", "connect", ready["qr_url"], "--json"],
                 capture_output=True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 from contextlib import contextmanager
 
 import pytest
@@ -168,6 +169,24 @@ def test_a_broker_that_refuses_the_login_is_named_and_tried_again(browser, gatew
         with page.expect_websocket(timeout=10_000):
             pass  # it may learn a new password
         assert "Login refused" in badge(page, "offline")
+
+
+def test_a_phone_says_the_login_that_is_in_the_link(browser, tmp_path):
+    tcp, ws = free_port(), free_port()
+    users, login = tmp_path / "users", tmp_path / "login"
+    subprocess.run(["mosquitto_passwd", "-c", "-b", users, "guest", "open house"], check=True)
+    login.write_text("guest:open house\n")
+    guarded = ("allow_anonymous false", f"password_file {users}", "user root")
+    with bare_mosquitto(tcp, ws, tmp_path, *guarded) as (start, _):
+        start()
+        words = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", f"ws://127.0.0.1:{ws}/mqtt")
+        with (
+            a_gateway(*words, "--broker-login", str(login), "--visitors-login", str(login)) as (_, ready),
+            a_page(browser) as page,
+        ):
+            page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            assert "house" not in page.url
 
 
 def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):

@@ -282,4 +282,5 @@ async def guard(broker: str, tcp: socket.socket, websockets: socket.socket) -> N
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us when the last word is out
     asyncio.run(guard(sys.argv[1], *(socket.socket(fileno=int(number)) for number in sys.argv[2:4])))
