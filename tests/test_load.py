@@ -41,7 +41,7 @@ async def drive(ready: dict, n: int, for_s: int) -> int:
 
 @pytest.mark.alone
 @pytest.mark.slow
-@pytest.mark.parametrize("for_s", [10, pytest.param(30, marks=pytest.mark.long)])
+@pytest.mark.parametrize("for_s", [6, pytest.param(30, marks=pytest.mark.long)])
 @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
 async def test_no_command_of_fifty_visitors_is_lost(broker, for_s):
     with a_gateway("--robots", "20", "--broker", broker) as (up, ready):

@@ -435,7 +435,7 @@ class TestUp:
             assert running.process.poll() is None
             own = subprocess.run(["pgrep", "-P", str(running.process.pid)], capture_output=True, text=True, check=True)
             children = [int(pid) for pid in own.stdout.split()]
-            assert len(children) == 2, "a broker, and what compiles"
+            assert len(children) == 3, "a broker, its guard, and what compiles"
             began_s = time.monotonic()
             assert running.stop() == 0
             assert time.monotonic() - began_s < 2
