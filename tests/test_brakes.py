@@ -201,6 +201,25 @@ class TestBrakes:
             asyncio.run(eventually(lambda: two in swarm._to_stop))
         over.set()
 
+    def test_a_joystick_let_go_whose_word_fails_is_stopped_when_its_time_is_up_and_so_is_who_is_driven_at_the_end(self):
+        stopped = []
+
+        class Noisy(Dotbots):
+            def drive(self, address, left_pct, right_pct):
+                if not left_pct:
+                    raise OSError("the radio is gone")
+
+            def stop(self, address):
+                stopped.append(address[-1])
+
+        with Brakes(Noisy(2, 1, time.time)) as brakes:
+            brakes.drive("DECAFBAD00000001", 50, 50)
+            with pytest.raises(OSError, match="radio"):
+                brakes.drive("DECAFBAD00000001", 0, 0)
+            asyncio.run(eventually(lambda: stopped == ["1"]))
+            brakes.drive("DECAFBAD00000002", 50, 50)
+        assert stopped == ["1", "2"]
+
     def test_a_hold_that_fails_is_tried_again(self):
         class Deaf(Dotbots):
             tries = 0

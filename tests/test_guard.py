@@ -143,6 +143,8 @@ class TestPackets:
         [
             b"\xc0\x00",
             connect(4) + connect(4),
+            connect(0x85),
+            connect(4) + b"\x80" + subscribe(b"x")[1:],
             connect(4) + b"\x30\xff\xff\xff\xff\x01",
             connect(4) + b"\x30\xff\xff\x7f",
             connect(4) + subscribe(b"x" * 1100),

@@ -75,19 +75,21 @@ class Brakes:
 
         Raises: Held. Unknown, and what a driver raises.
         """
-        moving = bool(left_pct or right_pct)
-        if moving:
-            self.refuse_if_held()
-        # Armed first: a driver that fails half-way may have set the wheels turning.
-        self._arm(address, moving)
+        if not (left_pct or right_pct):
+            # Disarmed last: a driver that fails may have left the wheels turning.
+            self._swarm.drive(address, 0, 0)
+            self._arm(address, False)
+            return
+        self.refuse_if_held()
+        self._arm(address, True)  # first, for the same reason
         try:
             self._swarm.drive(address, left_pct, right_pct)
         finally:
-            if moving:
-                with self._lock:
-                    is_late = not self._joysticks.is_driven(address)
-                if is_late:  # its time was up before the driver was done: what it says now comes after the stop
-                    self._attempt(address, partial(self._swarm.stop, address))
+            with self._lock:
+                is_late = not self._joysticks.is_driven(address)
+            # Its time was up before the driver was done: what it says now comes after the stop.
+            if is_late and not self._attempt(address, partial(self._swarm.stop, address)):
+                self._arm(address, True)
 
     def follows_a_route(self, address: str) -> None:
         """No joystick drives it any longer."""
@@ -117,6 +119,11 @@ class Brakes:
             wait_s = AGAIN_S if due_s is None else min(AGAIN_S, due_s - time.monotonic())
             self._wake.wait(max(0.0, wait_s))
             self._wake.clear()
+        # Nobody is left who would stop them.
+        with self._lock:
+            driven = self._joysticks.driven()
+        for address in driven:
+            self._attempt(address, partial(self._swarm.stop, address))
 
     def _attempt(self, who: str, act: Callable[[], None]) -> bool:
         try:

@@ -55,6 +55,10 @@ class Joysticks:
         """Whether its time is not up, or nobody has asked."""
         return address in self._until
 
+    def driven(self) -> list[str]:
+        """Robots whose time is not up."""
+        return list(self._until)
+
     def expired(self, uptime_s: float) -> list[str]:
         """Robots to be stopped now; each is named once."""
         stop = []

@@ -14,6 +14,9 @@ LONGEST_OTHER = 128
 # A visitor has two, and two more while it follows a rotation.
 SUBSCRIPTIONS = 8
 FILTER_BYTES, FILTER_LEVELS = 1024, 16
+# PINGREQ, DISCONNECT, and what answers a PUBLISH.
+OTHERS = (0xC0, 0xE0, 0x40, 0x50, 0x62, 0x70)
+VERSIONS = ((b"MQTT", 5), (b"MQTT", 4), (b"MQIsdp", 3))
 CLEAN, SESSION_EXPIRY = 0x02, 0x11
 # How long a property of CONNECT is, by its id; a negative one begins with so many strings' lengths.
 _PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0x26: -2, 0x15: -1, 0x16: -1}
@@ -50,6 +53,8 @@ class VisitorPackets:
         except IndexError:
             return None
         kind = PUBLISH if first & 0xF0 == PUBLISH else first
+        if kind not in LONGEST and kind not in OTHERS:
+            raise NotForVisitorsError("no such packet")
         if length > LONGEST.get(kind, LONGEST_OTHER):
             raise TooLarge(f"packet of {length} bytes")
         if self.connected == (kind == CONNECT):
@@ -69,8 +74,12 @@ class VisitorPackets:
 
     def _keep_nothing_of(self, packet: bytearray, at: int) -> None:
         """The session ends with its connection, whatever was asked for."""
-        at += 2 + _u16(packet, at)
+        name = bytes(packet[at + 2 : at + 2 + _u16(packet, at)])
+        at += 2 + len(name)
         self._mqtt = packet[at]
+        # Exactly: mosquitto leaves the highest bit out, and would take 0x85 for 5.
+        if (name, self._mqtt) not in VERSIONS:
+            raise NotForVisitorsError("no such version")
         packet[at + 1] |= CLEAN
         self.connected = True
         if self._mqtt != 5:
