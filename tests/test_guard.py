@@ -96,6 +96,8 @@ class TestWebsocket:
             hello() + frame(b"text", 1),
             hello() + b"\xc2" + frame(b"compressed")[1:],
             hello() + frame(b"x" * 126, 9),
+            hello() + frame(b"", 9) * 3000,
+            hello() + frame(b"") * 3000,
         ],
     )
     def test_nothing_else_is_taken(self, stream):

@@ -12,6 +12,7 @@ import hashlib
 from phalanx.errors import PeerError
 
 LONGEST_REQUEST = 8192
+FRAMES_AT_ONCE = 2000  # of a visitor; others wait meanwhile, and so many words of theirs never come in one piece
 LONGEST_CONTROL = 125
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
 UNMASKED = bytes(4)
@@ -62,9 +63,12 @@ class Websocket:
             data = bytes(self._head[end + 4 :])
             self._head.clear()
         carried = bytearray()
-        at = 0
+        at = frames = 0
         while at < len(data) and not self.closed:
             if not self._left:
+                frames += 1
+                if self._server and frames > FRAMES_AT_ONCE:
+                    raise NoWebsocketError("frames without words")
                 at = self._begin_frame(data, at)
                 if not self._mask:
                     break
