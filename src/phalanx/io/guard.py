@@ -220,6 +220,8 @@ class Visitor(asyncio.Protocol):
         self._transport.abort()
         self._house.gone(self)
         self._packets = VisitorPackets()  # nothing of it is passed on any more
+        if self._asking is not None:
+            self._asking.cancel()  # or the broker would have a visitor that is not there
         if self._broker is not None:
             self._broker.abort()
 
