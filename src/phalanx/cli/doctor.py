@@ -44,7 +44,7 @@ def doctor(
 ) -> int:
     """Prints a line for each finding; 1 if something has to be mended."""
     url = parse_broker_url(broker, read_login(broker_login)) if broker else None
-    visitors = login_in(visitors_login) if visitors_login else None
+    visitors = login_in(visitors_login)
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:
         findings.append(asyncio.run(_reach(Server(url), str(url))))

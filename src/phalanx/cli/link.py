@@ -200,7 +200,7 @@ def serve(
     from phalanx.gateway.up import connected_within, for_at_most  # noqa: PLC0415
 
     config, login = link_config(said), read_login(broker_login)
-    visitors = login_in(visitors_login) if visitors_login else None
+    visitors = login_in(visitors_login)
     where = open_broker(broker, login=login, websocket=broker_ws, visitors_login=visitors, root=config.root)
 
     async def echo() -> None:

@@ -17,17 +17,19 @@ def read_login(path: Path | None) -> Login | None:
 
     Raises: UsageError: the file cannot be read or holds no user:password. Never repeats what is in it.
     """
-    if path is not None:
-        return login_in(path)
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")
-    return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", "")) if username else None
+    if path is not None or not username:
+        return login_in(path)
+    return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", ""))
 
 
-def login_in(path: Path) -> Login:
-    """The login in a file.
+def login_in(path: Path | None) -> Login | None:
+    """The login in a file, if one is given.
 
     Raises: UsageError: as `read_login`.
     """
+    if path is None:
+        return None
     try:
         with path.open() as file:  # not more of it than a login has: it may be a device
             lines = file.read(4096).splitlines()

@@ -59,7 +59,7 @@ def up(
     options = UpOptions(
         link=link_config(served),
         login=read_login(broker_login),
-        visitors_login=login_in(visitors_login) if visitors_login else None,
+        visitors_login=login_in(visitors_login),
         operator_token=token,
         **served,
     )

@@ -102,20 +102,20 @@ async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) 
 
     A port that was free can be taken by the time the broker listens, by a gateway that starts beside this one, say.
     """
-    for tries_left in reversed(range(PORT_TRIES)):
-        port = asked.visitors_port or free_port(1883)
-        # amqtt tells the gateway by its login, on any listener.
-        gateway_port = port if name == "amqtt" else free_port()
-        ws_port = asked.ws_port or free_port(9001, asked.ws_host)
-        at = replace(asked, visitors_port=port, gateway_port=gateway_port, ws_port=ws_port)
-        try:
-            await stack.enter_async_context(_run(name, at))
-        except PortTaken:
-            if not tries_left:
-                raise
-        else:
-            return at
-    raise AssertionError
+    for _ in range(PORT_TRIES - 1):
+        with contextlib.suppress(PortTaken):
+            return await _start_once(stack, name, asked)
+    return await _start_once(stack, name, asked)
+
+
+async def _start_once(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> Listeners:
+    port = asked.visitors_port or free_port(1883)
+    # amqtt tells the gateway by its login, on any listener.
+    gateway_port = port if name == "amqtt" else free_port()
+    ws_port = asked.ws_port or free_port(9001, asked.ws_host)
+    at = replace(asked, visitors_port=port, gateway_port=gateway_port, ws_port=ws_port)
+    await stack.enter_async_context(_run(name, at))
+    return at
 
 
 def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
