@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 PR_SET_PDEATHSIG = 1
 COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
 END_TIMEOUT_S = 1.0
-PROBE_EVERY_S, PROBES = 1.0, 2
+PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
 
 
 def die_with_parent() -> None:
@@ -63,6 +63,24 @@ async def repeat(process: asyncio.subprocess.Process, name: str) -> None:
             line = said.decode(errors="replace").strip()
             log.warning("%s: %s", name, "".join(c if c.isprintable() else " " for c in line))
             quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
+
+
+async def answer(host: str, port: int, said: bytes, length: int) -> bytes:
+    """So many bytes that come there after `said`; b"" if they do not come in time.
+
+    By hand, for nothing of it may outlive a cancellation.
+    """
+    writer = None
+    try:
+        async with asyncio.timeout(PROBE_TIMEOUT_S):
+            reader, writer = await asyncio.open_connection(host, port)
+            writer.write(said)
+            return await reader.readexactly(length)
+    except (TimeoutError, asyncio.IncompleteReadError, OSError):
+        return b""
+    finally:
+        if writer is not None:
+            writer.transport.abort()
 
 
 async def kill_unless(serves: Callable[[], Awaitable[bool]], process: asyncio.subprocess.Process, name: str) -> None:

@@ -14,14 +14,13 @@ from pathlib import Path
 
 from phalanx.errors import Unavailable
 
-from .children import a_child, kill_unless, repeat
+from .children import a_child, answer, kill_unless, repeat
 from .listeners import Listeners
 from .ports import LOOPBACK, PortTaken
 
 log = logging.getLogger(__name__)
 
 RESTART_S = 0.3
-PROBE_TIMEOUT_S = 3.0
 HELLO, WELCOME = b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x0a\x00\x00", b"\x20\x02\x00\x00"  # CONNECT, CONNACK
 
 
@@ -78,14 +77,5 @@ async def _watch(process: asyncio.subprocess.Process, serves: Callable[[], Await
 
 async def _serves(tcp: socket.socket) -> bool:
     """Whether a visitor gets through, in time."""
-    writer = None
-    try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S):
-            reader, writer = await asyncio.open_connection(*tcp.getsockname()[:2])
-            writer.write(HELLO)
-            return await reader.readexactly(len(WELCOME)) == WELCOME
-    except (TimeoutError, asyncio.IncompleteReadError, OSError):
-        return False
-    finally:
-        if writer is not None:
-            writer.transport.abort()
+    host, port = tcp.getsockname()[:2]
+    return await answer(host, port, HELLO, len(WELCOME)) == WELCOME
