@@ -1,4 +1,6 @@
-"""Floor plans out of files: ours in YAML, and ROS's map_server maps; some come with the package."""
+"""Floor plans by name: out of files, ours in YAML and ROS's map_server maps, of which some come with the package; and
+buildings that chance has drawn.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,22 @@ from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floor
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
 from phalanx.sim.builtin import DATA, built_in
 
+from .drawn import PREFIX, drawn
+
 MAPS = DATA / "maps"
 DEFAULT = "office_40x40"
 _PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
 
 
 def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
-    """A floor plan by the name of a built-in map, or from a YAML file.
+    """A floor plan by the name of a built-in map, of a drawn building (`drawn:7`), or from a YAML file.
 
     Args:
         name_or_path: the picture of a map_server map lies beside its YAML file, as it is or compressed (.gz).
     Raises: UsageError: there is no such map, or it cannot be read; the message says why.
     """
+    if str(name_or_path).startswith(PREFIX):
+        return drawn(str(name_or_path))
     path = Path(name_or_path)
     if not path.suffix:
         path = MAPS / f"{path.name}.yaml"
