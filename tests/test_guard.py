@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import errno
 import os
 import resource
 import signal
@@ -15,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import a_broker, a_server
+from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
 from phalanx.io.guard import VISITORS, place_of
@@ -291,3 +292,21 @@ class TestNothingIsFilled:
                 assert (await client.request(0, timeout_s=30))["robots"] == [1, 2]
             assert the_guard(broker) != first
             assert not server.reconnects, "it does not come by way of the guard"
+
+    async def test_who_has_no_file_left_to_ask_it_ends_no_broker_that_is_well(self, broker, monkeypatch):
+        asked = asyncio.open_connection
+
+        async def out_of_files(*where, **how):
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            await asyncio.sleep(2)
+            before = the_process(broker.url.port), the_guard(broker)
+            monkeypatch.setattr(asyncio, "open_connection", out_of_files)
+            await asyncio.sleep(5)
+            monkeypatch.setattr(asyncio, "open_connection", asked)
+            assert (the_process(broker.url.port), the_guard(broker)) == before
+            assert not server.reconnects
+            os.kill(before[0], signal.SIGSTOP)
+            await eventually(lambda: server.reconnects, 40)

@@ -10,12 +10,16 @@ import signal
 import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+
+from phalanx.errors import Unavailable
 
 log = logging.getLogger(__name__)
 
 PR_SET_PDEATHSIG = 1
 COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
 END_TIMEOUT_S = 1.0
+RESTART_S = 0.3
 PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
 
 
@@ -54,7 +58,79 @@ async def a_child(
             await process.communicate()
 
 
-async def repeat(process: asyncio.subprocess.Process, name: str) -> None:
+async def answer(host: str, port: int, said: bytes, length: int) -> bytes | None:
+    """So many bytes that come there after `said`; b"" if they do not come in time, None if we could not even ask.
+
+    By hand, for nothing of it may outlive a cancellation.
+    """
+    writer = None
+    try:
+        async with asyncio.timeout(PROBE_TIMEOUT_S):
+            reader, writer = await asyncio.open_connection(host, port)
+            writer.write(said)
+            return await reader.readexactly(length)
+    except (TimeoutError, asyncio.IncompleteReadError, ConnectionError):
+        return b""
+    except OSError:  # we are out of files or of ports: that says nothing of who listens there
+        return None
+    finally:
+        if writer is not None:
+            writer.transport.abort()
+
+
+Child = AbstractAsyncContextManager[asyncio.subprocess.Process]
+Probe = Callable[[], Awaitable[bool | None]]  # whether a child serves, or None if nobody knows
+Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
+
+
+@contextlib.asynccontextmanager
+async def kept(
+    name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None = None
+) -> AsyncIterator[None]:
+    """A child that is started, and started again when it ends or serves no longer, for as long as the context lasts.
+
+    `begins` waits until it serves, or else it begins meanwhile. Raises: Unavailable: the first does not begin.
+    """
+    begun: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    keeper = asyncio.create_task(_keep(name, child, serves, begins, begun))
+    try:
+        await asyncio.wait((keeper, begun), return_when=asyncio.FIRST_COMPLETED)
+        if keeper.done():
+            try:
+                keeper.result()
+            except OSError as error:
+                raise Unavailable(f"{name} does not start: {error.strerror}", "phalanx doctor") from error
+        yield
+    finally:
+        keeper.cancel()
+        await asyncio.gather(keeper, return_exceptions=True)
+
+
+async def _keep(
+    name: str, child: Callable[[], Child], serves: Probe, begins: Begins | None, begun: asyncio.Future[None]
+) -> None:
+    while True:
+        try:
+            async with child() as process:
+                if begins:
+                    await begins(process)
+                if not begun.done():
+                    begun.set_result(None)
+                watching = asyncio.create_task(_watch(name, process, serves, serves_already=begins is not None))
+                try:
+                    await _repeat(process, name)
+                finally:
+                    watching.cancel()
+                log.warning("%s ended (%s); starting it again", name, await process.wait())
+        except (Unavailable, OSError) as error:  # OSError: out of files or processes, for the moment
+            if not begun.done():
+                raise
+            log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
+            await asyncio.sleep(1)
+        await asyncio.sleep(RESTART_S)
+
+
+async def _repeat(process: asyncio.subprocess.Process, name: str) -> None:
     """Log what it complains of, until it ends; not all of it, for strangers can make it complain of them."""
     assert process.stderr is not None
     quiet_until_s = 0.0
@@ -65,30 +141,15 @@ async def repeat(process: asyncio.subprocess.Process, name: str) -> None:
             quiet_until_s = time.monotonic() + COMPLAINTS_APART_S
 
 
-async def answer(host: str, port: int, said: bytes, length: int) -> bytes:
-    """So many bytes that come there after `said`; b"" if they do not come in time.
-
-    By hand, for nothing of it may outlive a cancellation.
-    """
-    writer = None
-    try:
-        async with asyncio.timeout(PROBE_TIMEOUT_S):
-            reader, writer = await asyncio.open_connection(host, port)
-            writer.write(said)
-            return await reader.readexactly(length)
-    except (TimeoutError, asyncio.IncompleteReadError, OSError):
-        return b""
-    finally:
-        if writer is not None:
-            writer.transport.abort()
-
-
-async def kill_unless(serves: Callable[[], Awaitable[bool]], process: asyncio.subprocess.Process, name: str) -> None:
+async def _watch(name: str, process: asyncio.subprocess.Process, serves: Probe, *, serves_already: bool) -> None:
     """End one that lives but serves no longer: stopped, or its memory full. Runs until cancelled."""
     failures = 0
     while failures < PROBES:
         await asyncio.sleep(PROBE_EVERY_S)
-        failures = 0 if await serves() else failures + 1
+        does = await serves()
+        serves_already = serves_already or bool(does)  # on a busy machine it takes its time to begin
+        if does is not None and serves_already:
+            failures = 0 if does else failures + 1
     log.warning("%s does not serve", name)
     with contextlib.suppress(ProcessLookupError):
         process.kill()  # a stopped process hears nothing else

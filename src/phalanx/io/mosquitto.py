@@ -7,7 +7,6 @@ import base64
 import contextlib
 import errno
 import hashlib
-import logging
 import os
 import pwd
 import shutil
@@ -19,13 +18,11 @@ from phalanx.errors import Unavailable
 from phalanx.link.qrurl import Login
 
 from .broker_url import BrokerUrl
-from .children import a_child, answer, kill_unless, repeat
+from .children import a_child, answer, kept
 from .guarding import guarded
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
 from .private_folder import private_folder
-
-log = logging.getLogger(__name__)
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
 EMBEDDED_PACKET_BYTES = 512 * 1024
@@ -37,7 +34,6 @@ CONFIG = "mosquitto.conf"
 SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
-RESTART_S = 0.3
 
 
 def find_mosquitto() -> str | None:
@@ -113,17 +109,10 @@ async def mosquitto(at: Listeners) -> AsyncIterator[None]:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
     with private_folder() as folder:
         _write(folder, at)
-        listens: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        keeper = asyncio.create_task(_keep(program, folder / CONFIG, at, listens))
-        try:
-            await asyncio.wait((keeper, listens), return_when=asyncio.FIRST_COMPLETED)
-            if keeper.done():
-                keeper.result()
-            async with guarded(at, folder / SOCKET):
-                yield
-        finally:
-            keeper.cancel()
-            await asyncio.gather(keeper, return_exceptions=True)
+        child = partial(a_child, program, "-c", str(folder / CONFIG), user=_whose())
+        begins = partial(_until_it_serves, url=at.gateway)
+        async with kept("mosquitto", child, partial(serves, at.gateway), begins), guarded(at, folder / SOCKET):
+            yield
 
 
 def _write(folder: Path, at: Listeners) -> None:
@@ -143,31 +132,10 @@ def _write(folder: Path, at: Listeners) -> None:
             shutil.chown(folder / name, user)
 
 
-async def _keep(program: str, path: Path, at: Listeners, listens: asyncio.Future[None]) -> None:
-    while True:
-        try:
-            async with a_child(program, "-c", str(path), user=_whose()) as process:
-                await _until_it_serves(process, at.gateway)
-                if not listens.done():
-                    listens.set_result(None)
-                watching = asyncio.create_task(kill_unless(partial(serves, at.gateway), process, "mosquitto"))
-                try:
-                    await repeat(process, "mosquitto")
-                finally:
-                    watching.cancel()
-                log.warning("mosquitto ended (%s); starting it again", await process.wait())
-        except (Unavailable, OSError) as error:  # OSError: out of files or processes, for the moment
-            if not listens.done():
-                raise
-            log.error("%s; trying again", error)  # noqa: TRY400  # the trace says nothing more
-            await asyncio.sleep(1)
-        await asyncio.sleep(RESTART_S)
-
-
-async def serves(url: BrokerUrl) -> bool:
+async def serves(url: BrokerUrl) -> bool | None:
     """Whether the broker takes a connection and passes on a message as long as a visitor's longest, in time.
 
-    Source: MQTT 3.1.1 §3.
+    None if we do not know. Source: MQTT 3.1.1 §3.
     """
     assert url.login is not None
     topic = _string(f"phalanx/probe/{os.urandom(8).hex()}")
@@ -175,7 +143,8 @@ async def serves(url: BrokerUrl) -> bool:
     message = _packet(0x30, topic + bytes(PROBE_BYTES))
     said = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
     # CONNACK, SUBACK and the message itself.
-    return (await answer(url.host, url.port, said, 4 + 5 + len(message))).endswith(message)
+    heard = await answer(url.host, url.port, said, 4 + 5 + len(message))
+    return None if heard is None else heard.endswith(message)
 
 
 def _string(text: str) -> bytes:
@@ -192,11 +161,13 @@ def _packet(kind: int, body: bytes) -> bytes:
 
 async def _until_it_serves(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
     """Listening is not enough: it listens at one port, finds the next one taken, and ends."""
-    deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
+    deadline, does = asyncio.get_running_loop().time() + START_TIMEOUT_S, None
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
-        if await serves(url):
+        if does := await serves(url):
             return
         await asyncio.sleep(0.02)
+    if does is None and process.returncode is None:
+        return  # we had no file left to ask it; who watches it asks on
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     assert process.stderr is not None
