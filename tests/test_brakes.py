@@ -17,7 +17,7 @@ from conftest import a_gateway, bare_mosquitto, eventually
 from phalanx.errors import Held
 from phalanx.gateway import Gateway, OperatorPages
 from phalanx.gateway.brakes import Brakes
-from phalanx.gateway.serve_pages import beside
+from phalanx.gateway.site import beside
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port
 from phalanx.sim import Dotbots

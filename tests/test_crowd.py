@@ -11,7 +11,7 @@ import pytest
 
 from conftest import eventually
 from phalanx.gateway import Gateway, VisitorPages
-from phalanx.gateway.serve_pages import PAGES, beside
+from phalanx.gateway.site import PAGES, beside
 from phalanx.io import Client, Server
 from phalanx.sim import Dotbots
 

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import resource
+import socket
+import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import aiohttp
 import pytest
@@ -14,9 +19,31 @@ import pytest
 from conftest import eventually
 from phalanx.errors import Unavailable
 from phalanx.gateway import OperatorPages, VisitorPages
-from phalanx.gateway.serve_pages import PAGES, beside
+from phalanx.gateway.site import PAGES, beside
 
 pytestmark = pytest.mark.waits
+
+IDLERS = """
+import resource, socket, sys, time
+resource.setrlimit(resource.RLIMIT_NOFILE, (2048, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+crowd = [socket.create_connection(("127.0.0.1", int(sys.argv[1]))) for _ in range(1000)]
+print("all there", flush=True)
+time.sleep(60)
+"""
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def _is_hung_up(one: socket.socket) -> bool:
+    one.setblocking(False)
+    try:
+        return one.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
 
 
 @pytest.fixture
@@ -124,8 +151,8 @@ class TestPages:
                 assert "314159" not in await answer.text()
 
     async def test_idle_connections_are_hung_up_on_and_others_served_meanwhile(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.serve_pages.HANG_UP_AFTER_S", 2.0)
-        monkeypatch.setattr("phalanx.gateway.serve_pages.CHECK_S", 0.1)
+        monkeypatch.setattr("phalanx.gateway.site.HANG_UP_AFTER_S", 2.0)
+        monkeypatch.setattr("phalanx.gateway.site.CHECK_S", 0.1)
         async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
 
             async def visit() -> int:
@@ -149,8 +176,8 @@ class TestPages:
                 writer.close()
 
     async def test_a_reader_that_stalls_does_not_keep_its_connection(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.serve_pages.HANG_UP_AFTER_S", 1.0)
-        monkeypatch.setattr("phalanx.gateway.serve_pages.CHECK_S", 0.1)
+        monkeypatch.setattr("phalanx.gateway.site.HANG_UP_AFTER_S", 1.0)
+        monkeypatch.setattr("phalanx.gateway.site.CHECK_S", 0.1)
         async with VisitorPages("127.0.0.1", 0) as pages:
             script = next((PAGES / "visitor" / "assets").glob("*.js")).name
             _, writer = await asyncio.open_connection("127.0.0.1", pages.port, limit=1024)
@@ -159,6 +186,40 @@ class TestPages:
             await eventually(lambda: pages._runner.server.connections)
             await eventually(lambda: not pages._runner.server.connections)
             writer.close()
+
+    async def test_more_than_fit_leave_room_for_whoever_comes_and_for_the_gateways_own_files(self, monkeypatch):
+        monkeypatch.setattr("phalanx.gateway.serve_pages.VISITORS", 50)
+        before = open_files()
+        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+            crowd = [socket.create_connection(("127.0.0.1", pages.port)) for _ in range(60)]
+            elsewhere = socket.create_connection(("127.0.0.1", pages.port), source_address=("127.0.0.2", 0))
+            for _ in range(500):  # by one address, and silent
+                crowd.append(await asyncio.to_thread(socket.create_connection, ("127.0.0.1", pages.port)))
+            await eventually(lambda: open_files() - before - len(crowd) < 60)
+            async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
+                assert answer.status == 200
+            elsewhere.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            elsewhere.settimeout(5)
+            assert b" 200 " in await asyncio.to_thread(elsewhere.recv, 100), "pushed out by others"
+            hung_up = sum(_is_hung_up(one) for one in crowd)
+            assert hung_up >= len(crowd) - 50
+            for one in (*crowd, elsewhere):
+                one.close()
+
+    async def test_where_few_files_may_be_open_fewer_connections_are_let_in(self):
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (400, hard))
+        try:
+            async with VisitorPages("127.0.0.1", 0) as pages:
+                crowd = subprocess.Popen((sys.executable, "-c", IDLERS, str(pages.port)), stdout=subprocess.PIPE)
+                assert await asyncio.to_thread(crowd.stdout.readline) == b"all there\n"
+                await eventually(lambda: len(pages._runner.server.connections) <= 50)
+                with Path("/dev/null").open():  # there is a file left for us
+                    pass
+                crowd.kill()
+                crowd.communicate()
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:

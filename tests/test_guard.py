@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
-from phalanx.io.guard import VISITORS, place_of
+from phalanx.io.guard import VISITORS
+from phalanx.io.seats import place_of
 from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
 from test_strangers import Stranger, connect, the_process, varint, with_length

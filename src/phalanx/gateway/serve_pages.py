@@ -1,52 +1,31 @@
 """The two pages over HTTP. The visitors' page is plain files and knows no secret; the operator's asks for a token.
 
-Only `OperatorPages` may answer with a pin, and it listens on loopback only. Both are served beside the gateway's event
-loop (`beside`): what holds that up does not hold up an emergency stop, nor a thousand who ask for the page a joystick.
+Only `OperatorPages` may answer with a pin, and it listens on loopback only.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import hmac
 import json
-import logging
-import threading
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
-from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from collections.abc import Callable, Coroutine
+from typing import Any, TypeVar
 
 from aiohttp import web
-from aiohttp.http_exceptions import HttpProcessingError
 
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
 from phalanx.io.ports import LOOPBACK
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
+from .site import COMMON_HEADERS, PAGES, Handler, Site
 
-PAGES = Path(__file__).parent / "pages"
-# A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
-HANG_UP_AFTER_S = 30.0
-CHECK_S = 1.0
+VISITORS, OPERATORS = 1000, 200  # connections
 FRAMES_WAITING = 100
 HEALTHY_S = 1.0  # within which a gateway that is well answers itself
-# aiohttp logs a trace for every request that is no HTTP, and quotes it.
-_FAULTS = logging.getLogger(f"{__name__}.aiohttp")
-_FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
 
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Told = TypeVar("Told")
-Site = TypeVar("Site", bound="_Site")
 
-COMMON_HEADERS = {
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Cache-Control": "no-cache",
-}
 _BASE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -61,105 +40,14 @@ def pages_are_built() -> bool:
     return all((PAGES / page / "index.html").is_file() for page in ("visitor", "operator"))
 
 
-class _Site:
-    """An HTTP server for one page."""
-
-    port_option = "--port"
-
-    def __init__(self, page: str, policy: str, host: str, port: int, longest: int = 4096) -> None:
-        self.host, self.port = host, port
-        self._folder = PAGES / page
-        # By connection: when it asked last, and what works on the answer.
-        self._asked: dict[object, tuple[float, asyncio.Task[Any] | None]] = {}
-        headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
-
-        @web.middleware
-        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-            self._asked[request.protocol] = time.monotonic(), asyncio.current_task()
-            refusal = self.refuse(request)
-            try:
-                response = refusal or await handler(request)
-            except web.HTTPException as error:  # aiohttp's way of saying 404
-                response = web.Response(status=error.status, text=f"{error.reason}\n")
-            except OSError:  # a name longer than any file's
-                response = web.Response(status=404, text="Not Found\n")
-            for name, value in headers.items():
-                response.headers.setdefault(name, value)
-            return response
-
-        self.app = web.Application(middlewares=[guard], client_max_size=longest)
-        self.app.router.add_get("/", self._index)
-        self._add_routes()
-        if self._folder.is_dir():
-            self.app.router.add_static("/", self._folder)
-        self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5)
-
-    def _add_routes(self) -> None:
-        """Routes that come before the page's files."""
-
-    def refuse(self, request: web.Request) -> web.Response | None:  # noqa: ARG002
-        """An answer to give instead, or None."""
-        return None
-
-    async def _index(self, _: web.Request) -> web.StreamResponse:
-        index = self._folder / "index.html"
-        if not index.is_file():
-            return web.Response(status=503, text="The page is not built: run `make setup` in the project's folder.\n")
-        return web.FileResponse(index)
-
-    async def __aenter__(self) -> Self:
-        await self._runner.setup()
-        try:
-            await web.TCPSite(self._runner, self.host, self.port).start()
-        except OSError as error:
-            await self._runner.cleanup()
-            is_taken = error.errno == errno.EADDRINUSE
-            raise Unavailable(
-                f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
-                f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
-                if is_taken
-                else "--host is an address of this machine, and below port 1024 only root may listen",
-            ) from error
-        sockets = self._runner.addresses
-        self.port = int(sockets[0][1])
-        self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._hanging_up.cancel()
-        await self._runner.cleanup()
-
-    async def _hang_up_on_idlers(self) -> None:
-        """A connection is closed soon after its last request; one that asks nothing, soon after it began.
-
-        aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
-        """
-        while True:
-            await asyncio.sleep(CHECK_S)
-            now_s = time.monotonic()
-            open_now = self._runner.server.connections if self._runner.server else []
-            self._asked = {who: self._asked.get(who, (now_s, None)) for who in open_now}
-            idle = [who for who in open_now if now_s - self._asked[who][0] >= HANG_UP_AFTER_S]
-            for who in idle:
-                if answering := self._asked[who][1]:
-                    answering.cancel()
-            # Nobody tells a sendfile that its socket is closed: it must have ended before.
-            await asyncio.sleep(0)
-            for who in idle:
-                if who.transport is not None:
-                    who.transport.abort()
-
-
-class VisitorPages(_Site):
+class VisitorPages(Site):
     """The page that a QR code opens. Port 0 is any; read it back once entered."""
 
     def __init__(self, host: str, port: int) -> None:
-        super().__init__("visitor", VISITOR_POLICY, host, port)
+        super().__init__("visitor", VISITOR_POLICY, host, port, connections=VISITORS)
 
 
-class OperatorPages(_Site):
+class OperatorPages(Site):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
@@ -191,7 +79,8 @@ class OperatorPages(_Site):
         self._rotate = rotate
         self._watch = watch
         # As JSON a text may be twice as long as it is.
-        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, 2 * TEXT_MAX_BYTES + 1024 if desk else 4096)
+        longest = 2 * TEXT_MAX_BYTES + 1024 if desk else 4096
+        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, connections=OPERATORS, longest=longest)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/healthz", self._tell_health)
@@ -344,28 +233,6 @@ def _soon_at(loop: asyncio.AbstractEventLoop, job: Callable[..., None], *words: 
 
 async def _soon(job: Callable[[], Told]) -> Told:
     return job()
-
-
-@contextlib.asynccontextmanager
-async def beside(pages: Site) -> AsyncIterator[Site]:
-    """A page, served by an event loop in a thread of its own while the context lasts."""
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, name="pages", daemon=True)
-    thread.start()
-
-    async def there(job: Coroutine[Any, Any, Any]) -> None:
-        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, loop))
-
-    try:
-        await there(pages.__aenter__())
-        try:
-            yield pages
-        finally:
-            await there(pages.__aexit__(None, None, None))
-    finally:
-        loop.call_soon_threadsafe(loop.stop)
-        await asyncio.to_thread(thread.join)
-        loop.close()
 
 
 def _text(words: Any, key: str) -> str:

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import io
 import logging
-import resource
 import secrets
 import time
 from collections import Counter
@@ -22,6 +21,7 @@ from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker, open_broker, warn_if_phones_are_locked_out
 from phalanx.io.broker_url import on_host
+from phalanx.io.files import allow_files
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, free_port, lan_address
 from phalanx.io.server import Happening
 from phalanx.link import Request
@@ -35,7 +35,8 @@ from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
 from .missions.desk import MissionDesk
-from .serve_pages import OperatorPages, VisitorPages, beside
+from .serve_pages import OperatorPages, VisitorPages
+from .site import beside
 
 log = logging.getLogger(__name__)
 
@@ -277,7 +278,7 @@ async def up(
     port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
     token = options.operator_token or secrets.token_hex(16)
-    _allow_many_connections()
+    allow_files(MANY_FILES)
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(beside(VisitorPages(options.host, port)))
         broker = await stack.enter_async_context(
@@ -340,11 +341,3 @@ async def connected_within(server: Server, wait_s: float) -> None:
         await server.wait_connected(wait_s)
     except TimeoutError as error:
         raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
-
-
-def _allow_many_connections() -> None:
-    # The usual soft limit of 1024 files is a classroom of phones, or one idler with a script.
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MANY_FILES if hard == resource.RLIM_INFINITY else min(MANY_FILES, hard)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))

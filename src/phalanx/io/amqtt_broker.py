@@ -18,6 +18,7 @@ from amqtt.errors import BrokerError
 
 from phalanx.errors import Unavailable
 
+from .files import a_share
 from .listeners import Listeners
 from .packets import MAX_PACKET_BYTES, MAX_TOPIC_BYTES
 from .ports import LOOPBACK, PortTaken
@@ -27,6 +28,7 @@ STALLED_BYTES = 32 * 1024
 STALLED_CHECKS = 3
 CHECK_S = 1.0
 MAX_KEEPALIVE_S = 120
+PROGRAMS, BROWSERS = 200, 1000  # connections, by TCP and by websocket
 SUBSCRIPTIONS = 32  # of one client; a visitor has two, and two more while it follows a rotation
 DENIED = 0x80  # SUBACK
 
@@ -114,10 +116,13 @@ async def amqtt(at: Listeners) -> AsyncIterator[None]:
     # It reports every packet as information, and every client that leaves as a warning with a trace.
     for name in ("amqtt", "transitions", "websockets"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    own, browsers = a_share(PROGRAMS, 2), a_share(BROWSERS, 2)
     config = BrokerConfig(
         listeners={
-            "default": ListenerConfig(type=ListenerType.TCP, bind=f"{LOOPBACK}:{at.gateway_port}", max_connections=200),
-            "browsers": ListenerConfig(type=ListenerType.WS, bind=f"{at.ws_host}:{at.ws_port}", max_connections=1000),
+            "default": ListenerConfig(type=ListenerType.TCP, bind=f"{LOOPBACK}:{at.gateway_port}", max_connections=own),
+            "browsers": ListenerConfig(
+                type=ListenerType.WS, bind=f"{at.ws_host}:{at.ws_port}", max_connections=browsers
+            ),
         },
         plugins={"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}},
     )

@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
-import resource
 import signal
 import socket
 import sys
 import time
-from collections import Counter
 from functools import partial
 from typing import cast
 
 from phalanx.errors import PeerError
 
+from .files import allow_files
+from .seats import Seats, place_of
 from .visitor_packets import VisitorPackets
 from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
 
@@ -39,35 +38,17 @@ FULL_BYTES = 64 * 1024  # what waits for the broker
 CHECK_S = 0.25
 
 
-class House:
+class House(Seats["Visitor"]):
     """Who is here, and what waits for them."""
 
     def __init__(self, broker: str, most: int) -> None:
+        super().__init__(most)
         self.broker = broker
         self.waiting_bytes = 0
-        self._most = most
-        self._visitors: dict[Visitor, None] = {}
-        self._from: Counter[str] = Counter()
-
-    def enter(self, visitor: Visitor) -> None:
-        """One more; if all places are taken, in that of whoever was silent longest of those from where most are."""
-        self._visitors[visitor] = None
-        self._from[visitor.place] += 1
-        if len(self._visitors) > self._most:
-            crowd = max(self._from.values())
-            others = (v for v in self._visitors if v is not visitor and self._from[v.place] == crowd)
-            min(others, key=lambda v: v.heard_at_s, default=visitor).leave()
-
-    def gone(self, visitor: Visitor) -> None:
-        """It has left."""
-        if self._visitors.pop(visitor, visitor) is None:
-            self._from[visitor.place] -= 1
-            if not self._from[visitor.place]:
-                del self._from[visitor.place]
 
     def make_room(self) -> None:
         """Hang up on those who let the most lie unread, until what waits is a part of what may."""
-        waits = sorted(self._visitors, key=Visitor.waiting_bytes, reverse=True)
+        waits = sorted(self, key=Visitor.waiting_bytes, reverse=True)
         self.waiting_bytes = sum(map(Visitor.waiting_bytes, waits))
         if self.waiting_bytes > WAITING_IN_ALL_BYTES:
             for visitor in waits:
@@ -81,7 +62,7 @@ class House:
         while True:
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
-            for visitor in [v for v in self._visitors if v.is_overdue(now_s)]:
+            for visitor in [v for v in self if v.is_overdue(now_s)]:
                 visitor.leave()
             self.make_room()
 
@@ -107,11 +88,12 @@ class Visitor(asyncio.Protocol):
         with contextlib.suppress(OSError):
             transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.place = place_of((transport.get_extra_info("peername") or ("",))[0])
-        self._house.enter(self)
+        self._house.take(self)
 
     def data_received(self, data: bytes) -> None:
         """It said something."""
         self.heard_at_s = time.monotonic()
+        self._house.heard(self)
         try:
             if self._websocket is not None:
                 data = self._websocket.read(data)
@@ -256,23 +238,9 @@ class Broker(asyncio.Protocol):
         self._visitor.say_goodbye()
 
 
-def place_of(address: str) -> str:
-    """Where a visitor comes from: an address, or the network that one machine has as many addresses of as it likes."""
-    try:
-        ip = ipaddress.ip_address(address.partition("%")[0])
-    except ValueError:
-        return address
-    if isinstance(ip, ipaddress.IPv6Address):
-        return str(ip.ipv4_mapped or ipaddress.ip_network((ip, 64), strict=False))
-    return str(ip)
-
-
 async def guard(broker: str, tcp: socket.socket, websockets: socket.socket) -> None:
     """Let visitors in until SIGTERM."""
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    files = MANY_FILES if hard == resource.RLIM_INFINITY else min(MANY_FILES, hard)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (files, hard))
-    house = House(broker, min(VISITORS, (files - FILES_APART) // FILES_EACH))
+    house = House(broker, min(VISITORS, (allow_files(MANY_FILES) - FILES_APART) // FILES_EACH))
     loop = asyncio.get_running_loop()
     over = asyncio.Event()
     loop.add_signal_handler(signal.SIGTERM, over.set)

@@ -1,0 +1,214 @@
+"""A page over HTTP: who may connect, for how long, and with which headers it is served.
+
+Pages are served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency stop, nor
+a thousand who ask for the page a joystick.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar, cast
+
+from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
+
+from phalanx.errors import Unavailable
+from phalanx.io.files import a_share
+from phalanx.io.seats import Seats, place_of
+
+PAGES = Path(__file__).parent / "pages"
+# A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
+HANG_UP_AFTER_S = 30.0
+CHECK_S = 1.0
+FILES_EACH = 2  # a connection, and what is read for it
+# aiohttp logs a trace for every request that is no HTTP, and quotes it.
+_FAULTS = logging.getLogger(f"{__name__}.aiohttp")
+_FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Served = TypeVar("Served", bound="Site")
+
+COMMON_HEADERS = {
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-cache",
+}
+
+
+class Site:
+    """An HTTP server for one page, and for so many connections."""
+
+    port_option = "--port"
+
+    def __init__(self, page: str, policy: str, host: str, port: int, *, connections: int, longest: int = 4096) -> None:
+        self.host, self.port = host, port
+        self._folder = PAGES / page
+        self._seats = Seats[_Connection](a_share(connections, FILES_EACH))
+        self._by_handler: dict[object, _Connection] = {}
+        headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            if connection := self._by_handler.get(request.protocol):
+                connection.asks(asyncio.current_task())
+            refusal = self.refuse(request)
+            try:
+                response = refusal or await handler(request)
+            except web.HTTPException as error:  # aiohttp's way of saying 404
+                response = web.Response(status=error.status, text=f"{error.reason}\n")
+            except OSError:  # a name longer than any file's
+                response = web.Response(status=404, text="Not Found\n")
+            for name, value in headers.items():
+                response.headers.setdefault(name, value)
+            return response
+
+        self.app = web.Application(middlewares=[guard], client_max_size=longest)
+        self.app.router.add_get("/", self._index)
+        self._add_routes()
+        if self._folder.is_dir():
+            self.app.router.add_static("/", self._folder)
+        self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5)
+
+    def _add_routes(self) -> None:
+        """Routes that come before the page's files."""
+
+    def refuse(self, request: web.Request) -> web.Response | None:  # noqa: ARG002
+        """An answer to give instead, or None."""
+        return None
+
+    async def _index(self, _: web.Request) -> web.StreamResponse:
+        index = self._folder / "index.html"
+        if not index.is_file():
+            return web.Response(status=503, text="The page is not built: run `make setup` in the project's folder.\n")
+        return web.FileResponse(index)
+
+    async def __aenter__(self) -> Self:
+        await self._runner.setup()
+        try:
+            self._listening = await asyncio.get_running_loop().create_server(self._connection, self.host, self.port)
+        except OSError as error:
+            await self._runner.cleanup()
+            is_taken = error.errno == errno.EADDRINUSE
+            raise Unavailable(
+                f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
+                f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
+                if is_taken
+                else "--host is an address of this machine, and below port 1024 only root may listen",
+            ) from error
+        self.port = int(self._listening.sockets[0].getsockname()[1])
+        self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._hanging_up.cancel()
+        self._listening.close()
+        await self._runner.cleanup()
+
+    async def _hang_up_on_idlers(self) -> None:
+        """A connection is closed soon after its last request; one that asks nothing, soon after it began.
+
+        aiohttp waits for ever for a first request, for half of one, and for whoever does not read the answer.
+        """
+        while True:
+            await asyncio.sleep(CHECK_S)
+            now_s = time.monotonic()
+            for connection in [each for each in self._seats if now_s - each.heard_at_s >= HANG_UP_AFTER_S]:
+                connection.leave()
+
+    def _connection(self) -> _Connection:
+        assert self._runner.server is not None
+        return _Connection(self._runner.server(), self._seats, self._by_handler)
+
+
+class _Connection(asyncio.Protocol):
+    """One connection: it has a seat, and aiohttp does the rest."""
+
+    def __init__(
+        self, handler: asyncio.Protocol, seats: Seats[_Connection], by_handler: dict[object, _Connection]
+    ) -> None:
+        self.place = ""
+        self.heard_at_s = time.monotonic()
+        self._handler = handler
+        self._seats = seats
+        self._by_handler = by_handler
+        self._answering: asyncio.Task[Any] | None = None
+
+    def asks(self, answering: asyncio.Task[Any] | None) -> None:
+        """A request came, which this works on."""
+        self.heard_at_s = time.monotonic()
+        self._answering = answering
+        self._seats.heard(self)
+
+    def leave(self) -> None:
+        """Hang up."""
+        self._forget()
+        if self._answering:
+            self._answering.cancel()
+        # Nobody tells a sendfile that its socket is closed: it must have ended before.
+        asyncio.get_running_loop().call_soon(self._transport.abort)
+
+    def _forget(self) -> None:
+        self._seats.gone(self)
+        self._by_handler.pop(self._handler, None)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """It came."""
+        self._transport = cast("asyncio.Transport", transport)
+        self.place = place_of((transport.get_extra_info("peername") or ("",))[0])
+        self._by_handler[self._handler] = self
+        self._handler.connection_made(transport)
+        self._seats.take(self)
+
+    def data_received(self, data: bytes) -> None:
+        """It said something."""
+        self._handler.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        """It says nothing more."""
+        return self._handler.eof_received()
+
+    def pause_writing(self) -> None:
+        """It does not keep up."""
+        self._handler.pause_writing()
+
+    def resume_writing(self) -> None:
+        """It does again."""
+        self._handler.resume_writing()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """It has gone."""
+        self._forget()
+        self._handler.connection_lost(error)
+
+
+@contextlib.asynccontextmanager
+async def beside(pages: Served) -> AsyncIterator[Served]:
+    """A page, served by an event loop in a thread of its own while the context lasts."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, name="pages", daemon=True)
+    thread.start()
+
+    async def there(job: Coroutine[Any, Any, Any]) -> None:
+        await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(job, loop))
+
+    try:
+        await there(pages.__aenter__())
+        try:
+            yield pages
+        finally:
+            await there(pages.__aexit__(None, None, None))
+    finally:
+        loop.call_soon_threadsafe(loop.stop)
+        await asyncio.to_thread(thread.join)
+        loop.close()
