@@ -18,8 +18,9 @@ from phalanx.errors import Held
 from phalanx.gateway import Gateway, OperatorPages
 from phalanx.gateway.brakes import Brakes
 from phalanx.gateway.site import beside
+from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Client, Server
-from phalanx.io.ports import free_port
+from phalanx.io.ports import free_port, is_free
 from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits
@@ -168,6 +169,26 @@ class TestWithTheBrokerDead:
                     kill()
                 gateway.process.stdin.close()  # whoever typed has gone: that says nothing
                 assert gateway.stop() == 0
+
+
+class TestWithTheBrokerNotThereYet:
+    async def test_the_operators_button_is_said_to_every_robot_at_once(self):
+        class Told(Dotbots):
+            holds = 0
+
+            def hold(self):
+                self.holds += 1
+
+        swarm, port = Told(1, 1, time.time), free_port()
+        options = UpOptions(
+            broker=f"mqtt://127.0.0.1:{free_port()}", port=0, operator_port=port, operator_token=TOKEN, wait_s=30
+        )
+        job = asyncio.create_task(up(options, lambda _: None, swarm=lambda: swarm))
+        await eventually(lambda: not is_free(port))
+        await asyncio.to_thread(say, f"http://127.0.0.1:{port}", "stop")
+        await eventually(lambda: swarm.holds > 2, 3)
+        job.cancel()
+        await asyncio.wait([job])
 
 
 class TestBrakes:

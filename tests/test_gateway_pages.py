@@ -121,24 +121,44 @@ class TestPages:
             await eventually(lambda: [tell({"cmd": 16}) for tell in watching] == [])
 
     async def test_anybody_here_may_ask_whether_it_is_well_and_is_told_nothing_else(self):
-        state = {"pin": "314159", "broker": {"connected": True}}
-        pages = OperatorPages("t0ken" * 6, lambda: state, lambda *_: None)
-        async with beside(pages), aiohttp.ClientSession() as http:
+        state, asked = {"connected": True}, []
 
-            async def well():
-                async with http.get(f"http://127.0.0.1:{pages.port}/healthz") as answer:
+        def connected():
+            asked.append(1)
+            return state["connected"]
+
+        def secrets():
+            raise AssertionError("it takes the loop that drives robots too long to tell all")
+
+        pages = OperatorPages("t0ken" * 6, secrets, lambda *_: None, connected=connected)
+        async with beside(pages), aiohttp.ClientSession() as http:
+            url = f"http://127.0.0.1:{pages.port}/healthz"
+
+            async def well(**headers):
+                async with http.get(url, headers=headers) as answer:
                     return answer.status, await answer.json()
 
             assert await well() == (200, {"turns": True, "broker": True})
-            state["broker"]["connected"] = False
+            state["connected"] = False
+            await asyncio.sleep(0.3)
             assert await well() == (503, {"turns": True, "broker": False})
+            for _ in range(100):
+                await well()
+            assert len(asked) < 30, "whoever asks and asks does not reach the gateway's loop each time"
+            before = len(asked)
+            await asyncio.sleep(0.3)
+            # A fetch of a foreign page's names its origin; its images and scripts only that they are from elsewhere.
+            for headers in ({"Origin": "https://evil.example"}, {"Sec-Fetch-Site": "cross-site"}):
+                assert (await well(**headers))[0] == 403
+            assert len(asked) == before
 
             def ask():
                 with pytest.raises(urllib.error.HTTPError) as told:
-                    urllib.request.urlopen(f"http://127.0.0.1:{pages.port}/healthz", timeout=10)
+                    urllib.request.urlopen(url, timeout=10)
                 return told.value.code, json.loads(told.value.read())
 
-            state["broker"]["connected"] = True
+            state["connected"] = True
+            await asyncio.sleep(0.3)
             asking = asyncio.get_running_loop().run_in_executor(None, ask)
             time.sleep(2)  # the gateway's loop does not turn
             assert await asking == (503, {"turns": False, "broker": False})

@@ -25,7 +25,7 @@ AGAIN_S = 0.1
 
 
 class Brakes:
-    """Drives robots, and stops them. Its thread runs in the context; methods are for any thread."""
+    """Drives robots, and stops them. Its thread runs in the outermost of its contexts; methods are for any thread."""
 
     def __init__(self, swarm: Swarm) -> None:
         self.held = False
@@ -34,15 +34,21 @@ class Brakes:
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._over = False
+        self._entered = 0
         self._thread = threading.Thread(target=self._watch, name="brakes", daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._entered += 1
+        if self._entered == 1:
+            self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._entered -= 1
+        if self._entered:
+            return
         self._over = True
         self._wake.set()
         self._thread.join(1.0)  # a driver that hangs must not hold up the end

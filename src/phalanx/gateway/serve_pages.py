@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import hmac
 import json
+import time
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
@@ -22,7 +23,7 @@ from .site import COMMON_HEADERS, PAGES, Handler, Site
 
 VISITORS, OPERATORS = 1000, 200  # connections
 FRAMES_WAITING = 100
-HEALTHY_S = 1.0  # within which a gateway that is well answers itself
+HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # within which a gateway that is well answers itself; for how long that is true
 
 Told = TypeVar("Told")
 
@@ -52,7 +53,7 @@ class OperatorPages(Site):
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
     `rotate` makes a new code, or says that it is too soon; `watch` tells all that draws the swarm, until its result is
-    called.
+    called. `connected` says whether the broker is reached.
     `hold` stops all robots, or lets them go again, in whatever thread this is served; all else is done in the event
     loop in which this is made.
     """
@@ -69,6 +70,7 @@ class OperatorPages(Site):
         rotate: Callable[[], Coroutine[Any, Any, bool]] | None = None,
         watch: Callable[[Callable[[dict[str, Any]], None]], Callable[[], None]] = lambda _: lambda: None,
         port: int = 0,
+        connected: Callable[[], bool] = lambda: False,
     ) -> None:
         self._gateways = asyncio.get_running_loop()
         self._hold = hold
@@ -78,6 +80,9 @@ class OperatorPages(Site):
         self._desk = desk
         self._rotate = rotate
         self._watch = watch
+        self._connected = connected
+        self._asking: asyncio.Future[bool] | None = None
+        self._asked_at_s = 0.0
         # As JSON a text may be twice as long as it is.
         longest = 2 * TEXT_MAX_BYTES + 1024 if desk else 4096
         super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, connections=OPERATORS, longest=longest)
@@ -107,12 +112,19 @@ class OperatorPages(Site):
     async def _tell_state(self, request: web.Request) -> web.Response:
         return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))
 
-    async def _tell_health(self, _: web.Request) -> web.Response:
+    async def _tell_health(self, request: web.Request) -> web.Response:
         """For whoever watches over the gateway; without a token, for it tells nothing else."""
+        if _is_foreign(request):
+            return _answer({"error": "not from this page"}, 403)
+        # However many ask: the loop that drives robots is asked one question at a time, and a few in a second.
+        now_s = time.monotonic()
+        if self._asking is None or (self._asking.done() and now_s - self._asked_at_s >= HEALTH_FOR_S):
+            self._asking = asyncio.ensure_future(self._at_the_gateway(_soon(self._connected)))
+            self._asked_at_s = now_s
         turns = connected = False
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(HEALTHY_S):
-                connected = (await self._at_the_gateway(_soon(self._state)))["broker"]["connected"]
+                connected = await asyncio.shield(self._asking)
                 turns = True
         return _answer({"turns": turns, "broker": connected}, 200 if connected else 503)
 
@@ -221,9 +233,16 @@ class OperatorPages(Site):
         given = request.headers.get("Authorization", "").encode(errors="replace")
         if not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)
-        if request.headers.get("Origin", f"http://{request.host}") != f"http://{request.host}":
+        if _is_foreign(request):
             return _answer({"error": "not from this page"}, 403)
         return None
+
+
+def _is_foreign(request: web.Request) -> bool:
+    """Whether a page of somebody else's asks; an image or a script of such a page, which names no origin, too."""
+    own = f"http://{request.host}"
+    site = request.headers.get("Sec-Fetch-Site", "same-origin")
+    return request.headers.get("Origin", own) != own or site not in ("same-origin", "none")
 
 
 def _soon_at(loop: asyncio.AbstractEventLoop, job: Callable[..., None], *words: Any) -> None:

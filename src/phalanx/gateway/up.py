@@ -304,6 +304,8 @@ async def up(
         desk = MissionDesk(robots) if isinstance(robots, OnMission) else None
         if desk:
             stack.callback(desk.stop)
+        # Before the page that has the button: a stop must not wait until the broker is reached.
+        stack.enter_context(running.gateway.brakes)
         operators = OperatorPages(
             token,
             running.state,
@@ -313,6 +315,7 @@ async def up(
             server.rotate,
             running.gateway.watch,
             options.operator_port,
+            connected=lambda: server.connected,
         )
         operator = await stack.enter_async_context(beside(operators))
         await stack.enter_async_context(server)
