@@ -144,7 +144,7 @@ def _show(told: dict[str, Any]) -> None:
     click.echo(
         f"{told['completed']} of {counted(told['robots'], 'robot')} completed   "
         f"{told['decoded']} of {told['nodes']} nodes decoded   "
-        f"{told['false_fixes']} false fixes   {told['t_s']:.0f} s"
+        f"{told['false_fixes']} false fixes   {told['false_decodes']} false decodes   {told['t_s']:.0f} s"
     )
     if told["defence"] != "none":
         audits = told["audits"]

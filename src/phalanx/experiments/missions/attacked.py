@@ -31,7 +31,7 @@ from phalanx.mission import (
 from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan, LaserScan
 from phalanx.robot.attacks.missions.between import Between, MissionPlan, Sent
-from phalanx.robot.attacks.missions.harm import Walked
+from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, FALSE_FIX_RAD, Walked
 from phalanx.robot.attacks.missions.unprotected import PlainWalker
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import OdometryNoise, Pose
@@ -122,6 +122,7 @@ class _Witness:
         }
         self.false_nodes = 0
         self.wrong: list[str] = []
+        self.false_fixes = 0
         self.worst_fix_m = 0.0
 
     def look(self, before: tuple[int, int, int]) -> None:
@@ -134,14 +135,17 @@ class _Witness:
             place, reach_m = self._due.pop(action, ((0.0, 0.0), -1.0))
             if math.dist(self._robot.body.wheels.pose[:2], place) > reach_m:
                 self.wrong.append(action)
-        if report.false_fixes > before[2]:
+        outcome = self._robot.controller.outcome
+        is_new = len(report.pose_error_m) > before[2] and outcome is not None and outcome.fix is not None
+        if is_new and (error_m > FALSE_FIX_M or report.heading_error_rad[-1] > FALSE_FIX_RAD):
+            self.false_fixes += 1
             self.worst_fix_m = max(self.worst_fix_m, error_m)
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Of nodes, actions and false fixes so far."""
+        """Of nodes, actions and steps so far."""
         report = self._robot.report
-        return len(report.decoded), len(report.actions), report.false_fixes
+        return len(report.decoded), len(report.actions), len(report.pose_error_m)
 
 
 def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: bool = True) -> Walked:
@@ -183,7 +187,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
         false_nodes=witness.false_nodes,
         actions=tuple(action for _, action in report.actions),
         wrong_actions=tuple(witness.wrong),
-        false_fixes=report.false_fixes,
+        false_fixes=witness.false_fixes,
         worst_fix_m=round(witness.worst_fix_m, 3),
         not_validated=tuple(reason for _, reason in report.not_validated),
         from_last_m=None if place is None else round(math.dist(place, robot.body.wheels.pose[:2]), 3),

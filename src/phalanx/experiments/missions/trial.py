@@ -18,8 +18,7 @@ from phalanx.experiments.trial import Trial, said_of
 from phalanx.mission import Profile, parse_mission
 from phalanx.robot.attacks.attack import Attack, Verdict
 from phalanx.robot.attacks.missions.guesses import Guess
-from phalanx.robot.attacks.missions.harm import Guessed, Walked
-from phalanx.sim.missions.report import FALSE_FIX_M
+from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, Guessed, Walked
 
 from .attacked import ROBOT, Operator, honest_errand, plan_of, walk
 from .errand import AREA_M, errand, shelf_alone

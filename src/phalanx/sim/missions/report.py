@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from phalanx.mission import Experience, Landmark, Outcome, Phase, State, Walker
+from phalanx.mission.observable import MM_PER_M
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.outcome import Kind, Reason
 from phalanx.mission.walk.table import Event
@@ -19,10 +20,8 @@ from phalanx.sim.building.odometry import Pose
 from phalanx.sim.compiling import working_s
 
 from .body import MissionBody
+from .truth import Spread, Truth, wrong_by
 
-# A fix that leaves the robot further off than this took one thing for another: cells are 0.1 m, the search 0.5 m.
-FALSE_FIX_M = 0.3
-FALSE_FIX_RAD = math.radians(6)
 _TOLD = {Reason.DRIFT, Reason.CONTRADICTED, Reason.ALTERED}
 
 
@@ -37,7 +36,7 @@ class Report:
     decoded: list[tuple[float, int]] = field(default_factory=list)
     places: dict[int, tuple[float, float]] = field(default_factory=dict)  # of decoded nodes, map frame, metres
     hashes_tried: int = 0  # hashes or KDFs
-    false_fixes: int = 0  # fixes that left it more than FALSE_FIX_M or FALSE_FIX_RAD off
+    false_fixes: int = 0  # fixes that left it further off than `truth` allows
     # search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest
     search_ms: list[float] = field(default_factory=list)
     extraction_ms: list[float] = field(default_factory=list)
@@ -52,6 +51,10 @@ class Report:
     safe_mode_s: float | None = None  # when it was stopped by those who audit it, or None
     audits_passed: int = 0  # of others, by it
     audits_refused: int = 0  # likewise
+    false_decodes: int = 0  # nodes decoded by a landmark that was not in sight, or in another place
+    # (t_s, what was false: "fix" or a node, what was wrong with it), for whoever looks for the cause
+    denied: list[tuple[float, str, str]] = field(default_factory=list)
+    heading_error_rad: list[float] = field(default_factory=list)  # of each step, with fixes
 
 
 class ObservedController(MissionController):
@@ -59,12 +62,14 @@ class ObservedController(MissionController):
 
     Attributes:
         outcome: of its last step, None before the first.
+        seen: what it experienced in that step.
         search_ms, extraction_ms: of each step in which something was tried or seen.
     """
 
     def __init__(self, rob_id: int, missions: Missions, walker: Walker) -> None:
         super().__init__(rob_id, missions, walker)
         self.outcome: Outcome | None = None
+        self.seen: Experience | None = None
         self.search_ms: list[float] = []
         self.extraction_ms: list[float] = []
 
@@ -72,6 +77,10 @@ class ObservedController(MissionController):
     def over(self) -> bool:
         """Whether it has stopped for good."""
         return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
+
+    def spread(self) -> Spread | None:
+        """How uncertain it takes its pose to be, or None: it has no idea."""
+        return None
 
     def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
         """As the robot's."""
@@ -94,7 +103,7 @@ class ObservedController(MissionController):
         walk, outcome = super().walk(seen, claims)
         if outcome.trials:
             self.search_ms.append(1e3 * (working_s() - began))
-        self.outcome = replace(outcome, trials=outcome.trials + self.tries)
+        self.outcome, self.seen = replace(outcome, trials=outcome.trials + self.tries), seen
         return walk, outcome
 
 
@@ -106,6 +115,7 @@ class Logbook:
         self.report = Report(number, search_ms=controller.search_ms, extraction_ms=controller.extraction_ms)
         self._keep_trace = keep_trace
         self._digest = hashlib.sha256()
+        self._truth = Truth(body.building.plan, body.building.lidar.config)
 
     def note(self, t_s: float, reading: bytes) -> None:
         """Writes down what came of a step, in which the robot had this reading."""
@@ -115,6 +125,7 @@ class Logbook:
         report.t_s = t_s
         report.done = phase is Phase.DONE
         report.pose_error_m.append(math.dist(true[:2], estimate[:2]))
+        report.heading_error_rad.append(abs(math.remainder(estimate[2] - true[2], math.tau)))
         report.odometry_error_m.append(math.dist(true[:2], uncorrected[:2]))
         if self._keep_trace:
             report.trace.append((t_s, true, estimate, uncorrected))
@@ -122,9 +133,9 @@ class Logbook:
         if outcome is None:
             return
         report.hashes_tried += outcome.trials
-        turned = abs(math.remainder(estimate[2] - true[2], math.tau))
-        if outcome.fix is not None and (report.pose_error_m[-1] > FALSE_FIX_M or turned > FALSE_FIX_RAD):
+        if outcome.fix is not None and (wrong := wrong_by(true, estimate, self.controller.spread())):
             report.false_fixes += 1
+            report.denied.append((t_s, "fix", wrong))
         why = self._why_not(outcome, phase)
         if why:
             report.not_validated.append((t_s, why))
@@ -135,6 +146,10 @@ class Logbook:
         report, opened = self.report, outcome.decoded
         assert opened is not None, "called when there is one"
         self._digest.update(struct.pack("<i", opened.node))
+        cell_m = self.controller.given.mission.header.coding.delta_mm / MM_PER_M
+        if wrong := self._truth.denies(self.body.wheels.pose, opened, self.controller.seen, cell_m):
+            report.false_decodes += 1
+            report.denied.append((t_s, f"node {opened.node}", wrong))
         if all(opened.node != node for _, node in report.decoded):
             report.decoded.append((t_s, opened.node))
             if opened.place_m is not None:
@@ -219,6 +234,7 @@ def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
         "pose_error_m_max": quantile(reports, "pose_error_m", 1.0),
         "odometry_error_m_max": quantile(reports, "odometry_error_m", 1.0),
         "false_fixes": sum(report.false_fixes for report in reports),
+        "false_decodes": sum(report.false_decodes for report in reports),
         "in_safe_mode": [report.robot + 1 for report in reports if report.safe_mode_s is not None],
         "not_validated": [
             {"robot": report.robot + 1, "t_s": round(t_s, 1), "reason": reason}

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from phalanx.robot.attacks.harm import Harm
+
+# An attack that can shift a robot by less has shifted it by no more than its search reaches.
+FALSE_FIX_M = 0.3
+FALSE_FIX_RAD = math.radians(6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
