@@ -150,6 +150,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_mission.py
 	$(BIN)/python benchmarks/bench_scan.py
 	$(BIN)/python benchmarks/bench_mission_run.py
+	$(BIN)/python scripts/mission_completion.py
 
 docs: tools-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site

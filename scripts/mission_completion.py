@@ -1,54 +1,299 @@
-"""How many robots complete a mission, over many seeds, and whether any fix was false.
+"""How many missions are lived to their end, and whether anything believed on the way was false: a row a run, a table.
 
-    python scripts/mission_completion.py [MISSION] [--profile sealed] [--noise 0.03,0.05,stage] [--seeds 50]
+    python scripts/mission_completion.py [WHERE...] [--profile paper,sealed] [--noise stage,fixed,step]
+                                         [--people 0,3] [--seeds 10] [--csv out/missions.csv] [--table]
 
-One line a seed, and one in all.
+WHERE is a built-in map, one of tests/data/maps, a YAML file, `drawn:7`, or buildings from one seed to another:
+`drawn:0-199`, `drawn:flat:0-9`. The mission is what `phalanx mission build --map` makes. A built-in mission is lived in
+its own map. Without WHERE it is the long form of `make bench`: seven maps, and 200 drawn buildings; that takes hours.
+
+Each run is appended to the CSV when it is over, and is not lived again: call it again after Ctrl-C, and it goes on.
+After a change of the robot begin another file. Ends with 1 if a fix or a decoded node was false.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import math
+import os
 import random
+import re
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
+from itertools import groupby, product
+from multiprocessing import get_context
+from pathlib import Path
 
 from phalanx.cli.mission.files import read_plain
-from phalanx.mission import BuildOptions, Profile, build
+from phalanx.errors import UsageError
+from phalanx.mission import BuildOptions, Mission, Profile, build
+from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.builtin import built_in
+from phalanx.sim.missions.orders import Orders, orders_of
 from phalanx.sim.missions.run import run_mission, summary
-from phalanx.sim.missions.setup import MissionRun, Part
+
+ELSEWHERE = Path(__file__).parent.parent / "tests" / "data" / "maps"
+MAPS = (
+    "nav2_depot", "nav2_warehouse", "nav2_tb3_sandbox", "aws_small_house", "willow-full", "office_40x40",
+    "office_30x25",
+)  # fmt: skip
+DRAWN = "drawn:0-199"
+SIGMAS = "0.03,0.05"
+# A robot drives 0.6 m/s, goes around what stands there, turns, and waits for people. It may take each way of the
+# shortest net of ways there and back, that many times as long as it need be, and so long at each node.
+SPEED_MPS, SLACK, NODE_S, LEAST_S = 0.6, 3.0, 6.0, 120.0
+UNPLACED_M = 5.0
+DENIED_KEPT = 6
 
 
-def main() -> None:
-    """Print the table."""
-    words = argparse.ArgumentParser(description=__doc__)
-    words.add_argument("mission", nargs="?", default="office")
-    words.add_argument("--profile", choices=["paper", "sealed"], default="paper")
-    words.add_argument("--noise", default="0.03,0.05,stage")
-    words.add_argument("--seeds", type=int, default=50)
-    words.add_argument("--first", type=int, default=0)
-    said = words.parse_args()
-    plain = read_plain(said.mission)
-    plan = load_floorplan(plain.floor_plan)
-    assert plan.start is not None, "our maps say where robots begin"
-    built = build(plain, BuildOptions(profile=Profile[said.profile.upper()]), random.Random(0).randbytes)  # noqa: S311
-    parts = tuple(Part(each.mission, each.key, plan.start) for each in built)
-    completed = false_fixes = 0
-    for seed in range(said.first, said.first + said.seeds):
-        run = MissionRun(plan=plan, parts=parts, seed=seed, noise=OdometryNoise.parse(said.noise))
-        told = summary(run, run_mission(run))
-        completed += told["completed"]
-        false_fixes += told["false_fixes"]
-        print(
-            f"seed {seed:3}   completed {told['completed']}   {told['decoded']}/{told['nodes']}   "
-            f"{told['t_s']:.0f} s   false fixes {told['false_fixes']}   "
-            f"pose error {told['pose_error_m_p50']:.3f} / {told['pose_error_m_max']:.3f} m   "
-            f"odometry {told['odometry_error_m_max']:.1f} m   {told['not_validated']}",
-            flush=True,
-        )
-    print(
-        f"{said.mission} {said.profile} {said.noise}: {completed} of {said.seeds} completed, {false_fixes} false fixes"
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run: what decides it."""
+
+    where: str
+    profile: str
+    noise: str
+    people: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Case):
+    """What became of it."""
+
+    completed: int
+    decoded: int
+    nodes: int
+    false_fixes: int
+    false_decodes: int
+    pose_error_m: float  # the worst
+    odometry_error_m: float  # likewise
+    t_s: float
+    limit_s: float
+    end: str  # why it did not complete, or ""
+    not_validated: str  # how often, for each reason
+    denied: str  # the first things that were false: when, what, why
+    digest: str
+    wall_s: float
+
+
+def words() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("where", nargs="*")
+    parser.add_argument("--profile", default="paper")
+    parser.add_argument("--noise", default="stage", help=f"models, each with ({SIGMAS})")
+    parser.add_argument("--people", default="0")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--csv", type=Path, default=Path("out/missions.csv"))
+    parser.add_argument("--table", action="store_true", help="of what is in the CSV; nothing is lived")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    return parser.parse_args()
+
+
+def cases_of(said: argparse.Namespace) -> list[Case]:
+    """All runs that are asked for, those of one building together. Raises: UsageError: one cannot be."""
+    if not said.where:
+        seeds = range(said.first, said.first + max(10, said.seeds))
+        everywhere = product(MAPS, ("paper", "sealed"), ("stage", "fixed", "step"), (0, 3), seeds)
+        return [Case(*each) for each in (*everywhere, *product(wheres_of([DRAWN]), ("paper",), ("stage",), (0,), (0,)))]
+    seeds = range(said.first, said.first + said.seeds)
+    profiles, noises = said.profile.split(","), said.noise.split(",")
+    for profile in profiles:
+        if profile.upper() not in Profile.__members__:
+            raise UsageError(f"no profile {profile!r}", "paper, sealed")
+    for noise in noises:
+        OdometryNoise.parse(f"{SIGMAS},{noise}")
+    people = [int(count) for count in said.people.split(",")]
+    return [Case(*each) for each in product(wheres_of(said.where), profiles, noises, people, seeds)]
+
+
+def wheres_of(names: Iterable[str]) -> Iterator[str]:
+    """Each building by its own name."""
+    for name in names:
+        drawn = re.fullmatch(r"(drawn:(?:[a-z]+:)?)(\d+)-(\d+)", name)
+        if drawn:
+            yield from (f"{drawn[1]}{seed}" for seed in range(int(drawn[2]), int(drawn[3]) + 1))
+        else:
+            yield name
+
+
+@lru_cache(maxsize=2)
+def orders(where: str, profile: str) -> tuple[Orders, float]:
+    """What robots are given there, and in how many seconds it can be done. Raises: UsageError: there is no mission."""
+    if where in built_in("missions"):
+        plain = read_plain(where)
+        plan = load_floorplan(plain.floor_plan)
+    else:
+        there = ELSEWHERE / f"{where}.yaml"
+        plan = load_floorplan(there if there.exists() else where)
+        plan = plan if plan.start is not None else begun_at(plan, roomiest(plan))
+        plain = survey(plan)
+    built = build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(0).randbytes)  # noqa: S311
+    return orders_of(plain, built, plan), limit_s(plain)
+
+
+def limit_s(plain: Mission) -> float:
+    """So long may it take to drive to all places of a mission, by the length of the shortest net of its ways."""
+    places = {node.name: node.place for node in plain.nodes}
+    net = {name: name for name in places}
+
+    def root(name: str) -> str:
+        while net[name] != name:
+            name = net[name]
+        return name
+
+    def length_m(source: str, target: str) -> float:
+        a, b = places[source], places[target]
+        return UNPLACED_M if a is None or b is None else math.dist(a, b)
+
+    whole_m = 0.0
+    lengths = ((length_m(way.source, way.target), way.source, way.target) for way in plain.ways)
+    for way_m, source, target in sorted(lengths):
+        if root(source) != root(target):
+            net[root(source)] = root(target)
+            whole_m += way_m
+    return round(LEAST_S + NODE_S * len(places) + SLACK * 2 * whole_m / SPEED_MPS)
+
+
+def lived(case: Case) -> Row:
+    """What became of a run."""
+    began = time.perf_counter()
+
+    def row(**more: object) -> Row:
+        empty = {field.name: "" if field.type == "str" else 0 for field in fields(Row)}
+        return Row(**{**empty, **asdict(case), "wall_s": round(time.perf_counter() - began, 1), **more})
+
+    try:
+        given, limit = orders(case.where, case.profile)
+    except UsageError as error:
+        return row(end=f"no mission: {error}")
+    noise = OdometryNoise.parse(f"{SIGMAS},{case.noise}")
+    run = given.run(noise=noise, people=case.people, seed=case.seed, duration_s=limit)
+    reports = run_mission(run)
+    told = summary(run, reports)
+    whys = Counter(each["reason"] for each in told["not_validated"])
+    done = told["completed"] == told["robots"]
+    return row(
+        completed=int(done),
+        **{name: told[name] for name in ("decoded", "nodes", "false_fixes", "false_decodes", "t_s", "digest")},
+        pose_error_m=told["pose_error_m_max"],
+        odometry_error_m=told["odometry_error_m_max"],
+        limit_s=limit,
+        end="" if done else next(report.not_validated[-1][1] for report in reports if not report.done),
+        not_validated="; ".join(f"{why} {count}" for why, count in whys.items()),
+        denied="; ".join(f"{t_s:.0f} s {what} {why}" for report in reports for t_s, what, why in first(report.denied)),
     )
 
 
+def first(denied: list[tuple[float, str, str]]) -> list[tuple[float, str, str]]:
+    """All nodes, and the first fixes."""
+    nodes = [each for each in denied if each[1] != "fix"]
+    return sorted([*nodes[:DENIED_KEPT], *[each for each in denied if each[1] == "fix"][:DENIED_KEPT]])
+
+
+def kept(path: Path) -> list[Row]:
+    """The rows of a file; what was begun and not written to its end is cut off. Raises: UsageError: another file."""
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    if not text.endswith("\n"):
+        text = text[: text.rfind("\n") + 1]
+        path.write_text(text, encoding="utf-8")
+    lines = list(csv.reader(text.splitlines()))
+    head = [field.name for field in fields(Row)]
+    if lines and (lines[0] != head or any(len(line) != len(head) for line in lines)):
+        raise UsageError(f"{path} is no table of missions, or one of another form", "another --csv")
+    makes = {"str": str, "int": int, "float": float}
+    return [
+        Row(**{each.name: makes[str(each.type)](cell) for each, cell in zip(fields(Row), line, strict=True)})
+        for line in lines[1:]
+    ]
+
+
+def live(cases: list[Case], path: Path, workers: int) -> list[Row]:
+    """The rows of these runs, each written down when it is over; those that were until Ctrl-C."""
+    rows: list[Row] = []
+    path.parent.mkdir(parents=True, exist_ok=True)
+    is_new = not path.exists() or not path.stat().st_size
+    with (
+        path.open("a", encoding="utf-8", newline="") as file,
+        # Ctrl-C is for this process; leaving the block ends the others.
+        get_context("spawn").Pool(workers, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool,
+    ):
+        table = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")
+        if is_new:
+            table.writeheader()
+        try:
+            for row in pool.imap_unordered(lived, cases):
+                rows.append(row)
+                table.writerow(asdict(row))
+                file.flush()
+                print(f"{len(rows)}/{len(cases)}  {told(row)}", flush=True)
+        except KeyboardInterrupt:
+            print(f"stopped; {len(cases) - len(rows)} of {len(cases)} runs are left", file=sys.stderr)
+    return rows
+
+
+def told(row: Row) -> str:
+    """A run in a line."""
+    return (
+        f"{row.where} {row.profile} {row.noise} {row.people} people seed {row.seed}: {row.decoded}/{row.nodes} nodes, "
+        f"{row.t_s:.0f} of {row.limit_s:.0f} s, {row.false_fixes} false fixes, {row.false_decodes} false decodes, "
+        f"worst {row.pose_error_m:.2f} m{f', {row.end}' if row.end else ''} ({row.wall_s:.0f} s)"
+    )
+
+
+def print_table(rows: list[Row]) -> None:
+    """By building (those that were drawn by their kind), profile, noise and people."""
+
+    def key(row: Row) -> tuple[str, str, str, int]:
+        name = "drawn" if row.where.startswith("drawn:") else row.where
+        return name, row.profile, row.noise, row.people
+
+    print(
+        f"\n{'where':18} {'profile':8} {'noise':6} {'people':>6} {'completed':>10} {'false fixes':>16} "
+        f"{'false decodes':>16} {'worst':>8}  not completed"
+    )
+    for (where, profile, noise, people), group in groupby(sorted(rows, key=key), key):
+        runs = list(group)
+        ends = Counter(run.end for run in runs if run.end)
+        fixes, decodes = (
+            f"{sum(counts)} in {sum(count > 0 for count in counts)}"
+            for counts in ([run.false_fixes for run in runs], [run.false_decodes for run in runs])
+        )
+        print(
+            f"{where:18} {profile:8} {noise:6} {people:6} {sum(run.completed for run in runs):4} of {len(runs):2} "
+            f"{fixes:>16} {decodes:>16} {max(run.pose_error_m for run in runs):6.2f} m  "
+            f"{', '.join(f'{end} {count}' for end, count in ends.most_common())}"
+        )
+
+
+def main() -> int:
+    """Lives what is asked for and is not yet in the file, and prints the table of it all."""
+    said = words()
+    try:
+        before, asked = kept(said.csv), cases_of(said)
+    except (UsageError, ValueError) as error:
+        print(f"{error}", file=sys.stderr)
+        return 2
+    names = [field.name for field in fields(Case)]
+    known = {Case(*(getattr(row, name) for name in names)) for row in before}
+    left = [] if said.table else [case for case in asked if case not in known]
+    rows = before + (live(left, said.csv, min(said.workers, len(left))) if left else [])
+    wanted = set(asked)
+    rows = [row for row in rows if said.table or Case(*(getattr(row, name) for name in names)) in wanted]
+    print_table(rows)
+    return 1 if any(row.false_fixes or row.false_decodes for row in rows) else 0
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
