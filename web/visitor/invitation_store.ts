@@ -1,11 +1,15 @@
 // Where the page finds its invitation, and how it keeps the pin out of sight.
 //
 // From the address (and removed from it at once, so that it stays in no history, screenshot or shared link), else from
-// this tab's session storage, where the newest pin is kept so that a reload goes on after rotations.
+// this tab's session storage, where the newest pin and the visitors' login are kept so that a reload goes on after
+// rotations.
 
-import { DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
+import { type BrokerLogin, DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
 
 const KEY = "phalanx.invitation";
+// A link that was cut off has no pin, and may have a login all the same.
+const SECRET_IN_FRAGMENT = ["v", "pin", "user", "password"];
+const SECRET_IN_QUERY = ["pin", "mqtt_username", "mqtt_password"];
 
 /** What is kept of the browser: passed in, so that it can be tested without one. */
 export interface Surroundings {
@@ -19,6 +23,7 @@ interface Kept {
   readonly broker: string;
   readonly root: string;
   readonly mqtt: number;
+  readonly login?: BrokerLogin;
 }
 
 export type Found = { readonly to?: Invitation; readonly problem?: string };
@@ -56,8 +61,9 @@ export function readTyped(pin: string, broker: string, root: string, mqtt: strin
 }
 
 export function keep(at: Surroundings, to: Invitation, pin: Pin = to.pin): void {
+  const { broker, root, mqtt, login } = to;
   try {
-    at.storage?.setItem(KEY, JSON.stringify({ pin: pin.reveal(), broker: to.broker, root: to.root, mqtt: to.mqtt }));
+    at.storage?.setItem(KEY, JSON.stringify({ pin: pin.reveal(), broker, root, mqtt, login }));
   } catch {
     // Storage is full or forbidden: a reload has to scan again, and nothing else is lost.
   }
@@ -75,18 +81,19 @@ export function forget(at: Surroundings): void {
 export function takeKept(at: Surroundings): Found {
   try {
     const words = JSON.parse(at.storage?.getItem(KEY) ?? "null") as Kept | null;
-    return words ? { to: invitation(words.pin, words.broker, words.root, String(words.mqtt)) } : {};
+    return words ? { to: invitation(words.pin, words.broker, words.root, String(words.mqtt), words.login) } : {};
   } catch {
     return {};
   }
 }
 
-/** The address without an invitation; undefined if there is none in it. */
+/** The address without an invitation, or what is left of one; undefined if there is none in it. */
 function withoutSecrets(href: string): string | undefined {
   const url = new URL(href);
   const inFragment = new URLSearchParams(url.hash.slice(1));
-  const inQuery = url.searchParams.has("pin");
-  if (!inQuery && !inFragment.has("pin") && !inFragment.has("v")) return undefined;
+  const { searchParams: inQuery } = url;
+  const found = SECRET_IN_FRAGMENT.some((key) => inFragment.has(key)) || SECRET_IN_QUERY.some((key) => inQuery.has(key));
+  if (!found) return undefined;
   url.hash = "";
   for (const key of PUBLISHED_KEYS) url.searchParams.delete(key);
   return `${url.pathname}${url.search}`;
