@@ -83,6 +83,30 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
         touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
+def test_while_the_operator_holds_all_robots_a_phone_says_so_and_its_controls_are_off(browser):
+    with a_gateway("--robots", "6", "--seed", "4", stdin=subprocess.PIPE) as (up, ready):
+        with a_visitor(browser, ready, "Ada", BUZZED) as page:
+            touch = page.context.new_cdp_session(page)
+            box = page.get_by_test_id("joystick").bounding_box()
+            at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + 20}
+            touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at]})
+            wait_until(lambda: moves(up))
+            up.process.stdin.write("stop\n")
+            up.process.stdin.flush()
+            assert "the operator holds all robots" in badge(page, "held", timeout_s=2)
+            assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
+            assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
+            assert not any(each.is_enabled() for each in controls(page).all())
+            assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
+            for scheme in ("dark", "light"):
+                page.emulate_media(color_scheme=scheme)
+                assert not barriers(page)
+            up.process.stdin.write("go\n")
+            up.process.stdin.flush()
+            badge(page, "live")
+            assert all(each.is_enabled() for each in controls(page).all())
+
+
 def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(browser, gateway):
     up, ready = gateway
     with a_visitor(browser, ready, "Cleo", BUZZED) as page:
@@ -185,6 +209,9 @@ def test_a_phone_says_the_login_that_is_in_the_link(browser, tmp_path):
             a_page(browser) as page,
         ):
             page.goto(insecure(ready["qr_url"]))
+            badge(page, "live")
+            assert "house" not in page.url
+            page.reload()
             badge(page, "live")
             assert "house" not in page.url
 

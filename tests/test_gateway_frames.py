@@ -137,7 +137,7 @@ class TestFrames:
                 "shields": [[i, 0, []] for i in range(300)],
                 "walks": [[i, "seeking", 1, 2, ""] for i in range(300)],
             }
-            tick = frames.next(robots, NOW, float(uptime_s), more)
+            tick = frames.next(robots, NOW, float(uptime_s), more, held=True)
             assert max(len(encode_json(frame)) for frame in tick.frames) <= FRAME_BYTES
             assert FRAME_BYTES - 40 < max(len(encode_json(frame)) for frame in tick.frames)
 
@@ -163,6 +163,17 @@ class TestFrames:
         assert len(full) in (3, 4)
         assert all(any(told[k : k + 3]) for k in range(29)), "or pages say that there is no news"
         assert all(len(read_places(tick.frames[0]["data"]["places"])) == 3 for tick in full)
+
+    def test_that_the_operator_holds_all_is_told_at_once_and_by_every_frame_until_it_is_over(self):
+        robots, frames = Dotbots(3, 1, lambda: NOW).robots(), Frames(FRAME_BYTES)
+        frames.next(robots, NOW, 0.0)
+        assert frames.next(robots, NOW, 0.1) is None
+        told = [frames.next(robots, NOW, 0.2 + tick * 0.1, held=tick < 20) for tick in range(25)]
+        assert told[0], "no quiet before it"
+        assert told[20]
+        said = [[frame["data"].get("held") for frame in tick.frames] for tick in told if tick]
+        assert said.count([True]) >= 6
+        assert said[-2:] == [[None], [None]]
 
     def test_a_robot_that_knows_no_place_does_not_silence_the_others(self):
         lost, known = Dotbots(2, 1, lambda: NOW).robots()

@@ -83,6 +83,8 @@ export interface Swarm {
   readonly audits: readonly Audit[];
   /** Who drives a robot by joystick, by its address: names that pages made up, and when they were told. */
   readonly drivers: ReadonlyMap<string, { readonly names: readonly string[]; readonly at_ms: number }>;
+  /** The operator has stopped all robots. */
+  readonly held: boolean;
   /** Undefined where robots live no missions. */
   readonly missions: Missions | undefined;
   /** When the newest answer or frame came. */
@@ -109,6 +111,7 @@ export const NO_SWARM: Swarm = {
   unprotected: "",
   audits: [],
   drivers: new Map(),
+  held: false,
   missions: undefined,
   at_ms: 0,
 };
@@ -258,7 +261,8 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   const recent = swarm.audits.filter((audit) => at_ms - audit.at_ms < AUDITS_FOR_MS);
   const audits = [...recent, ...ended].slice(-MOST_AUDITS);
   const drivers = driversInFrame(swarm.drivers, numbers, frame, at_ms);
-  return { ...next, numbers, seq, audits, drivers, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
+  const held = frame["held"] === true;
+  return { ...next, numbers, seq, audits, drivers, held, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
 function driversInFrame(

@@ -57,6 +57,15 @@ const of = (swarm: Swarm, address = A) => {
   return found;
 };
 
+describe("the operator's stop", () => {
+  test("lasts as long as frames say so, whichever were missed", () => {
+    const held = play([frame(1), frame(2, { held: true })], START);
+    expect([START.held, held.held, play([frame(3, { held: true })], held).held]).toEqual([false, true, true]);
+    expect(play([frame(9)], held).held).toBe(false);
+    expect(play([frame(1, { held: 1 })], START).held).toBe(false);
+  });
+});
+
 describe("answers", () => {
   test("request 0 lists the robots, request 1 gives the area", () => {
     expect(of(START)).toMatchObject({

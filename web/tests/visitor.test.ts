@@ -86,6 +86,8 @@ describe("badge", () => {
     expect(words({ state: "offline", why: "network" })).toContain("no network");
     expect(words({ state: "offline", why: "login" })).toContain("Login refused by the broker at swarm:9001");
     expect(words({ state: "late" })).toContain("Controls are off");
+    expect(badgeWords({ state: "live" }, "swarm:9001", 3, true)).toMatchObject({ state: "held" });
+    expect(badgeWords({ state: "silent" }, "swarm:9001", 3, true)).toMatchObject({ state: "silent" });
     expect(words({ state: "silent" })).toContain("scan it again");
     expect(words({ state: "clock", skew_s: 31 })).toBe("Your clock is 31 s behind: set it to automatic.");
     expect(words({ state: "clock", skew_s: -3600 })).toBe("Your clock is 60 min ahead: set it to automatic.");
@@ -238,6 +240,24 @@ describe("invitation", () => {
     expect(reloaded.to?.pin.reveal()).toBe("0000000042");
     expect(reloaded.to).toMatchObject({ broker: to.broker, root: to.root, mqtt: to.mqtt });
   });
+
+  test("a reload says the visitors' login again, which is in no address", () => {
+    const { at, stored, location } = tab(`http://swarm:8080/${fragment}&user=guest&password=open%20house`);
+    const { to } = takeFromAddress(at) ?? {};
+    if (!to) throw new Error("nothing taken");
+    expect(location.href).not.toContain("house");
+    keep(at, to);
+    expect(takeKept(tab("http://swarm:8080/", stored).at).to?.login).toEqual({ username: "guest", password: "open house" });
+  });
+
+  test.each(["?use_qrkey=true&mqtt_username=guest&mqtt_password=secret", "?x=1&mqtt_password=secret", "#user=guest&password=secret"])(
+    "what was cut off before its pin leaves no login in the address: %s",
+    (cut) => {
+      const { at, location } = tab(`http://swarm:8080/${cut}`);
+      expect(takeFromAddress(at)?.problem).toMatch(/no pin/);
+      expect(location.href).not.toMatch(/secret|guest/);
+    },
+  );
 
   test("a storage that is full, forbidden or spoilt costs no more than a scan", () => {
     const { at } = tab("http://swarm:8080/", new Map([["phalanx.invitation", '{"pin":7}']]));

@@ -2,15 +2,15 @@
 
 import type { Health } from "../client";
 
-export type BadgeState = Health["state"] | "nocode";
+export type BadgeState = Health["state"] | "held" | "nocode";
 
 interface Words {
   readonly state: BadgeState;
   readonly text: string;
 }
 
-/** Plain words for the health of the link. `host` is the broker's host and port. */
-export function badgeWords(health: Health, host: string, robots: number): Words {
+/** Plain words for the health of the link. `host` is the broker's host and port; `held`: the operator stopped all. */
+export function badgeWords(health: Health, host: string, robots: number, held = false): Words {
   switch (health.state) {
     case "connecting":
       return {
@@ -29,6 +29,7 @@ export function badgeWords(health: Health, host: string, robots: number): Words 
     case "clock":
       return { state: "clock", text: `Your clock is ${duration(health.skew_s)}: set it to automatic.` };
     case "live":
+      if (held) return { state: "held", text: "Stopped: the operator holds all robots. Controls are off." };
       return { state: "live", text: robots === 1 ? "Live · 1 robot" : `Live · ${robots} robots` };
   }
 }

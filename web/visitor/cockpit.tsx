@@ -36,8 +36,9 @@ export function Cockpit({ to, link, onLeave }: Props) {
   const entry = roster.find(({ address }) => address === chosen) ?? roster.find(({ address }) => address === only);
   const selected = entry?.address;
   const stopped = useSwarm(link, ({ swarm }) => swarm.robots.get(selected ?? "")?.shield?.safeMode === true);
-  // One in Safe Mode would ignore whatever it is told; and what is said now would not reach any.
-  const isLive = health.state === "live";
+  const held = useSwarm(link, ({ swarm }) => swarm.held);
+  // One in Safe Mode would ignore whatever it is told; what is said now would not reach any, or be refused to all.
+  const isLive = health.state === "live" && !held;
   const steered = stopped ? undefined : selected;
   const obeying = isLive ? steered : undefined;
   const [sentOnRoutes] = useState(() => new Set<string>());
@@ -75,7 +76,7 @@ export function Cockpit({ to, link, onLeave }: Props) {
     command("waypoints", routePayload(threshold, []));
   }
 
-  const words = badgeWords(health, hostOf(to.broker), roster.length);
+  const words = badgeWords(health, hostOf(to.broker), roster.length, held);
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
     <>

@@ -21,7 +21,7 @@ from .vocabulary import Notice, status, tell_led, tell_robot, tell_route
 FULL_EVERY_S = 1.0
 QUIET_S = 0.25  # with the tick that follows: a page that hears nothing for 0.8 s tells its visitor
 BATTERY_STEP_MV = 20  # a fifth of what a page shows
-FRAME_BYTES = 48  # of a frame without its lists
+FRAME_BYTES = 60  # of a frame without its lists
 KEY_BYTES = 6  # of a list besides its name and elements
 NOWHERE = 1e7  # mm: pages show no robot beyond
 
@@ -48,6 +48,7 @@ class Frames:
         self._rows = np.zeros((0, 4), np.int64)
         self._full_at_s: float | None = None
         self._said_at_s = 0.0
+        self._held = False
 
     def number(self, address: str) -> int:
         """What frames call this robot: shorter than its address, and told with it in every list of robots."""
@@ -58,12 +59,18 @@ class Frames:
         return number
 
     def next(
-        self, robots: Sequence[Robot], now_s: float, uptime_s: float, more: Mapping[str, Sequence[Any]] | None = None
+        self,
+        robots: Sequence[Robot],
+        now_s: float,
+        uptime_s: float,
+        more: Mapping[str, Sequence[Any]] | None = None,
+        *,
+        held: bool = False,
     ) -> Tick | None:
         """The frames of this tick, or None if there is nothing to say and the last one is younger than `QUIET_S`.
 
         Of `uptime_s`, which is monotonic, every robot's place comes once in `FULL_EVERY_S`; `more` are further lists to
-        be told, by their names.
+        be told, by their names. `held` robots stand still by the operator's word: every frame says so.
         """
         full = self._full_at_s is None or uptime_s - self._full_at_s >= FULL_EVERY_S
         rows = self._rows_of(robots)
@@ -75,6 +82,7 @@ class Frames:
             left = [address for address in self._told if address not in told]
             changed = [c for address, slow in told.items() if (c := _change(address, self._told.get(address), slow))]
         news_at_all = full or len(moved) or joined or left or changed or (more and any(more.values()))
+        news_at_all = news_at_all or held != self._held
         if not news_at_all and uptime_s - self._said_at_s < QUIET_S:
             return None
         news = [tell_robot(robot, now_s, 0) | {"n": self.number(robot.address)} for robot in joined]
@@ -84,9 +92,9 @@ class Frames:
             "changed": changed,
             **(more or {}),
         }
-        frames = [self._frame(words) for words in self._packed(lists, in_places(moved))]
+        frames = [self._frame(words, held) for words in self._packed(lists, in_places(moved))]
         # Last: what cannot be told now, because a driver says nonsense, is still to be told at the next tick.
-        self._rows, self._told = rows, told
+        self._rows, self._told, self._held = rows, told, held
         self._said_at_s = uptime_s
         for address in left:
             del self._numbers[address]
@@ -120,8 +128,8 @@ class Frames:
                     used = 0
         return frames
 
-    def _frame(self, words: dict[str, Any]) -> dict[str, Any]:
-        data = {"seq": self._seq, **words}
+    def _frame(self, words: dict[str, Any], held: bool) -> dict[str, Any]:
+        data = {"seq": self._seq, **words} | ({"held": True} if held else {})
         self._seq += 1
         return {"cmd": int(Notice.FRAME), "data": data}
 

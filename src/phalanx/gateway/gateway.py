@@ -122,15 +122,16 @@ class Gateway:
 
     def _move_raw(self, address: str, command: Command) -> None:
         move = vocabulary.parse_move_raw(command.payload)
+        if not (move.left_pct or move.right_pct):  # that a visitor let go is never too late to be heard
+            self.brakes.drive(address, 0, 0)
+            return
+        self._refuse_late(command)
         # The 300 ms count from when the command came, not from when we got round to it: under a flood it may have
-        # waited here while its visitor let go. That a visitor let go is never too late to be heard.
-        if move.left_pct or move.right_pct:
-            self._refuse_late(command)
-            if command.waited_s > EXPIRES_S:
-                raise Late(f"waited {command.waited_s:.1f} s")
+        # waited here while its visitor let go.
+        if command.waited_s > EXPIRES_S:
+            raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
-        if move.left_pct or move.right_pct:
-            self._drivers.drives(address, move.by, time.monotonic())
+        self._drivers.drives(address, move.by, time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
@@ -221,7 +222,7 @@ class Gateway:
         robots = self.swarm.robots()
         watches = [watch for watch in (self.shields, self.missions, self._drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
-        tick = self._frames.next(robots, self._clock(), time.monotonic(), more)
+        tick = self._frames.next(robots, self._clock(), time.monotonic(), more, held=self.brakes.held)
         for frame in tick.frames if tick else ():
             for tell in self._watchers:
                 tell(frame)
