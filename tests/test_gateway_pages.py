@@ -20,6 +20,10 @@ from conftest import eventually
 from phalanx.errors import Unavailable
 from phalanx.gateway import OperatorPages, VisitorPages
 from phalanx.gateway.site import PAGES, beside
+from phalanx.gateway.up import UpOptions, up
+from phalanx.io import Login
+from phalanx.io.ports import free_port
+from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits
 
@@ -240,6 +244,20 @@ class TestPages:
                 crowd.communicate()
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+    async def test_a_foreign_page_that_is_told_the_visitors_login_is_said(self, caplog):
+        options = UpOptions(
+            broker=f"mqtt://127.0.0.1:{free_port()}",
+            port=0,
+            wait_s=0.1,
+            frontend="https://dotbots.example/page",
+            visitors_login=Login("guest", "open house"),
+        )
+        with pytest.raises(Unavailable):
+            await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
+        (line,) = (line for line in caplog.messages if "login" in line)
+        assert "dotbots.example is told both" in line
+        assert "house" not in caplog.text
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:

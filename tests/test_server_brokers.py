@@ -25,6 +25,7 @@ from conftest import (
     tell_until_cancelled,
     with_an_old_pin,
 )
+from phalanx.cli import doctor
 from phalanx.config import LinkConfig
 from phalanx.errors import Unavailable
 from phalanx.io import ANY, Client, Login, Server
@@ -339,6 +340,18 @@ class TestBrokersThatComeAndGo:
                 pass
         assert "apt-get install mosquitto" in refused.value.hint
         assert "phalanx-swarm[amqtt]" in refused.value.hint
+
+    async def test_who_falls_back_on_amqtt_is_told_what_it_lacks(self, monkeypatch, caplog):
+        for module in ("phalanx.io.broker", "phalanx.cli.doctor"):
+            monkeypatch.setattr(f"{module}.find_mosquitto", lambda: None)
+        async with a_broker("auto") as broker:
+            assert broker.name == "amqtt"
+        (line,) = caplog.messages
+        assert "no guard" in line
+        assert "apt-get install mosquitto" in line
+        assert "no guard" in doctor._broker().found
+        async with a_broker("amqtt"):  # who asked for it knows
+            assert len(caplog.messages) == 1
 
     async def test_a_kind_of_broker_that_nobody_knows_is_taken_for_a_host_and_that_is_said(self, caplog):
         async with a_broker("mosquito") as broker:

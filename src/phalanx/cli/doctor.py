@@ -17,7 +17,7 @@ from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
 from phalanx.io import Login, Server, parse_broker_url
-from phalanx.io.broker import BROKER_HINT, has_amqtt, why_no_phone_gets_in
+from phalanx.io.broker import AMQTT_LACKS, BROKER_HINT, has_amqtt, why_no_phone_gets_in
 from phalanx.io.broker_url import websocket_of
 from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
@@ -70,7 +70,7 @@ def _broker() -> Finding:
     if path:
         return Finding("embedded broker", True, f"mosquitto at {path}")
     if has_amqtt():
-        return Finding("embedded broker", True, "amqtt, in this process: slower", "apt-get install mosquitto")
+        return Finding("embedded broker", True, f"amqtt, {AMQTT_LACKS}", "apt-get install mosquitto")
     return Finding("embedded broker", False, "none: phalanx up needs --broker URL", BROKER_HINT)
 
 

@@ -279,6 +279,9 @@ async def up(
     ws_host = LOOPBACK if loopback_only else options.host
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
+    if options.frontend and options.visitors_login:
+        host = urlsplit(options.frontend).hostname
+        log.warning("the visitors' login stands in every link beside the pin, in the query: %s is told both", host)
     async with contextlib.AsyncExitStack() as stack:
         pages = await stack.enter_async_context(beside(VisitorPages(options.host, port)))
         broker = await stack.enter_async_context(

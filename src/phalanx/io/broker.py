@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
+AMQTT_LACKS = "which is slower and has no guard: a stranger can fill it, and take all its connections"
 PROBE_S = 2.0
 PORT_TRIES = 5
 
@@ -84,8 +85,10 @@ async def open_broker(
         raise Unavailable(
             "amqtt is not installed" if kind == name else "neither mosquitto nor amqtt is installed", BROKER_HINT
         )
-    if name != kind:
-        log.debug("broker: %s", name)
+    if name == "amqtt" != kind:
+        log.warning(
+            "mosquitto is not installed: the broker is amqtt, %s; hint: %s", AMQTT_LACKS, "apt-get install mosquitto"
+        )
     async with contextlib.AsyncExitStack() as stack:
         at = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, _own_login(), root))
         visitors = BrokerUrl("mqtt", LOOPBACK, at.visitors_port)
