@@ -2,6 +2,7 @@
 // dark: this page has not been told where it is.
 
 import type { Missions, Wall } from "../client";
+import { circle } from "./circle";
 import { type Projection, toScreen } from "./projection";
 import type { Theme } from "./theme";
 
@@ -59,7 +60,6 @@ export function drawLit(ctx: CanvasRenderingContext2D, p: Projection, theme: The
 }
 
 function disc(ctx: CanvasRenderingContext2D, x: number, y: number, radius: number): void {
-  ctx.beginPath();
-  ctx.arc(x, y, radius, 0, TURN);
+  circle(ctx, x, y, radius);
   ctx.fill();
 }

@@ -3,6 +3,7 @@
 
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
+import { circle } from "./circle";
 import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
 import { drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
@@ -148,8 +149,7 @@ function drawRoute(
   ctx.fillStyle = theme.accent;
   ctx.globalAlpha = 0.16;
   for (const { x, y } of waypoints) {
-    ctx.beginPath();
-    ctx.arc(x, y, reach, 0, TURN);
+    circle(ctx, x, y, reach);
     ctx.fill();
   }
   ctx.globalAlpha = 0.9;
@@ -162,8 +162,7 @@ function drawRoute(
   ctx.setLineDash([]);
   ctx.lineWidth = 1.5;
   for (const { x, y } of waypoints) {
-    ctx.beginPath();
-    ctx.arc(x, y, reach, 0, TURN);
+    circle(ctx, x, y, reach);
     ctx.stroke();
   }
   ctx.globalAlpha = 1;
@@ -172,8 +171,7 @@ function drawRoute(
   ctx.textBaseline = "middle";
   waypoints.forEach(({ x, y }, i) => {
     ctx.fillStyle = theme.accent;
-    ctx.beginPath();
-    ctx.arc(x, y, 8, 0, TURN);
+    circle(ctx, x, y, 8);
     ctx.fill();
     ctx.fillStyle = theme.ground;
     ctx.fillText(String(i + 1), x, y + 0.5);
@@ -219,8 +217,7 @@ export function drawRobots(
   if (!selected || !place) return;
   ctx.strokeStyle = theme.accent;
   ctx.lineWidth = 3;
-  ctx.beginPath();
-  ctx.arc(place.x, place.y, rim + 6, 0, TURN);
+  circle(ctx, place.x, place.y, rim + 6);
   ctx.stroke();
   drawRobot(ctx, theme, selected, place, terms ? radius : radius + 1);
 }
@@ -274,8 +271,7 @@ function stamp(colour: string, ink: string, radius: number): HTMLCanvasElement {
     ctx.fillStyle = colour;
     ctx.strokeStyle = ink;
     ctx.lineWidth = 1.5;
-    ctx.beginPath();
-    ctx.arc(radius + 1, radius + 1, radius, 0, TURN);
+    circle(ctx, radius + 1, radius + 1, radius);
     ctx.fill();
     ctx.stroke();
   }
@@ -301,8 +297,7 @@ function drawRobot(ctx: CanvasRenderingContext2D, theme: Theme, robot: Robot, { 
   ctx.fillStyle = colour;
   ctx.strokeStyle = theme.ink;
   ctx.lineWidth = 1.5;
-  ctx.beginPath();
-  ctx.arc(x, y, radius, 0, TURN);
+  circle(ctx, x, y, radius);
   ctx.fill();
   ctx.stroke();
   ctx.globalAlpha = 1;
