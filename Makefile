@@ -3,17 +3,20 @@
 .DELETE_ON_ERROR:
 SHELL := /bin/sh
 BIN := .venv/bin
-PIP := $(BIN)/pip --disable-pip-version-check --quiet
+# What is never imported need not be compiled.
+PIP := $(BIN)/pip --disable-pip-version-check --quiet install --no-compile
 PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
+# To read all other files takes longer than some of these tests.
+marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # Tests that compute leave the processor to those that wait for somebody, and have limits for it.
 # One more than there are processors: some of them wait for processes of their own.
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
-WAITS := -m "waits and not alone and not long" --numprocesses 2 --dist loadfile
-ALONE := -m "alone and not long"
+WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
+ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
 # Tests start hundreds of processes, each of which would compile our modules again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -23,15 +26,15 @@ TOGETHER := $(MAKE) --no-print-directory --keep-going --output-sync=target --job
 # What the system must have, asked for once and all at once; the tests need more than the demo.
 NEEDED := .venv/needs
 NEEDS := venv=python3-venv gcc=gcc libc=libc6-dev headers=python3-dev node=nodejs npm=npm
-ifeq ($(filter test% check-long coverage lint bench docs %-dev,$(MAKECMDGOALS)),)
+ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS)),)
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium
 endif
 
-.PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint test-firmware test-web test-python test-computes test-waits \
-	test-alone check-long coverage bench docs release clean
+.PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
+	test-computes test-waits test-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
@@ -65,9 +68,9 @@ $(NEEDED):
 
 .venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/bin/pip
 	@echo "installing Python packages, compiling the trusted nodes"
-	@$(PIP) install --require-hashes -r requirements.lock
-	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(PIP) install --require-hashes -r requirements-amqtt.lock
-	@$(PIP) install --no-deps --no-build-isolation -e .
+	@$(PIP) --require-hashes -r requirements.lock
+	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(PIP) --require-hashes -r requirements-amqtt.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
@@ -78,7 +81,7 @@ $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 
 .venv/dev: requirements-dev.lock .venv/runtime
 	@echo "installing Python packages for the tests"
-	@$(PIP) install --require-hashes -r requirements-dev.lock
+	@$(PIP) --require-hashes -r requirements-dev.lock
 	@touch $@
 
 web/node_modules/.installed: web/package-lock.json | $(NEEDED)
@@ -105,10 +108,15 @@ test:
 	@$(TOGETHER)=2 test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
-lint: tools-dev
+lint: lint-python lint-web
+
+lint-python: tools-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	nice $(BIN)/mypy
+
+# While pip installs.
+lint-web: web/node_modules/.installed
 	cd web && nice npm run --silent lint
 	cd web && nice npm run --silent types
 
