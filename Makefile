@@ -84,6 +84,11 @@ $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 	@$(PIP) --require-hashes -r requirements-dev.lock
 	@touch $@
 
+# Not with the others: where it is, numba imports it too, in each of hundreds of processes.
+.venv/coverage: requirements-coverage.lock .venv/dev
+	@$(PIP) --require-hashes -r requirements-coverage.lock
+	@touch $@
+
 web/node_modules/.installed: web/package-lock.json | $(NEEDED)
 	@echo "installing npm packages for the pages"
 	@cd web && npm ci --no-audit --no-fund --loglevel=error
@@ -142,7 +147,7 @@ test-alone: setup-dev
 check-long: setup-dev
 	$(BIN)/python -m pytest --durations=10 -m long
 
-coverage: setup-dev
+coverage: setup-dev .venv/coverage
 	rm -f .coverage .coverage.*
 	$(BIN)/coverage run -m pytest $(COMPUTES)
 	$(BIN)/coverage run -m pytest $(WAITS)
