@@ -95,6 +95,8 @@ def judged(thing: Landmark, true: tuple[float, float, float] = HERE, plan: Floor
         (Landmark("corner_convex", 8.0, 0.0, 2.4), HERE, "hidden"),
         (ROOM, HERE, ""),
         (ROOM, (4.5, 0.5, 1.0), "hidden"),
+        (ROOM, (7.0, 4.3, 0.5), ""),  # from its middle: three corners are in view, and the middle is not
+        (DOOR, (4.0, 2.75, 3.0), ""),  # with its back to it, between the jambs
     ],
 )
 def test_a_landmark_behind_a_wall_or_behind_the_robot_is_not_in_sight(

@@ -31,6 +31,8 @@ SHORT_M = 0.1
 EDGE_RAD = math.radians(1)
 # A doorway is seen in its middle or as deep before or behind it; a room as far around its middle.
 DEEP_M, WIDE_M = 0.25, 0.5
+# So near, the middle of what has some size may lie behind the robot: it is the corners and jambs that are seen.
+AROUND_M = {"room": math.inf, "doorway": 1.5}
 
 # Covariance of x, y and heading, map frame, metres and radians: xx, xy, xh, yy, yh, hh.
 Spread = tuple[float, float, float, float, float, float]
@@ -82,14 +84,18 @@ class Truth:
         return "elsewhere" if off_m > PLACE_M + cell_m / 2 else ""
 
     def in_sight(self, true: Pose, landmark: Landmark) -> bool:
-        """Whether a robot there can see where a landmark is: in range, in its field of view, behind no wall."""
-        return any(self._sees(true, point) for point in _points_of(landmark))
+        """Whether a robot there can see where a landmark is: in range, in its field of view, behind no wall.
 
-    def _sees(self, true: Pose, point: tuple[float, float]) -> bool:
+        Of a room it is the walls around that are in the field of view, so its middle need not be.
+        """
+        around_m = AROUND_M.get(landmark.type, NEAR_M)
+        return any(self._sees(true, point, around_m) for point in _points_of(landmark))
+
+    def _sees(self, true: Pose, point: tuple[float, float], around_m: float) -> bool:
         x, y = point[0] - true[0], point[1] - true[1]
         away = math.hypot(x, y)
         bearing = abs(math.remainder(math.atan2(y, x) - true[2], math.tau))
-        if away > self._lidar.range_max_m or (away > NEAR_M and bearing > self._lidar.fov_rad / 2 + EDGE_RAD):
+        if away > self._lidar.range_max_m or (away > around_m and bearing > self._lidar.fov_rad / 2 + EDGE_RAD):
             return False
         if away <= SHORT_M:
             return True
