@@ -12,8 +12,9 @@ from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.outcome import Kind, Order
-from phalanx.robot.controllers.mission.pilot import TRAIL_MAX, Leg, Sectors, drive
-from phalanx.robot.controllers.mission.readings import CLEAR, CLEAR_STEP_M, Sensors
+from phalanx.robot.controllers.mission.pilot import TRAIL_MAX, Leg, drive
+from phalanx.robot.controllers.mission.readings import CLEAR, CLEAR_STEP_M, Reading, Sensors
+from phalanx.robot.controllers.mission.surroundings import Sectors
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission
@@ -57,8 +58,11 @@ LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, SENSORS.beams_per_sector * LIDAR.angle_increment_rad, SENSORS.sectors)
 
 
-def _room(range_m: float) -> np.ndarray:
-    return np.full(SENSORS.sectors, min(range_m / CLEAR_STEP_M, CLEAR), np.uint8)
+TIMEOUT_S = 2000.0
+
+
+def _room(pose: tuple[float, float, float], range_m: float) -> Reading:
+    return Reading(*pose, 0.0, b"", np.full(SENSORS.sectors, min(range_m / CLEAR_STEP_M, CLEAR), np.uint8))
 
 
 def test_back_it_goes_straight_to_a_place_in_sight_and_else_the_way_it_came() -> None:
@@ -69,9 +73,9 @@ def test_back_it_goes_straight_to_a_place_in_sight_and_else_the_way_it_came() ->
         leg = Leg()
         way = [(0.5 * i, 0.0, 0.0) for i in range(6)] + [(3.0, 0.5 * i, math.pi / 2) for i in range(7)]
         for i, pose in enumerate(way):
-            leg, _ = drive(leg, Order(Kind.GO, 1, home, 0.0), 0, pose, _room(room_m), SECTORS, 0.1 * i)
+            leg, _ = drive(leg, Order(Kind.GO, 1, home, 0.0), 0, pose, _room(pose, room_m), SECTORS, 0.1 * i, TIMEOUT_S)
         order = Order(Kind.BACK, 0, home, toward_m=home)
-        return drive(leg, order, 0, there, _room(room_m), SECTORS, 2.0)[1].turn_radps
+        return drive(leg, order, 0, there, _room(there, room_m), SECTORS, 2.0, TIMEOUT_S)[1].turn_radps
 
     assert abs(back_from_there(math.inf)) < 0.1
     # The way it came leads down, 45 degrees to the left of home.
@@ -81,8 +85,10 @@ def test_back_it_goes_straight_to_a_place_in_sight_and_else_the_way_it_came() ->
 def test_a_way_is_remembered_in_few_places_however_long_it_is_and_anew_from_where_it_begins() -> None:
     leg = Leg()
     for i in range(500):
-        leg, _ = drive(leg, Order(Kind.GO, 1, (0.0, 0.0), 0.0), 0, (0.6 * i, 0.0, 0.0), _room(9.0), SECTORS, 0.1 * i)
+        pose, order = (0.6 * i, 0.0, 0.0), Order(Kind.GO, 1, (0.0, 0.0), 0.0)
+        leg, _ = drive(leg, order, 0, pose, _room(pose, 9.0), SECTORS, 0.1 * i, TIMEOUT_S)
     assert TRAIL_MAX // 2 <= len(leg.trail) <= TRAIL_MAX
     assert leg.trail[0] == (60, 0)
-    leg, _ = drive(leg, Order(Kind.GO, 2, (300.0, 0.0), 0.0), 1, (299.5, 0.0, 0.0), _room(9.0), SECTORS, 60.0)
+    pose, order = (299.5, 0.0, 0.0), Order(Kind.GO, 2, (300.0, 0.0), 0.0)
+    leg, _ = drive(leg, order, 1, pose, _room(pose, 9.0), SECTORS, 60.0, TIMEOUT_S)
     assert leg.trail == ((29950, 0),)

@@ -15,15 +15,18 @@ from audited import PLAN, SENSORS, Recording
 from worlds import BOTH
 
 from phalanx.mission import Kind, Order
-from phalanx.robot.controllers.mission.pilot import Drive, Leg, Sectors, course, drive, free_way, hits
-from phalanx.robot.controllers.mission.readings import CLEAR
+from phalanx.robot.controllers.mission.course import NO_STOP, steer
+from phalanx.robot.controllers.mission.pilot import Drive, Leg, drive
+from phalanx.robot.controllers.mission.readings import CLEAR, Reading
+from phalanx.robot.controllers.mission.surroundings import SIDE, Sectors, packed, sight, unpacked
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.body import Building, MissionBody
 
 HERE = Path(__file__).parent
 LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
-OPEN = np.full(SENSORS.sectors, CLEAR, np.uint8)
+OPEN = Reading(0.0, 0.0, 0.0, 0.0, b"", np.full(SENSORS.sectors, CLEAR, np.uint8))
+TIMEOUT_S = 60.0
 
 
 def driven(order: Order, start, seconds: float):
@@ -33,7 +36,7 @@ def driven(order: Order, start, seconds: float):
     for k in range(round(4 * seconds)):
         body.advance(0.25 * k)
         reading, _ = body.sense(1000 + 250 * k)
-        leg, command = drive(leg, order, 0, body.wheels.pose, SENSORS.parse(reading).clear, SECTORS, 0.25 * k)
+        leg, command = drive(leg, order, 0, body.wheels.pose, SENSORS.parse(reading), SECTORS, 0.25 * k, TIMEOUT_S)
         body._speed_mps, body._turn_radps = command.speed_mps, command.turn_radps
         yield body.wheels.pose, leg, command
         if command.blocked:
@@ -65,29 +68,53 @@ def test_a_place_behind_a_wall_is_given_up():
 
 @pytest.mark.parametrize("kind", [kind for kind in Kind if kind not in (Kind.GO, Kind.BACK)])
 def test_any_other_order_is_to_stand(kind):
-    assert drive(Leg((0, 1, 2)), Order(kind), 0, PLAN.start, OPEN, SECTORS, 1.0) == (Leg(), Drive())
+    assert drive(Leg((0, 1, 2)), Order(kind), 0, PLAN.start, OPEN, SECTORS, 1.0, TIMEOUT_S) == (Leg(), Drive())
 
 
 def test_nothing_in_range_is_not_in_sight():
     """A place eight metres off, and sectors that end at five: first to where the order begins."""
     order = Order(Kind.GO, 1, (0.0, 2.0), None, (8.0, 0.0))
-    leg, command = drive(Leg(), order, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0)
+    leg, command = drive(Leg(), order, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0, TIMEOUT_S)
     assert not leg.passed
     assert command.turn_radps > 0
     near = Order(Kind.GO, 1, (0.0, 2.0), None, (4.0, 0.0))
-    assert drive(Leg(), near, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0)[0].passed
+    assert drive(Leg(), near, 0, (0.0, 0.0, 0.0), OPEN, SECTORS, 1.0, TIMEOUT_S)[0].passed
 
 
 def test_kernels_give_the_same_compiled_and_not():
     dice = np.random.default_rng(3)
-    for _ in range(200):
+    old, base, stop = bytes(SIDE * SIDE), (0, 0), (NO_STOP, NO_STOP)
+    for i in range(60):
         clear = dice.integers(0, 256, SENSORS.sectors).astype(np.uint8)
-        points = hits(clear, SECTORS.cosines, SECTORS.sines)
-        assert np.array_equal(points, hits.py_func(clear, SECTORS.cosines, SECTORS.sines))
-        x, y = dice.uniform(-4, 4, 2)
-        assert free_way(points, 0.6, 0.8) == free_way.py_func(points, 0.6, 0.8)
-        args = (points, SECTORS.cosines, SECTORS.sines, x, y)
-        assert course(*args) == course.py_func(*args)
+        moved, goal, beyond = (
+            (0.1 * i, -0.05 * i, 0.3 * i),
+            tuple(dice.uniform(-4, 4, 2)),
+            tuple(dice.uniform(-6, 6, 2)),
+        )
+        assert sight(clear, SECTORS.cosines, SECTORS.sines, *goal, 0.25) == sight.py_func(
+            clear, SECTORS.cosines, SECTORS.sines, *goal, 0.25
+        )
+        args = (
+            np.frombuffer(old, np.uint8),
+            base,
+            i % 2,
+            moved,
+            clear,
+            SECTORS.fan,
+            goal,
+            beyond,
+            i % 3 > 0,
+            stop,
+            0,
+            9.0,
+            0.1,
+        )
+        one, other = np.empty(SIDE * SIDE, np.uint8), np.empty(SIDE * SIDE, np.uint8)
+        told = steer(*args, one)
+        assert told == steer.py_func(*args, other)
+        assert np.array_equal(one, other)
+        old, base, stop = one.tobytes(), told[3], told[4]
+        assert unpacked(packed(old)) == old
 
 
 @pytest.mark.parametrize("profile", BOTH)
@@ -115,7 +142,7 @@ def replay(path: Path) -> None:
 
     from phalanx.mission import Profile, Walker
 
-    assert not hasattr(course, "py_func"), "compiled"
+    assert not hasattr(steer, "py_func"), "compiled"
     told = json.loads(path.read_text())
     one = errand(Profile(told["profile"]))
     controller = everybody(one, 2).controllers_of(2, Walker(one.mission, one.key))(1)

@@ -21,8 +21,8 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.missions.cheat import CheatPlan, MissionCheat
-from phalanx.robot.controllers.mission.pilot import Pose
 from phalanx.robot.controllers.mission.readings import Sensors
+from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.missions.orders import start_of

@@ -23,8 +23,8 @@ from phalanx.robot.attacks.attack import Scene
 from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
-from phalanx.robot.controllers.mission.pilot import Pose
 from phalanx.robot.controllers.mission.readings import with_hash_of
+from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.robot.controllers.python_controller import Act, Controller, Output
 from phalanx.wire.table import DRIVE, KIND_DRIVE
 

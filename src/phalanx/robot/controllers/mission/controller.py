@@ -44,8 +44,9 @@ from phalanx.wire.table import (
 )
 
 from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
-from .pilot import TRAIL_MAX, TRIES, Drive, Leg, Pose, Sectors, drive
+from .pilot import TRAIL_MAX, Drive, Leg, drive
 from .readings import Reading, Sensors, scan_sha1
+from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
 MILLI = 1000
@@ -228,7 +229,9 @@ class MissionController(EvidenceController):
         if outcome.fix is not None:
             self.memory = replace(self.memory, origin=_origin(outcome.fix, now))
         pose = _placed(self.memory.origin, now)
-        leg, command = drive(self.memory.leg, outcome.order, walk.at, pose, now.clear, self._sectors, seen.t_s)
+        own_s = 0 if walk.at is None else self.given.mission.nodes[walk.at].timeout_s
+        timeout_s = own_s or self.missions.config.timeout_s
+        leg, command = drive(self.memory.leg, outcome.order, walk.at, pose, now, self._sectors, seen.t_s, timeout_s)
         said = self.memory.said + (outcome.decoded.sends if outcome.decoded else ())
         self.memory = replace(self.memory, leg=leg, blocked=command.blocked, said=said[-SAID_MAX:], walk=walk)
         return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
@@ -283,7 +286,8 @@ class MissionController(EvidenceController):
     def encode(self) -> bytes:
         """All that a replay needs, and no key."""
         m, leg = self.memory, self.memory.leg
-        carried = (leg.passed, leg.tries, leg.best_m, leg.best_s, leg.turning, m.blocked)
+        around = (*leg.stop, *leg.base, leg.seen_s, leg.waited_s, packed(leg.cells))
+        carried = (leg.passed, leg.best_m, leg.best_s, leg.turning, *around, m.blocked)
         head = MISSION_MEMORY.form.pack(m.begun_ms, *m.origin, *leg.key, *carried, len(m.said), len(leg.trail))
         trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
@@ -292,17 +296,19 @@ class MissionController(EvidenceController):
         """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
         reader = Reader(encoding)
         begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY)
-        passed, tries, best_m, best_s, turning, blocked, said, crumbs = rest
+        passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
         placed = all(abs(value) < _MOST for value in (x_m, y_m, heading_rad))
-        if not (placed and abs(best_s) < LONGEST_S and abs(best_m) <= math.inf):
+        if not (placed and max(abs(best_s), abs(around[4]), abs(around[5])) < LONGEST_S and abs(best_m) <= math.inf):
             raise MalformedMission("a robot that is nowhere")
-        if kind not in range(-1, len(Kind)) or tries > TRIES or max(passed, blocked, abs(turning)) > 1:
+        if kind not in range(-1, len(Kind)) or max(passed, blocked) > 1 or abs(turning) > 2:
             raise MalformedMission("an instruction that cannot be")
         if said > SAID_MAX or crumbs > TRAIL_MAX:
             raise MalformedMission("more than a robot remembers")
         messages = tuple(reader.take(SECRET_BYTES) for _ in range(said))
         trail = tuple((x, y) for x, y in (reader.unpack(CRUMB) for _ in range(crumbs)))
-        leg = Leg((kind, target, begin), bool(passed), tries, best_m, best_s, trail, turning)
+        *places, seen_s, waited_s, cells = around
+        done = (kind, target, begin), bool(passed), best_m, best_s, trail, turning
+        leg = Leg(*done, (places[0], places[1]), (places[2], places[3]), seen_s, waited_s, unpacked(cells))
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory

@@ -1,8 +1,10 @@
 """From an instruction to wheels, so that auditors come to the same command: no scan, no libm, no memory but its state.
 
 The robot heads for the place where its instruction begins, then along the direction, or straight to a place that it
-knows; around whatever the sectors of its reading say is in the way. Back it goes the way it came, where it does not see
-the place: straight would lead into every corner of the building.
+knows; around whatever is in the way (course.py), as far as it sees or remembers it (surroundings.py). Back it goes the
+way it came, where it does not see the place: straight would lead into every corner of the building.
+
+How long it tries without headway, and how far it follows a direction, is a share of the time that its mission gives it.
 """
 
 from __future__ import annotations
@@ -11,52 +13,49 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
-from phalanx.mission.landmarks.angles import atan2, sin_cos
+from phalanx.mission.landmarks.angles import sin_cos
 from phalanx.mission.walk.outcome import Kind, Order
 
-from .readings import CLEAR, CLEAR_STEP_M
+from .course import MARGIN_M, NO_STOP, SPEED_MPS, Stop, steer
+from .readings import Reading
+from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, sight
 
-Floats = NDArray[np.float64]
-Pose = tuple[float, float, float]
 Point = tuple[float, float]
 
-MARGIN_M = 0.25  # of the robot's middle from everything: its radius, a third, and half a sector
-LOOK_M = 1.2
-SHORT_M = 0.4
 # In a doorway itself a robot does not see it: it arrives a little before, and slowly, four commands a second.
-ARRIVE_M, NEAR_M, SLOW_M = 0.25, 0.9, 1.0
+ARRIVE_M, NEAR_M = 0.25, 0.9
 CARROT_M = 1.5
-LINE_MAX_M = 25.0
-HALT_S, STUCK_S = 2.0, 8.0
-TRIES = 2
+# Whoever goes around something makes for a place so far along the line, which lies beyond what is remembered.
+BEYOND_M = 6.0
+HALT_S = 2.0
+# Of the time until the robot must have validated something: without headway; and on a line, so that it can come back.
+PATIENCE, LINE = 1 / 3, 3 / 4
 # From one remembered place of the way here to the next, in whole centimetres; so near is there.
 CRUMB_M, THERE_M = 1.0, 0.7
 TRAIL_MAX = 32
 CM_PER_M = 100
 PROGRESS_M = 0.1
-SPEED_MPS = 0.6
-TURN_RADPS = 1.2
-TURN_GAIN = 1.5
-ABOUT = 0.25  # cosine of a course: what lies further aside is turned to on the spot
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """How far an instruction has been carried out."""
+    """How far an instruction has been carried out, and what stands around."""
 
     # The instruction: its kind, target and the node where it begins; -1 for none
     key: tuple[int, int, int] = (-1, -1, -1)
     passed: bool = False  # the place where it begins lies behind
-    tries: int = 0  # begun anew after no headway
     best_m: float = math.inf  # least way that was left
     best_s: float = 0.0  # when that was
     # Places of the way here from where the instruction began, map frame, cm; what leads back
     trail: tuple[tuple[int, int], ...] = ()
-    # 1 or -1 while it turns about, to the left or to the right, for a course that lies ahead; 0 otherwise
+    # 1 or -1 while it turns about, to the left or to the right; 2 or -2 when it has, and 0 before the first time
     turning: int = 0
+    stop: Stop = (NO_STOP, NO_STOP)  # next place on a way around, odometry's frame, cm
+    base: Stop = (0, 0)  # numbers of the first cell, odometry's frame
+    seen_s: float = 0.0  # when it last looked
+    waited_s: float = 0.0  # before a long way around
+    cells: bytes = bytes(SIDE * SIDE)  # what stands around
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,47 +67,33 @@ class Drive:
     blocked: bool = False
 
 
-class Sectors:
-    """The directions of a reading's sectors, robot frame.
-
-    Args:
-        first_rad: where the field of view begins.
-    """
-
-    def __init__(self, first_rad: float, step_rad: float, count: int) -> None:
-        self.widest_rad = -first_rad
-        self.sines, self.cosines = np.empty(count), np.empty(count)
-        for k in range(count):
-            self.sines[k], self.cosines[k] = sin_cos(first_rad + (k + 0.5) * step_rad)
-
-
 def drive(
-    leg: Leg, order: Order, begin: int | None, pose: Pose, clear: NDArray[np.uint8], sectors: Sectors, t_s: float
+    leg: Leg, order: Order, begin: int | None, pose: Pose, now: Reading, sectors: Sectors, t_s: float, timeout_s: float
 ) -> tuple[Leg, Drive]:
     """The next command for an instruction.
 
     Args:
         begin: the node at which it begins.
         pose: x, y, heading as the robot estimates it, map frame.
-        clear: (sectors,) as in a reading.
+        timeout_s: from one validation to the next, as the mission states it.
     """
-    if order.kind not in (Kind.GO, Kind.BACK):
+    waits = order.kind is Kind.WAIT and order.place_m is not None
+    if not (waits or order.kind in (Kind.GO, Kind.BACK)):
         return Leg(), Drive()
     key = (_KINDS.index(order.kind), _number(order.target), _number(begin))
     if key != leg.key:
         trail = leg.trail if leg.key[2] == key[2] else ()
-        leg = Leg(key, passed=order.place_m is None, best_s=t_s, trail=trail)
+        leg = replace(_anew(leg, key, trail), passed=order.place_m is None, best_s=t_s)
+    if waits:  # there, and not where the node came in sight
+        place = _local(pose, order.place_m or pose[:2])
+        return (leg, Drive()) if _length(place) < ARRIVE_M else _steered(leg, place, place, now, sectors, t_s)
     leg = _remember(leg, order, pose)
-    points = hits(clear, sectors.cosines, sectors.sines)
-    leg, goal, left_m = _goal(leg, order, pose, points, t_s)
+    leg, goal, beyond, left_m = _goal(leg, order, pose, now, sectors, t_s, LINE * SPEED_MPS * timeout_s)
     if left_m < leg.best_m - PROGRESS_M:
         leg = replace(leg, best_m=left_m, best_s=t_s)
-    elif t_s - leg.best_s > STUCK_S or left_m < 0:
-        leg = replace(leg, tries=leg.tries + 1, passed=False, best_m=math.inf, best_s=t_s)
-        if leg.tries >= TRIES:
-            return Leg((-1, -1, key[2]), trail=leg.trail), Drive(blocked=True)
-    command, turning = _toward(goal, points, sectors, leg.turning)
-    return replace(leg, turning=turning), command
+    elif t_s - leg.best_s > PATIENCE * timeout_s or left_m < 0:
+        return _anew(leg, (-1, -1, key[2]), leg.trail), Drive(blocked=True)
+    return _steered(leg, goal, beyond, now, sectors, t_s)
 
 
 _KINDS = tuple(Kind)
@@ -118,21 +103,54 @@ def _number(node: int | None) -> int:
     return -1 if node is None else node
 
 
-def _goal(leg: Leg, order: Order, pose: Pose, points: Floats, t_s: float) -> tuple[Leg, Point, float]:
-    """(leg, goal in the robot's frame, metres that are left); fewer than none where the direction has led too far."""
+def _anew(leg: Leg, key: tuple[int, int, int], trail: tuple[tuple[int, int], ...]) -> Leg:
+    """Another instruction, in the same surroundings."""
+    return Leg(key, trail=trail, turning=leg.turning, base=leg.base, seen_s=leg.seen_s, cells=leg.cells)
+
+
+def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sectors, t_s: float) -> tuple[Leg, Drive]:
+    cells = np.empty(SIDE * SIDE, np.uint8)
+    speed, turn, turning, base, stop, waited_s = steer(
+        np.frombuffer(leg.cells, np.uint8),
+        leg.base,
+        min(FRESH, max(0, int(t_s // FADE_S - leg.seen_s // FADE_S))),
+        (now.x_m, now.y_m, now.heading_rad),
+        now.clear,
+        sectors.fan,
+        goal,
+        beyond,
+        goal is not beyond,  # on a line
+        leg.stop,
+        leg.turning,
+        leg.waited_s,
+        t_s - leg.seen_s,
+        cells,
+    )
+    done = leg.key, leg.passed, leg.best_m, leg.best_s, leg.trail
+    leg = Leg(*done, turning, stop, base, t_s, waited_s, cells.tobytes())
+    return leg, Drive(speed, turn)
+
+
+def _goal(
+    leg: Leg, order: Order, pose: Pose, now: Reading, sectors: Sectors, t_s: float, line_m: float
+) -> tuple[Leg, Point, Point, float]:
+    """(leg, goal and what lies beyond it in the robot's frame, metres that are left).
+
+    Fewer than none are left where the direction has led too far.
+    """
     place = _local(pose, order.place_m or pose[:2])
     if order.kind is Kind.BACK:
-        return _homeward(leg, place, pose, points)
-    onward, left_m = _onward(order, pose)
+        return _homeward(leg, place, pose, now, sectors)
+    onward, beyond, left_m = _onward(order, pose, line_m)
     if not leg.passed:
         away = _length(place)
         halted = away < NEAR_M and t_s - leg.best_s > HALT_S
         # Far from where a direction begins it says nothing; a place that is known can be reached from anywhere.
-        shorter = (order.toward_m is not None or away < 2 * CARROT_M) and _in_sight(points, onward)
+        shorter = (order.toward_m is not None or away < 2 * CARROT_M) and _in_sight(now, sectors, onward)
         if away > ARRIVE_M and not halted and not shorter:
-            return leg, place, away
+            return leg, place, place, away
         leg = replace(leg, passed=True, best_m=math.inf, best_s=t_s)
-    return leg, onward, left_m
+    return leg, onward, beyond, left_m
 
 
 def _remember(leg: Leg, order: Order, pose: Pose) -> Leg:
@@ -155,29 +173,31 @@ def _crumb(crumb: tuple[int, int]) -> Point:
     return crumb[0] / CM_PER_M, crumb[1] / CM_PER_M
 
 
-def _homeward(leg: Leg, place: Point, pose: Pose, points: Floats) -> tuple[Leg, Point, float]:
-    """(leg, where to go, metres that are left): to the place, or to the oldest remembered one in sight."""
+def _homeward(leg: Leg, place: Point, pose: Pose, now: Reading, sectors: Sectors) -> tuple[Leg, Point, Point, float]:
+    """As `_goal`: to the place, or to the oldest remembered one in sight."""
     trail = leg.trail
     while trail and _length(_local(pose, _crumb(trail[-1]))) < THERE_M:
         trail = trail[:-1]
-    if not trail or _in_sight(points, place):
-        return replace(leg, trail=trail), place, _length(place)
+    leg = leg if trail is leg.trail else replace(leg, trail=trail)
+    if not trail or _in_sight(now, sectors, place):
+        return leg, place, place, _length(place)
     crumbs = [_local(pose, _crumb(crumb)) for crumb in trail]
-    at = next((i for i, crumb in enumerate(crumbs) if _in_sight(points, crumb)), len(crumbs) - 1)
-    return replace(leg, trail=trail[: at + 1]), crumbs[at], _length(crumbs[at]) + at * CRUMB_M
+    at = next((i for i, crumb in enumerate(crumbs) if _in_sight(now, sectors, crumb)), len(crumbs) - 1)
+    return replace(leg, trail=trail[: at + 1]), crumbs[at], crumbs[at], _length(crumbs[at]) + at * CRUMB_M
 
 
-def _onward(order: Order, pose: Pose) -> tuple[Point, float]:
-    """(where to go from the order's place on, metres that are left)."""
+def _onward(order: Order, pose: Pose, line_m: float) -> tuple[Point, Point, float]:
+    """(where to go from the order's place on, what lies beyond, metres that are left)."""
     if order.toward_m is not None:
         there = _local(pose, order.toward_m)
-        return there, _length(there)
+        return there, there, _length(there)
     assert order.direction_rad is not None, "an order to go has a direction or a place"
     x0, y0 = order.place_m or pose[:2]
     along_y, along_x = sin_cos(order.direction_rad)
     done_m = (pose[0] - x0) * along_x + (pose[1] - y0) * along_y
-    ahead = max(done_m, 0.0) + CARROT_M
-    return _local(pose, (x0 + ahead * along_x, y0 + ahead * along_y)), LINE_MAX_M - done_m
+    near, far = max(done_m, 0.0) + CARROT_M, max(done_m, 0.0) + BEYOND_M
+    onward = _local(pose, (x0 + near * along_x, y0 + near * along_y))
+    return onward, _local(pose, (x0 + far * along_x, y0 + far * along_y)), line_m - done_m
 
 
 def _local(pose: Pose, point: Point) -> Point:
@@ -191,75 +211,5 @@ def _length(point: Point) -> float:
     return math.sqrt(point[0] * point[0] + point[1] * point[1])
 
 
-def _in_sight(points: Floats, goal: Point) -> bool:
-    away = _length(goal)
-    # What is farther than a sector's byte can say may have any wall before it.
-    in_range = goal[0] > 0 and away < CLEAR * CLEAR_STEP_M
-    return in_range and free_way(points, goal[0] / away, goal[1] / away) >= away
-
-
-def _toward(goal: Point, points: Floats, sectors: Sectors, turning: int) -> tuple[Drive, int]:
-    """(what to do now, which way it turns about).
-
-    A free course at one edge of the view is lost as soon as the robot turns the least from it, and another at the other
-    edge is nearer: it would turn to and fro for ever. So it goes on as it began, until a course lies ahead.
-    """
-    bearing = atan2(goal[1], goal[0])
-    if _length(goal) < SHORT_M / 2:  # whoever has arrived looks around
-        return Drive(0.0, TURN_RADPS if bearing >= 0.0 else -TURN_RADPS), 0
-    cosine, sine, free_m = -1.0, goal[1], 0.0  # behind, where the lidar does not see
-    if abs(bearing) <= sectors.widest_rad:
-        cosine, sine, free_m = course(points, sectors.cosines, sectors.sines, goal[0], goal[1])
-    if cosine < ABOUT:
-        turning = turning or (1 if sine >= 0.0 else -1)
-        return Drive(0.0, turning * TURN_RADPS), turning
-    turn = max(-TURN_RADPS, min(TURN_RADPS, TURN_GAIN * atan2(sine, cosine)))
-    ahead = cosine * cosine
-    slow = min(1.0, max(0.1, free_m), max(0.2, _length(goal) / SLOW_M))
-    return Drive(SPEED_MPS * (ahead * ahead) * slow, turn), 0
-
-
-@kernel
-def hits(clear: NDArray[np.uint8], cosines: Floats, sines: Floats) -> Floats:
-    """(k, 2) where the nearest thing of each sector may be, robot frame; sectors that are clear have none."""
-    out = np.empty((len(clear), 2))
-    found = 0
-    for k in range(len(clear)):
-        if clear[k] != CLEAR:
-            range_m = clear[k] * CLEAR_STEP_M
-            out[found, 0], out[found, 1] = range_m * cosines[k], range_m * sines[k]
-            found += 1
-    return out[:found]
-
-
-@kernel
-def free_way(points: Floats, cosine: float, sine: float) -> float:
-    """How far a robot gets in a direction before something comes nearer than MARGIN_M."""
-    free = np.inf
-    for k in range(len(points)):
-        along = points[k, 0] * cosine + points[k, 1] * sine
-        if 0.0 < along < free and abs(points[k, 1] * cosine - points[k, 0] * sine) < MARGIN_M:
-            free = along
-    return free
-
-
-@kernel
-def course(points: Floats, cosines: Floats, sines: Floats, goal_x: float, goal_y: float) -> tuple[float, float, float]:
-    """(cosine, sine, free way) of the free course that is nearest to the goal's; without one, of the freest."""
-    away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
-    need = min(LOOK_M, max(0.0, away - SHORT_M))
-    best, freest = -2.0, -1.0
-    chosen, fallback = -1, 0
-    chosen_free = 0.0
-    for k in range(len(cosines)):
-        toward = (cosines[k] * goal_x + sines[k] * goal_y) / away
-        if toward <= best:
-            continue
-        free = free_way(points, cosines[k], sines[k])
-        if free >= need:
-            best, chosen, chosen_free = toward, k, free
-        elif free > freest:
-            freest, fallback = free, k
-    if chosen < 0:
-        return cosines[fallback], sines[fallback], max(freest, 0.0)
-    return cosines[chosen], sines[chosen], chosen_free
+def _in_sight(now: Reading, sectors: Sectors, goal: Point) -> bool:
+    return sight(now.clear, sectors.cosines, sectors.sines, goal[0], goal[1], MARGIN_M)

@@ -1,0 +1,373 @@
+"""Where to drive next, and how fast: straight to the goal where that is free, else along the cheapest way around.
+
+The way is sought among the cells of `surroundings`: what it costs from each of them to the goal, or to the edge and
+straight on from there; cells near things cost more, and those where the robot would touch something so much that it
+takes any other way first, or waits before them. On that way it makes for the farthest place that it can go straight to,
+and keeps to this place until it is there or something comes between: a robot that chose anew at every step would turn
+to and fro between two ways that are equally good. Source: none; the field is that of a wavefront planner.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+from phalanx.mission.landmarks.angles import atan2, sin_cos
+
+from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, free_way, look
+
+Ints = NDArray[np.int64]
+Stop = tuple[int, int]
+
+SPEED_MPS = 0.6
+TURN_RADPS = 1.2
+TURN_GAIN = 1.5
+ABOUT, BEHIND = 0.25, -0.94  # cosine of a course: what lies further aside is turned to on the spot, by either side
+SHORT_M, SLOW_M = 0.4, 1.0
+LOOK_M, BEYOND_LOOK_M = 2.0, 3.0  # straight on must be free so far
+# Of the robot's middle from everything, where it may choose; on a way once chosen; and by what it does in a second.
+MARGIN_M, KEEP_M, TOUCH_M = 0.25, 0.2, 0.205
+NO_STOP = -(1 << 31)
+REACHED_M = 0.3
+# Before a way around that leads so far aside (cosine), or is so much longer, it waits: people walk on.
+ASIDE, LONGER, WAIT_S = 0.7, 100, 2.0
+LOOK_S = 3.0  # and who does not know what it looks for looks around, once
+BEFORE_M = 0.5  # there it waits: what it looks for may be in the wall, or it is a person
+AHEAD_STEPS = 13  # cells of the way that are looked at for a stop
+BESIDE = 2  # cells
+REAR, ABOUT_COST = 3, 12  # cells, and what they cost: to turn about is as good as 2 m of way
+CM_PER_M = 100.0
+# Distances in cells: 3 to the next, 4 to that at the corner. Nearer to a thing than two a robot touches it.
+STRAIGHT, ACROSS = 3, 4
+TOUCHES = 6
+TOUCHING = 40
+FAR_OFF = 1 << 40
+# A way in the open costs 10 a cell.
+PER_CELL = 10.0
+TOUCHING_COST = 2000
+UNSEEN_COST = 160  # straight on from the edge something is seen to be in the way
+PASSES = 24
+NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
+ARC_S, ARC_STEPS = 1.0, 8
+NEARBY_M = 1.0
+
+
+@kernel
+def weight(near: int) -> int:
+    """What a step costs, in halves, so near to a thing."""
+    if near < TOUCHES:
+        return TOUCHING
+    if near < 8:
+        return 6
+    if near < 10:
+        return 4
+    return 3 if near < 12 else 2
+
+
+@kernel
+def standing(cells: Bytes, along: tuple[float, float], out: Ints) -> None:
+    """Where the robot stands, it stands, however near a thing is; and behind it cells cost more."""
+    wide = SIDE + 2
+    for dy in range(-REAR, REAR + 1):
+        for dx in range(-REAR, REAR + 1):
+            i = (HALF + 1 + dy) * wide + HALF + 1 + dx
+            if cells[(HALF + dy) * SIDE + HALF + dx]:
+                continue
+            if max(abs(dx), abs(dy)) <= BESIDE:
+                out[i] = min(out[i], TOUCHING // 5)
+            if dx * along[0] + dy * along[1] < -0.5:
+                out[i] = max(out[i], ABOUT_COST)
+
+
+@kernel
+def weights(cells: Bytes, along: tuple[float, float], out: Ints) -> None:
+    """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
+
+    Args:
+        along: where the robot looks; of two ways that are equally good it goes on along one.
+    """
+    wide = SIDE + 2
+    out[:] = 3 * SIDE
+    for y in range(1, SIDE + 1):
+        for x in range(1, SIDE + 1):
+            i = y * wide + x
+            if cells[(y - 1) * SIDE + x - 1]:
+                out[i] = 0
+                continue
+            least = min(out[i - 1] + STRAIGHT, out[i - wide] + STRAIGHT)
+            least = min(least, min(out[i - wide - 1], out[i - wide + 1]) + ACROSS)
+            out[i] = min(out[i], least)
+    for y in range(SIDE, 0, -1):
+        for x in range(SIDE, 0, -1):
+            i = y * wide + x
+            least = min(out[i + 1] + STRAIGHT, out[i + wide] + STRAIGHT)
+            least = min(least, min(out[i + wide - 1], out[i + wide + 1]) + ACROSS)
+            out[i] = min(out[i], least)
+    for i in range(len(out)):
+        out[i] = weight(out[i])
+    standing(cells, along, out)
+
+
+@kernel
+def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) -> None:
+    """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
+
+    Args:
+        goal_x, goal_y: in cells, from the corner of the first.
+        points: (k, 2) what is in the way, likewise.
+    """
+    wide = SIDE + 2
+    out[:] = FAR_OFF
+    inside = 0.0 <= goal_x < SIDE and 0.0 <= goal_y < SIDE
+    for y in range(1, SIDE + 1):
+        for x in range(1, SIDE + 1):
+            dx, dy = x - 0.5 - goal_x, y - 0.5 - goal_y
+            at_edge = x in (1, SIDE) or y in (1, SIDE)
+            at_goal = inside and dx * dx + dy * dy <= NEAR_GOAL * NEAR_GOAL
+            if at_edge or at_goal:
+                i = y * wide + x
+                away = math.sqrt(dx * dx + dy * dy)
+                out[i] = int(PER_CELL * away) + (0 if leave[i] < TOUCHING else TOUCHING_COST)
+                if at_edge and away > 0.0 and is_between(points, (x - 0.5, y - 0.5), (-dx / away, -dy / away), away):
+                    out[i] += UNSEEN_COST
+
+
+@kernel
+def is_between(points: Floats, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
+    """Whether something is on the straight way from here, in cells."""
+    for k in range(len(points)):
+        dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
+        ahead = dx * along[0] + dy * along[1]
+        if 0.0 < ahead < away and abs(dx * along[1] - dy * along[0]) < MARGIN_M * PER_M:
+            return True
+    return False
+
+
+@kernel
+def spread(leave: Ints, out: Ints) -> None:
+    """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
+    wide = SIDE + 2
+    for _ in range(PASSES):
+        changed = False
+        for y in range(1, SIDE + 1):
+            for x in range(1, SIDE + 1):
+                i = y * wide + x
+                side = min(out[i - 1], out[i - wide]) + 5 * leave[i]
+                least = min(side, min(out[i - wide - 1], out[i - wide + 1]) + 7 * leave[i])
+                if least < out[i]:
+                    out[i] = least
+                    changed = True
+        for y in range(SIDE, 0, -1):
+            for x in range(SIDE, 0, -1):
+                i = y * wide + x
+                side = min(out[i + 1], out[i + wide]) + 5 * leave[i]
+                least = min(side, min(out[i + wide - 1], out[i + wide + 1]) + 7 * leave[i])
+                if least < out[i]:
+                    out[i] = least
+                    changed = True
+        if not changed:
+            break
+
+
+@kernel
+def downhill(costs: Ints, leave: Ints, i: int) -> int:
+    """The next cell of the way; the same where it ends."""
+    wide = SIDE + 2
+    best, least = i, costs[i]
+    # A seed is where the way ends: nothing beside it is nearer.
+    found = FAR_OFF
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            j = i + dy * wide + dx
+            cost = costs[j] + (7 if dx and dy else 5) * leave[i]
+            if costs[j] < least and cost < found:
+                best, found = j, cost
+    return best
+
+
+@kernel
+def around(
+    cells: Bytes, base: Stop, moved: Pose, goal: tuple[float, float], points: Floats, count: int
+) -> tuple[float, float, bool, bool]:
+    """(place to go to, robot frame; whether to wait before it; whether it leads far aside)."""
+    wide = SIDE + 2
+    leave, costs = np.empty(wide * wide, np.int64), np.empty(wide * wide, np.int64)
+    sine, cosine = sin_cos(moved[2])
+    weights(cells, (cosine, sine), leave)
+    # In cells, from the corner of the first.
+    here_x, here_y = moved[0] / CELL_M - base[0], moved[1] / CELL_M - base[1]
+    there = np.empty((count, 2))
+    for k in range(count):
+        px, py = points[k, 0], points[k, 1]
+        there[k, 0] = here_x + (cosine * px - sine * py) * PER_M
+        there[k, 1] = here_y + (sine * px + cosine * py) * PER_M
+    goal_x = here_x + (cosine * goal[0] - sine * goal[1]) * PER_M
+    goal_y = here_y + (sine * goal[0] + cosine * goal[1]) * PER_M
+    seeds(leave, goal_x, goal_y, there, costs)
+    spread(leave, costs)
+    i = (HALF + 1) * wide + HALF + 1
+    least, goal_m = costs[i], math.sqrt(goal[0] * goal[0] + goal[1] * goal[1])
+    ahead, aside, steps, is_straight = 0.0, 0.0, 0, True
+    to_x, to_y = 0.0, 0.0
+    for step in range(AHEAD_STEPS):
+        j = downhill(costs, leave, i)
+        if j == i or leave[j] == TOUCHING:
+            break
+        i = j
+        dx = (base[0] + i % wide - 0.5) * CELL_M - moved[0]
+        dy = (base[1] + i // wide - 0.5) * CELL_M - moved[1]
+        to_x, to_y = cosine * dx + sine * dy, cosine * dy - sine * dx
+        away = math.sqrt(to_x * to_x + to_y * to_y)
+        is_straight = is_straight and (
+            step < BESIDE or free_way(points, count, to_x / away, to_y / away, MARGIN_M - 0.02) >= away
+        )
+        if is_straight:
+            ahead, aside, steps = to_x, to_y, step + 1
+    along = to_x * goal[0] + to_y * goal[1]
+    is_long = (
+        along <= ASIDE * goal_m * math.sqrt(to_x * to_x + to_y * to_y) or least > PER_CELL * PER_M * goal_m + LONGER
+    )
+    if steps == 0:  # what it would touch is right before it
+        j = downhill(costs, leave, i)
+        dx = (base[0] + j % wide - 0.5) * CELL_M - moved[0]
+        dy = (base[1] + j // wide - 0.5) * CELL_M - moved[1]
+        return cosine * dx + sine * dy, cosine * dy - sine * dx, True, is_long
+    return ahead, aside, False, is_long
+
+
+@kernel
+def touches(points: Floats, count: int, speed_mps: float, turn_radps: float) -> bool:
+    """Whether a robot that drives so for a second comes too near to something, and nearer than it is."""
+    part = ARC_S / ARC_STEPS
+    xs, ys = np.empty(ARC_STEPS), np.empty(ARC_STEPS)
+    x, y = 0.0, 0.0
+    for step in range(ARC_STEPS):
+        sine, cosine = sin_cos((step + 0.5) * part * turn_radps)
+        x += part * speed_mps * cosine
+        y += part * speed_mps * sine
+        xs[step], ys[step] = x, y
+    for k in range(count):
+        px, py = points[k, 0], points[k, 1]
+        now = px * px + py * py
+        if now > NEARBY_M * NEARBY_M:
+            continue
+        limit = min(TOUCH_M * TOUCH_M, now - 0.002)
+        for step in range(ARC_STEPS):
+            if (px - xs[step]) * (px - xs[step]) + (py - ys[step]) * (py - ys[step]) < limit:
+                return True
+    return False
+
+
+@kernel
+def command(
+    points: Floats, count: int, to: tuple[float, float], left_m: float, turning: int
+) -> tuple[float, float, int]:
+    """(speed, turn, how it turns about) to a place that can be reached straight; `left_m` to the goal.
+
+    A course at one edge of the view is lost as soon as the robot turns the least from it, so whoever turns about goes
+    on as he began, until the place lies ahead. To what is behind it turns by the other side than the last time: its
+    odometry counts every turn a little wrong, and so the wrongs cancel.
+    """
+    away = math.sqrt(to[0] * to[0] + to[1] * to[1])
+    cosine = to[0] / away if away > 0.0 else 1.0
+    bearing = atan2(to[1], to[0])
+    if cosine < ABOUT:
+        if abs(turning) != 1:
+            side = 1 if bearing >= 0.0 else -1
+            turning = -turning // 2 if turning and cosine < BEHIND else side
+        return 0.0, turning * TURN_RADPS, turning
+    if abs(turning) == 1:
+        turning *= 2
+    turn = max(-TURN_RADPS, min(TURN_RADPS, TURN_GAIN * bearing))
+    ahead = cosine * cosine
+    room = free_way(points, count, 1.0, 0.0, KEEP_M)
+    slow = min(1.0, max(0.2, room - 0.2), max(0.2, left_m / SLOW_M))
+    speed = SPEED_MPS * (ahead * ahead) * slow
+    for _ in range(3):
+        if not touches(points, count, speed, turn):
+            return speed, turn, turning
+        speed *= 0.5
+    return 0.0, turn, turning
+
+
+@kernel
+def looking(for_s: float) -> float:
+    """How it turns when it looks around: to both sides and back, for its odometry counts every turn a little wrong.
+
+    A lidar of 270 degrees sees all around by 45 to each side.
+    """
+    part = for_s / LOOK_S
+    part -= int(part)
+    return -TURN_RADPS if 0.25 <= part < 0.75 else TURN_RADPS
+
+
+@kernel
+def steer(
+    old: Bytes,
+    base: Stop,
+    fade: int,
+    moved: Pose,
+    clear: Bytes,
+    fan: tuple[Floats, Floats, float, float],
+    goal: tuple[float, float],
+    beyond: tuple[float, float],
+    looks: bool,
+    stop: Stop,
+    turning: int,
+    waited_s: float,
+    past_s: float,
+    cells: Bytes,
+) -> tuple[float, float, int, Stop, Stop, float]:
+    """The next command.
+
+    Args:
+        goal: robot frame; and `beyond`, what a way around makes for.
+        looks: it does not know where the target is.
+        stop: place on the way around that it makes for, centimetres in odometry's frame, or NO_STOP.
+        waited_s: before a long way around; and `past_s` since the last step.
+        cells: out; the rest as `look` takes it.
+    Returns: speed, turn, how it turns about, base, stop and time waited from now on.
+    """
+    points = np.empty((len(clear) + SIDE * SIDE, 2))
+    base_x, base_y, count = look(old, base, fade, moved, clear, fan, cells, points)
+    base = base_x, base_y
+    left_m = math.sqrt(goal[0] * goal[0] + goal[1] * goal[1])
+    if left_m < 0.5 * SHORT_M:  # whoever has arrived looks around
+        return 0.0, looking(waited_s), turning, base, (NO_STOP, NO_STOP), waited_s + past_s
+    # Who goes straight does so until something is near; who goes around, until nothing is in the way for long.
+    along, look_m = goal, LOOK_M
+    if stop[0] != NO_STOP:
+        along, look_m = beyond, BEYOND_LOOK_M
+    length_m = math.sqrt(along[0] * along[0] + along[1] * along[1])
+    need = min(look_m, max(0.0, length_m - SHORT_M))
+    if length_m > 0.0 and free_way(points, count, along[0] / length_m, along[1] / length_m, MARGIN_M) >= need:
+        speed, turn, turning = command(points, count, goal, left_m, turning)
+        return speed, turn, turning, base, (NO_STOP, NO_STOP), 0.0
+    sine, cosine = sin_cos(moved[2])
+    to_x, to_y, away = 0.0, 0.0, 0.0
+    if stop[0] != NO_STOP:
+        dx, dy = stop[0] / CM_PER_M - moved[0], stop[1] / CM_PER_M - moved[1]
+        to_x, to_y = cosine * dx + sine * dy, cosine * dy - sine * dx
+        away = math.sqrt(to_x * to_x + to_y * to_y)
+    if away < REACHED_M or free_way(points, count, to_x / away, to_y / away, KEEP_M) < away:
+        to_x, to_y, waits, is_long = around(cells, base, moved, beyond, points, count)
+        if not is_long:
+            waited_s = 0.0
+        elif waited_s <= (WAIT_S + LOOK_S if looks else WAIT_S):
+            free_m = free_way(points, count, goal[0] / left_m, goal[1] / left_m, MARGIN_M) - BEFORE_M
+            if free_m <= 0.0 or waited_s > WAIT_S:
+                turn = looking(waited_s - WAIT_S) if waited_s > WAIT_S else 0.0
+                return 0.0, turn, turning, base, (NO_STOP, NO_STOP), waited_s + past_s
+            speed, turn, turning = command(points, count, goal, free_m, turning)
+            return speed, turn, turning, base, (NO_STOP, NO_STOP), waited_s
+        if waits:
+            _, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
+            return 0.0, turn, turning, base, (NO_STOP, NO_STOP), waited_s
+        x = moved[0] + (cosine * to_x - sine * to_y)
+        y = moved[1] + (sine * to_x + cosine * to_y)
+        stop = int(x * CM_PER_M + (1 << 30)) - (1 << 30), int(y * CM_PER_M + (1 << 30)) - (1 << 30)
+    speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
+    return speed, turn, turning, base, stop, waited_s

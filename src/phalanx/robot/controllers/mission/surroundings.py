@@ -1,0 +1,160 @@
+"""What a robot remembers of the things around it: a square of cells that moves along, in the frame of its odometry.
+
+Fixes move the map under a robot, and not what stands beside it: so nothing here knows the map. A thing in view is as
+the reading says; one that is out of view or hidden is remembered for a few seconds, which is long enough to turn about
+and go around it, and short enough for a person who has gone.
+
+A cell is a number: FRESH when something was hit in it, one less with every FADE_S, 0 when it is free or unknown.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+from phalanx.mission.landmarks.angles import atan2, sin_cos
+
+from .readings import CLEAR, CLEAR_STEP_M
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Pose = tuple[float, float, float]
+
+SIDE = 48  # cells; the robot is in the middle
+CELL_M = 0.125
+PER_M = 8.0
+HALF = SIDE // 2
+FRESH = 3
+FADE_S = 4.0
+PER_BYTE = 4  # cells, in a checkpoint
+PACKED_BYTES = SIDE * SIDE // PER_BYTE
+# Odometry never gets so far; to round down, numbers are made positive first.
+_FAR = 1 << 23
+# A cell's middle is up to 0.09 m from what was hit in it.
+_SEEN_M = 0.13
+
+
+class Sectors:
+    """The directions of a reading's sectors, robot frame.
+
+    Args:
+        first_rad: where the field of view begins.
+    """
+
+    def __init__(self, first_rad: float, step_rad: float, count: int) -> None:
+        self.sines, self.cosines = np.empty(count), np.empty(count)
+        for k in range(count):
+            self.sines[k], self.cosines[k] = sin_cos(first_rad + (k + 0.5) * step_rad)
+        self.fan = (self.cosines, self.sines, first_rad, step_rad)
+
+
+def packed(cells: bytes) -> bytes:
+    """As a checkpoint has it, two bits a cell."""
+    told = np.frombuffer(cells, np.uint8).reshape(-1, PER_BYTE)
+    return (told[:, 0] | told[:, 1] << 2 | told[:, 2] << 4 | told[:, 3] << 6).astype(np.uint8).tobytes()
+
+
+def unpacked(raw: bytes) -> bytes:
+    """The cells that `packed` made."""
+    told = np.frombuffer(raw, np.uint8)
+    return np.stack([told & 3, told >> 2 & 3, told >> 4 & 3, told >> 6], axis=1).tobytes()
+
+
+@kernel
+def cell_at(value_m: float) -> int:
+    """Number of the cell on an axis."""
+    return int(value_m * PER_M + _FAR) - _FAR
+
+
+@kernel
+def look(
+    old: Bytes,
+    base: tuple[int, int],
+    fade: int,
+    moved: Pose,
+    clear: Bytes,
+    fan: tuple[Floats, Floats, float, float],
+    cells: Bytes,
+    points: Floats,
+) -> tuple[int, int, int]:
+    """Takes a reading in.
+
+    Args:
+        old: cells as remembered, and `base` the numbers of the first of them.
+        fade: by how much cells fade in this step.
+        moved: the pose by odometry.
+        clear: (sectors,) as in a reading.
+        fan: cosines and sines of the sectors, where the field of view begins, and a sector's width.
+        cells: out, as they are now.
+        points: out, (k, 2) what is in the way, robot frame: what is hit now, and what is remembered elsewhere.
+    Returns: numbers of the first cell, and how many points there are.
+    """
+    cosines, sines, first_rad, step_rad = fan
+    sine, cosine = sin_cos(moved[2])
+    base_x, base_y = cell_at(moved[0]) - HALF, cell_at(moved[1]) - HALF
+    by_x, by_y = base_x - base[0], base_y - base[1]
+    cells[:] = 0
+    found = 0
+    for y in range(max(0, -by_y), min(SIDE, SIDE - by_y)):
+        for x in range(max(0, -by_x), min(SIDE, SIDE - by_x)):
+            left = old[(y + by_y) * SIDE + x + by_x]
+            if left <= fade:
+                continue
+            dx, dy = (base_x + x + 0.5) * CELL_M - moved[0], (base_y + y + 0.5) * CELL_M - moved[1]
+            ahead, aside = cosine * dx + sine * dy, cosine * dy - sine * dx
+            away = math.sqrt(ahead * ahead + aside * aside)
+            bearing = atan2(aside, ahead)
+            is_hidden = True
+            if abs(bearing) < -first_rad:
+                k = min(len(clear) - 1, int((bearing - first_rad) / step_rad))
+                beyond = clear[k] * CLEAR_STEP_M - away
+                if beyond > _SEEN_M or clear[k] == CLEAR:
+                    continue
+                is_hidden = beyond < -_SEEN_M
+            cells[y * SIDE + x] = left - fade
+            if is_hidden:
+                points[found, 0], points[found, 1] = ahead, aside
+                found += 1
+    for k in range(len(clear)):
+        if clear[k] == CLEAR:
+            continue
+        range_m = clear[k] * CLEAR_STEP_M
+        ahead, aside = range_m * cosines[k], range_m * sines[k]
+        points[found, 0], points[found, 1] = ahead, aside
+        found += 1
+        x = cell_at(moved[0] + (cosine * ahead - sine * aside)) - base_x
+        y = cell_at(moved[1] + (sine * ahead + cosine * aside)) - base_y
+        if 0 <= x < SIDE and 0 <= y < SIDE:
+            cells[y * SIDE + x] = FRESH
+    return base_x, base_y, found
+
+
+@kernel
+def free_way(points: Floats, count: int, cosine: float, sine: float, margin_m: float) -> float:
+    """How far a robot gets in a direction before something comes nearer to its middle than the margin."""
+    free = np.inf
+    for k in range(count):
+        along = points[k, 0] * cosine + points[k, 1] * sine
+        if 0.0 < along < free and abs(points[k, 1] * cosine - points[k, 0] * sine) < margin_m:
+            free = along
+    return free
+
+
+@kernel
+def sight(clear: Bytes, cosines: Floats, sines: Floats, goal_x: float, goal_y: float, margin_m: float) -> bool:
+    """Whether a reading shows the straight way to a place, robot frame, to be free."""
+    away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
+    # What is farther than a sector's byte can say may have any wall before it.
+    if goal_x <= 0.0 or away >= CLEAR * CLEAR_STEP_M:
+        return False
+    points = np.empty((len(clear), 2))
+    count = 0
+    for k in range(len(clear)):
+        if clear[k] != CLEAR:
+            range_m = clear[k] * CLEAR_STEP_M
+            points[count, 0], points[count, 1] = range_m * cosines[k], range_m * sines[k]
+            count += 1
+    return free_way(points, count, goal_x / away, goal_y / away, margin_m) >= away

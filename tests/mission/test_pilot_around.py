@@ -1,0 +1,211 @@
+"""The pilot around what stands in the way and among those who walk there; how long it tries."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from audited import SENSORS
+
+from phalanx.mission import Kind, Order
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.controllers.mission.pilot import Leg, drive
+from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors
+from phalanx.sim.building.odometry import OdometryNoise
+from phalanx.sim.building.walkers import Walkers
+from phalanx.sim.missions.body import Building, MissionBody
+
+LIDAR = SENSORS.lidar
+SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
+RADIUS_M = 0.175
+TRUE = OdometryNoise(0.0, 0.0)
+Wall = tuple[float, float, float, float]
+
+
+def plan_of(*walls: Wall, size: tuple[float, float] = (20.0, 10.0)) -> FloorPlan:
+    """A hall with these walls in it."""
+    x, y = size
+    box = [(0, 0, x, 0), (x, 0, x, y), (x, y, 0, y), (0, y, 0, 0)]
+    return FloorPlan("hall", np.array([*box, *walls], float), (), (0, 0, x, y))
+
+
+@dataclass
+class Told:
+    """What became of a drive."""
+
+    end: str = "late"
+    t_s: float = 0.0
+    clearance_m: float = math.inf
+    wavers: int = 0  # turns from one side to the other and back, each within a step
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def driven(
+    plan: FloorPlan,
+    order: Order,
+    start,
+    goal,
+    seconds: float,
+    *,
+    hz: int = 10,
+    timeout_s: float = 60.0,
+    people: int = 0,
+    seed: int = 0,
+    within_m: float = 0.6,
+    noise: OdometryNoise = TRUE,
+) -> Told:
+    """A body that carries out an order until it is near its goal, by a pose that is true."""
+    crowd = Walkers(plan, people, np.random.default_rng([seed, 7])) if people else None
+    building = Building(plan, crowd=crowd)
+    body = MissionBody(1, building, SENSORS, start, noise, (seed, 1))
+    leg, told, before = Leg(), Told(), 0.0
+    for k in range(round(hz * seconds)):
+        told.t_s = k / hz
+        building.pass_time(told.t_s)
+        body.advance(told.t_s)
+        told.pose = body.wheels.pose
+        reading, _ = body.sense(1000 + round(1000 * told.t_s))
+        leg, command = drive(leg, order, 0, told.pose, SENSORS.parse(reading), SECTORS, told.t_s, timeout_s)
+        body._speed_mps, body._turn_radps = command.speed_mps, command.turn_radps
+        told.wavers += command.turn_radps * before < -0.5
+        before = command.turn_radps
+        told.clearance_m = min(told.clearance_m, plan.clearance_m(*told.pose[:2]))
+        if command.blocked or math.dist(told.pose[:2], goal) < within_m:
+            told.end = "blocked" if command.blocked else "there"
+            break
+    return told
+
+
+def to(goal, place) -> Order:
+    return Order(Kind.GO, 1, place, None, goal)
+
+
+def along(place) -> Order:
+    return Order(Kind.GO, 1, place, 0.0)
+
+
+def door(width_m: float) -> list[Wall]:
+    """A wall across the hall, 0.1 m thick, and a door in its middle."""
+    low, high = 5 - width_m / 2, 5 + width_m / 2
+    sides: list[Wall] = [(10, 0, 10, low), (10, high, 10, 10), (10.1, 0, 10.1, low), (10.1, high, 10.1, 10)]
+    return [*sides, (10, low, 10.1, low), (10, high, 10.1, high)]
+
+
+def square(x: float, y: float, edge: float) -> list[Wall]:
+    return [
+        (x, y, x + edge, y),
+        (x + edge, y, x + edge, y + edge),
+        (x + edge, y + edge, x, y + edge),
+        (x, y + edge, x, y),
+    ]
+
+
+# Who looks at the inner corner sees the only way out at one edge of the view, and when it turns there, at the other.
+CLOSET: list[Wall] = [(10, 4.4, 12, 4.4), (12, 4.4, 12, 5.6), (12, 5.6, 10.6, 5.6)]
+NICHE: list[Wall] = [(9, 4, 9, 6), (9, 4, 11, 4), (9, 6, 10.3, 6), (11, 4, 11, 5)]
+
+
+@pytest.mark.parametrize(
+    ("walls", "start", "goal"),
+    [(CLOSET, (11.4, 5, 0.3), (14, 5)), (NICHE, (10, 5, 3.1), (5, 5))],
+    ids=["closet", "niche"],
+)
+@pytest.mark.parametrize("hz", [4, 10])
+def test_a_way_out_beyond_the_edge_of_the_view_is_taken(walls, start, goal, hz):
+    told = driven(plan_of(*walls), to(goal, start[:2]), start, goal, 40, hz=hz)
+    assert told.end == "there"
+    assert told.wavers <= 2
+
+
+def test_a_way_of_forty_metres_is_gone_by_who_has_the_time_and_nobody_goes_on_for_ever():
+    hall = plan_of(size=(50.0, 3.0))
+    start, goal = (1.0, 1.5, 0.0), (41.0, 1.5)
+    assert driven(hall, along(start[:2]), start, goal, 90, timeout_s=100.0).end == "there"
+    short = driven(hall, along(start[:2]), start, goal, 90)
+    assert short.end == "blocked"
+    assert short.t_s == pytest.approx(45.0, abs=2.0), "it has a quarter of its minute left, and is back in time"
+
+
+@pytest.mark.parametrize("depth_m", [1.0, 2.0])
+@pytest.mark.parametrize("order", [to((14.0, 5.0), (3.0, 5.0)), along((3.0, 5.0))], ids=["place", "line"])
+def test_it_finds_out_of_a_cul_de_sac(depth_m, order):
+    x = 9 - depth_m
+    told = driven(plan_of((x, 3.5, 9, 3.5), (9, 3.5, 9, 6.5), (9, 6.5, x, 6.5)), order, (3, 5, 0.0), (14, 5), 60)
+    assert told.end == "there"
+    assert told.clearance_m > RADIUS_M + 0.03
+
+
+@pytest.mark.parametrize("width_m", [0.7, 0.8, 1.0])
+def test_it_passes_narrow_doors(width_m):
+    hall = plan_of(*door(width_m))
+    for start, hz in (((4.0, 5.0, 0.0), 10), ((9.0, 1.0, 1.57), 10), ((4.0, 3.0, 0.0), 4)):
+        told = driven(hall, to((16.0, 5.0), start[:2]), start, (16, 5), 60, hz=hz, noise=OdometryNoise(0.03, 0.05))
+        assert (told.end, told.clearance_m > RADIUS_M) == ("there", True), (start, told)
+
+
+def test_it_goes_between_pillars():
+    walls = [wall for x in (5, 8, 11, 14) for y in (1.3, 3.1, 4.8, 6.6, 8.4) for wall in square(x, y, 0.4)]
+    told = driven(plan_of(*walls), along((1, 5)), (1, 5, 0.0), (18, 5), 60)
+    assert (told.end, told.clearance_m > RADIUS_M + 0.03) == ("there", True)
+    assert told.t_s < 40
+
+
+@pytest.mark.parametrize(("width_m", "people"), [(1.2, 3), (2.0, 6)])
+def test_among_people_in_a_corridor_it_waits_and_goes_on(width_m, people):
+    hall = plan_of(size=(20.0, width_m))
+    start = (1.0, width_m / 2, 0.0)
+    for seed in range(5):
+        told = driven(hall, along(start[:2]), start, (17, width_m / 2), 60, people=people, seed=seed, within_m=0.7)
+        assert (told.end, told.clearance_m > RADIUS_M) == ("there", True), (seed, told)
+
+
+def test_who_stands_in_the_door_is_waited_for_as_long_as_the_mission_says():
+    hall = plan_of(*door(1.0))
+    building = Building(hall)
+    building.people = np.array([[10.05, 5.0, 0.25]])
+    for timeout_s in (30.0, 90.0):
+        body = MissionBody(1, building, SENSORS, (7.0, 5.0, 0.0), OdometryNoise(0.0, 0.0), (0, 1))
+        leg, t_s, blocked = Leg(), 0.0, False
+        while not blocked and t_s < 200:
+            t_s += 0.1
+            body.advance(t_s)
+            reading = SENSORS.parse(body.sense(1000 + round(1000 * t_s))[0])
+            leg, command = drive(
+                leg, to((14.0, 5.0), (7.0, 5.0)), 0, body.wheels.pose, reading, SECTORS, t_s, timeout_s
+            )
+            body._speed_mps, body._turn_radps = command.speed_mps, command.turn_radps
+            blocked = command.blocked
+            assert math.dist(body.wheels.pose[:2], (10.05, 5.0)) > 0.25 + RADIUS_M
+        assert timeout_s / 3 < t_s < timeout_s / 3 + 20
+
+
+def test_what_is_out_of_view_is_remembered_for_a_while_and_what_is_in_view_is_as_it_is():
+    building = Building(plan_of())
+    body = MissionBody(1, building, SENSORS, (10.0, 5.0, 0.0), OdometryNoise(0.0, 0.0), (0, 1))
+    leg, order, around = Leg(), to((18.0, 5.0), (10.0, 5.0)), {}
+    for k in range(200):
+        t_s = 0.1 * k
+        building.people = np.array([[11.0, 5.0, 0.25]]) if k < 5 else np.zeros((0, 3))
+        if k == 2:  # it turns about: the person is behind it, and goes away
+            body.wheels.pose = (10.0, 5.0, math.pi)
+            body.odometry.step(0.0, math.pi)
+        reading = SENSORS.parse(body.sense(1000 + 100 * k)[0])
+        leg, _ = drive(leg, order, 0, body.wheels.pose, reading, SECTORS, t_s, 60.0)
+        around[k] = sum(map(bool, leg.cells))
+    assert around[1] > 0
+    assert around[40] == around[1]
+    assert around[round(10 * FADE_S * FRESH) + 10] == 0
+    body.wheels.pose = (10.0, 5.0, 0.0)
+    assert len(leg.cells) == SIDE * SIDE
+
+
+def test_who_waits_for_something_waits_at_the_node():
+    order = Order(Kind.WAIT, 1, (14.0, 5.0))
+    told = driven(plan_of(), order, (8.0, 5.0, 1.0), (14.0, 5.0), 30, within_m=0.25)
+    assert told.end == "there"
+    reading = SENSORS.parse(
+        MissionBody(1, Building(plan_of()), SENSORS, told.pose, OdometryNoise(), (0, 1)).sense(1)[0]
+    )
+    assert drive(Leg(), order, 0, told.pose, reading, SECTORS, 90.0, 60.0)[1].speed_mps == 0.0
