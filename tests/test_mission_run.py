@@ -150,7 +150,7 @@ def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_deliver
     part = Part(built.mission, built.key, START)
 
     def done(messages: tuple[bytes, ...], plan: object) -> tuple[bool, list[str]]:
-        run = MissionRun(plan=plan, parts=(part,), controller=messages, duration_s=100, pool=pool_of(plain))
+        run = MissionRun(plan=plan, parts=(part,), controller=messages, duration_s=150, pool=pool_of(plain))
         (report,) = run_mission(run)
         return report.done, [action for _, action in report.actions]
 
@@ -287,7 +287,7 @@ def test_a_recording_has_the_walls_and_what_was_decoded_and_is_the_same_again(tm
         messages = list(make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
     scenes = [message.entities[0] for _, channel, _, message in messages if channel.topic == "/scene"]
     assert len(scenes[0].lines[0].points) == 2 * len(OFFICE.walls)
-    assert sum(bool(entity.cylinders) for entity in scenes) == 6
+    assert sum(bool(entity.cylinders) for entity in scenes) == 5
     frames = {each.child_frame_id for _, channel, _, m in messages if channel.topic == "/tf" for each in m.transforms}
     assert frames == {"robot-1", "robot-1-believes", "robot-2", "robot-2-believes"}
     said = [message.message for _, channel, _, message in messages if channel.topic == "/log"]

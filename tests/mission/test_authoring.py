@@ -64,8 +64,9 @@ def test_yaml_and_code_are_two_ways_to_write_one_mission():
         Landmark("room", 16, 3.5, None, 52.5),
         timeout_s=30,
         send=("lit",),
+        within_m=1.0,  # what a file means that says nothing
     )
-    draft.node("code", Landmark("qr", 1, 2, -math.pi / 2, None, "shelf 3"), do=Action("stop"))
+    draft.node("code", Landmark("qr", 1, 2, -math.pi / 2, None, "shelf 3"), do=Action("stop"), within_m=1.0)
     draft.node("noon", (Position(5, 5), Sensor(b"red"), Sensor(b"warm"), Time(1000)), wait=("go",), final=True)
     draft.way("start", "door", both=True)
     draft.way("door", "room", both=True)

@@ -1,21 +1,27 @@
-"""The pilot around what stands in the way and among those who walk there; how long it tries."""
+"""The pilot around what stands in the way and among those who walk there; how long it tries; where it acts."""
 
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from audited import SENSORS
 
-from phalanx.mission import Kind, Order
+from phalanx.cli.mission.files import read_plain
+from phalanx.mission import BuildOptions, Kind, Order, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot.controllers.mission.pilot import Leg, drive
 from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors
+from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.building.walkers import Walkers
 from phalanx.sim.missions.body import Building, MissionBody
+from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.missions.run import run_mission
+from phalanx.sim.missions.setup import MissionRun
 
 LIDAR = SENSORS.lidar
 SECTORS = Sectors(LIDAR.angle_min_rad, 12 * LIDAR.angle_increment_rad, SENSORS.sectors)
@@ -209,3 +215,56 @@ def test_who_waits_for_something_waits_at_the_node():
         MissionBody(1, Building(plan_of()), SENSORS, told.pose, OdometryNoise(), (0, 1)).sense(1)[0]
     )
     assert drive(Leg(), order, 0, told.pose, reading, SECTORS, 90.0, 60.0)[1].speed_mps == 0.0
+
+
+def acted(name: str, seed: int, people: int = 0) -> dict[str, float]:
+    """How far each node at which something is done was from the robot, in truth, when it was."""
+    plain = read_plain(name)
+    plan = load_floorplan(plain.floor_plan)
+    orders = orders_of(plain, build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes), plan)
+    more = {"noise": OdometryNoise(0.03, 0.05), "keep_trace": True, "people": people, "seed": seed, "duration_s": 600.0}
+    run = MissionRun(
+        plan=orders.plan,
+        parts=orders.parts,
+        pool=orders.pool,
+        controller=orders.controller,
+        robots=len(orders.parts),
+        **more,
+    )
+    away: dict[str, float] = {}
+    for report in run_mission(run):
+        assert report.done
+        assert report.false_fixes == 0
+        mine = [node for node in plain.nodes if node.part == plain.parts[report.robot]]
+        poses = {t_s: pose for t_s, pose, *_ in report.trace}
+        away |= {
+            mine[i].name: math.dist(poses[t_s][:2], mine[i].place)
+            for t_s, i in report.decoded
+            if mine[i].do or mine[i].send or mine[i].final
+        }
+    return away
+
+
+@pytest.mark.parametrize(("name", "acts"), [("delivery", 2), ("inspection", 4)])
+def test_what_is_done_at_a_node_is_done_there(name, acts):
+    for seed, people in ((0, 0), (2, 0), (1, 3)):
+        away = acted(name, seed, people)
+        assert len(away) == acts
+        assert max(away.values()) < 1.1, away  # a metre by what the lidar measures
+
+
+def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_says_otherwise():
+    door = {"see": {"doorway": [9.0, 12.0], "facing": 90}}
+    nodes = {
+        "start": {"see": {"position": [3.0, 1.5]}, "start": True, "do": "greet"},
+        "seen": door,
+        "told": {**door, "wait": ["go"], "final": True},
+        "near": {**door, "do": "greet"},
+        "says": {**door, "send": ["lit"]},
+        "ends": {**door, "final": True},
+        "said": {**door, "final": True, "within_m": 2.5},
+        "far": {**door, "final": True, "within_m": 0},
+    }
+    plain = plain_mission({"mission": "reach", "nodes": nodes, "ways": [{"from": "start", "to": list(nodes)[1:]}]})
+    (one,) = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)
+    assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]

@@ -37,7 +37,7 @@ class Node:
     final: bool = False
     join: bool = False  # every predecessor must have been decoded before
     chained: bool = False  # what the node before released is part of the conjunction (sealed nodes always are)
-    within_m: float = 0.0  # a landmark counts only from so near; 0 from anywhere
+    within_m: float = 0.0  # a landmark counts only from so near; 0 from anywhere (a file has 1 m where things are done)
     timeout_s: int = 0  # until the next validation, before the robot goes back; 0 is the robot's own
     send: tuple[str, ...] = ()  # names of messages released here
     wait: tuple[str, ...] = ()  # names of messages that are part of the conjunction

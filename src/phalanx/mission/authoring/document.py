@@ -21,6 +21,9 @@ TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"
 NODE = {"see", "do", "start", "final", "join", "chained", "within_m", "timeout_s", "send", "wait", "part", "width"}
 SEE = {*LANDMARK_TYPES, "position", "sensor", "action", "time", "facing", "area", "text", "token"}
 WAY = {"from", "to", "both", "direction", "do"}
+# From so near landmarks count where something is done and the file does not say: a robot comes so near to one in a
+# wall, and in a doorway itself it does not see it.
+AT_NODE_M = 1.0
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlevel = 1  # a YAML file of a few lines can name itself into lists of lists without end
 TOKEN = re.compile(r"[0-9a-f]{32,200}")  # at least 128 random bits
@@ -59,6 +62,10 @@ def _coding(words: Any) -> CodingConfig:
 
 def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
     where = f"node {name}"
+    # What is done at a node is done there, and not where it came in sight. But robots begin where they are put, and who
+    # waits for a message has to see the landmark when it comes, and may have gone by.
+    acts = words.keys() & {"do", "send"} or words.get("final")
+    within_m = AT_NODE_M if acts and not (words.get("start") or words.get("wait")) else 0.0
     see = words.get("see", [])
     aliases = [_alias(alias, where) for alias in (see if isinstance(see, list) else [see])]
     draft.node(
@@ -69,7 +76,7 @@ def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
         final=_flag(words, "final", where),
         join=_flag(words, "join", where),
         chained=_flag(words, "chained", where),
-        within_m=_number(words.get("within_m", 0), f"{where}: within_m"),
+        within_m=_number(words.get("within_m", within_m), f"{where}: within_m"),
         timeout_s=math.ceil(_number(words.get("timeout_s", 0), f"{where}: timeout_s")),
         send=_names(words.get("send", []), f"{where}: send"),
         wait=_names(words.get("wait", []), f"{where}: wait"),
