@@ -259,6 +259,16 @@ class TestPages:
         assert "dotbots.example is told both" in line
         assert "house" not in caplog.text
 
+    async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):
+        async with VisitorPages("127.0.0.1", 0) as pages:
+            for _ in range(30):
+                _, writer = await asyncio.open_connection("127.0.0.1", pages.port)
+                writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 3000)
+                await asyncio.sleep(0.01)
+                writer.transport.abort()
+            await eventually(lambda: not pages._runner.server.connections)
+        assert not [record for record in caplog.records if record.exc_info]
+
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
             async with VisitorPages("127.0.0.1", operator.port):

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
-from phalanx.io.guard import VISITORS
-from phalanx.io.seats import place_of
+from phalanx.io.guard import VISITORS, House, Visitor
+from phalanx.io.seats import Seats, place_of
 from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
 from test_strangers import Stranger, connect, the_process, varint, with_length
@@ -177,6 +177,66 @@ def test_a_network_that_one_machine_has_to_itself_is_one_place():
     assert place_of("2001:db8::1") == place_of("2001:db8::ffff:1") != place_of("2001:db8:0:1::1")
     assert place_of("::ffff:192.0.2.7") == place_of("192.0.2.7") != place_of("192.0.2.8")
     assert place_of("fe80::1%eth0") == place_of("fe80::2%eth0")
+
+
+class Sitting:
+    def __init__(self, seats: Seats, place: str, heard_at_s: float) -> None:
+        self.place, self.heard_at_s, self.left, self._seats = place, heard_at_s, False, seats
+        seats.take(self)
+
+    def leave(self) -> None:
+        self.left = True
+        self._seats.gone(self)
+
+
+class TestSeats:
+    def test_a_crowd_that_comes_and_says_nothing_pushes_out_nobody_who_spoke_nor_whoever_has_just_come(self):
+        seats: Seats[Sitting] = Seats(100)
+        speaks = [Sitting(seats, "here", float(n)) for n in range(40)]
+        elsewhere = [Sitting(seats, "there", 0.0) for _ in range(10)]
+        for one in speaks:
+            seats.heard(one)
+        for n in range(1000):
+            come = [Sitting(seats, "here", 100.0 + n), Sitting(seats, "here", 100.0 + n)]
+            assert not come[0].left
+            assert len(seats) <= 100
+        assert not any(one.left for one in (*speaks, *elsewhere))
+
+    def test_among_who_spoke_it_is_who_was_silent_longest_of_where_most_are(self):
+        seats: Seats[Sitting] = Seats(10)
+        sit = [Sitting(seats, "here" if n < 7 else "there", float(n)) for n in range(10)]
+        for one in sit:
+            seats.heard(one)
+        seats.heard(sit[0])
+        Sitting(seats, "elsewhere", 20.0)
+        assert [one.left for one in sit] == [False, True] + [False] * 8
+        assert list(map(len, seats._from.values())) == [6, 3, 1]
+
+
+class Wire:
+    """A transport, and how often it was hung up."""
+
+    def __init__(self) -> None:
+        self.aborted = 0
+
+    def abort(self) -> None:
+        self.aborted += 1
+
+    def get_extra_info(self, name: str):
+        return self if name == "socket" else None
+
+    def __getattr__(self, name):
+        return lambda *_, **__: 0 if name == "get_write_buffer_size" else None
+
+
+def test_nobody_is_hung_up_on_twice():
+    visitor, wire, broker = Visitor(House("", 10), browser=False), Wire(), Wire()
+    visitor.connection_made(wire)
+    visitor._broker = broker
+    visitor.say_goodbye()
+    visitor.connection_lost(None)
+    visitor.leave()
+    assert (wire.aborted, broker.aborted) == (0, 0), "asyncio complains of it, in the operator's log"
 
 
 def memory_mb(pid: int) -> float:

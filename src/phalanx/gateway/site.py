@@ -29,9 +29,9 @@ PAGES = Path(__file__).parent / "pages"
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
 FILES_EACH = 2  # a connection, and what is read for it
-# aiohttp logs a trace for every request that is no HTTP, and quotes it.
+# aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
-_FAULTS.addFilter(lambda record: not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError)))
+_FAULTS.addFilter(lambda record: not (record.exc_info and _is_theirs(record.exc_info[1])))
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 Served = TypeVar("Served", bound="Site")
@@ -42,6 +42,10 @@ COMMON_HEADERS = {
     "X-Frame-Options": "DENY",
     "Cache-Control": "no-cache",
 }
+
+
+def _is_theirs(error: BaseException | None) -> bool:
+    return isinstance(error, HttpProcessingError) or str(error) == "Transport is closing"
 
 
 class Site:

@@ -78,7 +78,7 @@ class Visitor(asyncio.Protocol):
         self._packets = VisitorPackets()
         self._broker: asyncio.WriteTransport | None = None
         self._asking: asyncio.Task[None] | None = None
-        self._is_held_up = self._has_turn = self._has_left = False
+        self._is_held_up = self._has_turn = self._has_left = self._is_over = False
         self._read_all_at_s = self._came_at_s
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -93,7 +93,8 @@ class Visitor(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """It said something."""
         self.heard_at_s = time.monotonic()
-        self._house.heard(self)
+        if self._packets.connected:
+            self._house.heard(self)
         try:
             if self._websocket is not None:
                 data = self._websocket.read(data)
@@ -143,6 +144,7 @@ class Visitor(asyncio.Protocol):
         if self._broker is not None:
             self._broker.write(packet)
         else:  # the first is its CONNECT
+            self._house.heard(self)
             self._is_held_up = True
             self._asking = asyncio.create_task(self._ask(packet))
 
@@ -195,16 +197,18 @@ class Visitor(asyncio.Protocol):
 
     def say_goodbye(self) -> None:
         """The broker has hung up: so do we, when all is said."""
+        self._is_over = True
         self._transport.close()
 
     def leave(self) -> None:
         """Hang up at once."""
-        self._transport.abort()
+        if not self._has_left:  # asyncio complains of whoever hangs up on one that has gone
+            self._transport.abort()
         self._house.gone(self)
         self._packets = VisitorPackets()  # nothing of it is passed on any more
         if self._asking is not None:
             self._asking.cancel()  # or the broker would have a visitor that is not there
-        if self._broker is not None:
+        if self._broker is not None and not self._is_over:
             self._broker.abort()
 
     def connection_lost(self, error: Exception | None) -> None:  # noqa: ARG002
