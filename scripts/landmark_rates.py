@@ -84,7 +84,7 @@ def main() -> None:
         for landmark in seen:
             kind = landmark.type
             match = next((alias for alias in aliases if same(landmark, alias)), None)
-            if match is None and kind == "corner_concave":
+            if match is None and kind.startswith("concave"):
                 # A jamb whose doorway is not in view is a concave corner, if not a landmark.
                 kind = "jamb alone"
                 right[kind].append(bool(np.min(np.hypot(*(jambs - [landmark.x_m, landmark.y_m]).T)) < 0.3))

@@ -23,7 +23,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.mission.landmarks import Features, FloorPlan, LaserScan, extract, landmarks_of
 from phalanx.sim.building.floorplan import load_floorplan
 
-MARKS = {"doorway": "rs", "corner_convex": "g.", "corner_concave": "y.", "room": "m*", "qr": "kD"}
+MARKS = {"doorway": "rs", "corner_convex": "g.", "concave_left": "y<", "concave_right": "y>", "room": "m*", "qr": "kD"}
 REAL_DOORS = ExtractionConfig(door_min_m=0.7)
 
 

@@ -77,7 +77,7 @@ def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
 
 ONE_OF_TWO = """
 import sys
-from phalanx.mission.landmarks.angles import sin_cos
+from phalanx.mission.angles import sin_cos
 sin_cos({})
 print("made" if sin_cos.stats.cache_misses else "found")
 """

@@ -55,15 +55,25 @@ class MissionConfig:
     Source: Encoded graphs §VI-B (tolerance); docs/spec/mission.md (the rest).
     """
 
-    tolerance_m: float = within(0.5, 0.0, 10.0)  # positions are searched up to so far from the estimate, on each axis
-    # Headings are searched up to so far on both sides, if no position matched.
-    heading_tolerance_deg: float = within(6.0, 0.0, 30.0)
-    heading_step_deg: float = within(1.5, 0.1, 30.0)  # in such steps
-    heading_retry_s: float = within(1.0, 0.0, 3600.0)  # not more often than this
-    # So near must a second landmark come for a shifted heading to count, or for a fix not to be refused.
-    agree_m: float = within(0.3, 0.0, 10.0)
+    sigmas: float = within(3.5, 1.0, 10.0)  # what is farther from the estimate than so many deviations is not tried
+    tolerance_m: float = within(1.0, 0.0, 10.0)  # nor what is farther than this, however unsure the robot is
+    agree_m: float = within(0.3, 0.0, 10.0)  # what is so near is the same thing
     drift_base_m: float = within(0.25, 0.0, 10.0)  # a fix may move the robot by so much at any time ...
     drift_per_m: float = within(0.1, 0.0, 10.0)  # ... and by so much more for every metre since the last one
+    # How exactly landmarks are seen, and drawn in maps: near by, for every metre, and their orientation
+    sight_m: float = within(0.05, 1e-3, 10.0)
+    sight_per_m: float = within(0.01, 0.0, 1.0)
+    sight_deg: float = within(2.5, 0.01, 90.0)
+    # A pose is never surer than so; one that is nearly as sure is left alone
+    sure_m: float = within(0.04, 1e-3, 10.0)
+    sure_deg: float = within(0.7, 0.01, 90.0)
+    # How wrong odometry may be: always, of the way, of turns and in degrees per metre; and by chance
+    odometry_way: float = within(0.05, 0.0, 1.0)
+    odometry_turn: float = within(0.05, 0.0, 1.0)
+    odometry_curve_deg: float = within(0.3, 0.0, 90.0)
+    odometry_way_m: float = within(0.02, 0.0, 1.0)  # with the root of the way in metres
+    odometry_turn_deg: float = within(1.0, 0.0, 90.0)  # with the root of the turn in radians
+    odometry_per_m_deg: float = within(0.3, 0.0, 90.0)  # with the root of the way in metres
     kdf_tries: int = within(12, 1, 100_000)  # slow tries in one step (sealed profile): 12 take 0.1 s at N = 2^12
     hash_tries: int = within(200_000, 1, 1 << 30)  # fast tries in one step (paper profile)
     tried_limit: int = within(4096, 16, 1 << 20)  # tries that are remembered, so that they are not made again

@@ -8,7 +8,7 @@ counted from an offset that the compiler chose, so that what was encoded lies in
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from phalanx.config.mission import CodingConfig
@@ -17,13 +17,16 @@ from phalanx.errors import UsageError
 from .angles import TWO_PI, wrap_rad
 from .walk.cells import numbers_of
 
-LANDMARK_TYPES = ("doorway", "corner_convex", "corner_concave", "room", "qr")
+LANDMARK_TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room", "qr")
 # A doorway looks the same from both sides.
 HALF_TURN_TYPES = ("doorway",)
 MM_PER_M = 1000
 OFFSET_RAD = 1e-4  # unit of an orientation's offset
 OFFSET_M2 = 1e-2  # unit of an area's offset
+APART_M, APART_MAX = 0.1, 255  # unit, and what stands for "nothing near looks the same"
 VALUE_MAX = 1e6
+# The doubt of who says nothing of it: 15 cm and 2.5 degrees.
+UNSURE = (0.0225, 0.0, 0.0, 0.0225, 0.0, 0.0019)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +34,14 @@ class Landmark:
     """Something that stays where it is.
 
     Args:
-        type: one of LANDMARK_TYPES; "corner_concave" is the paper's word for a reflex corner (jambs, pillars, wall
-            ends), "corner_convex" for the corner of a room.
+        type: one of LANDMARK_TYPES; "concave" is the paper's word for a reflex corner (jambs, pillars, wall ends), told
+            once for each wall of it that is seen: at its left end, or at its right one, for who stands before it;
+            "corner_convex" is the corner of a room.
         x_m, y_m: map frame; when observed, as the robot's estimated pose puts it.
         orientation_rad: map frame, or None; a doorway's counts modulo half a turn.
         area_m2: of a room's triangle, or None.
         text: of a QR code, or None.
+        apart_m: from here to the next thing that looks the same, of one that is drawn in a map.
     Raises: UsageError: no such type, or a number that is none.
     Source: Encoded graphs §IV-A, §V-B, Eq. 1-3.
     """
@@ -47,6 +52,7 @@ class Landmark:
     orientation_rad: float | None = None
     area_m2: float | None = None
     text: str | None = None
+    apart_m: float = field(default=math.inf, compare=False)
 
     def __post_init__(self) -> None:
         if self.type not in LANDMARK_TYPES:
@@ -127,6 +133,7 @@ class Experience:
         actions: what the robot can do (or has just done): the pool that is searched.
         messages: encoded messages that came since the last experience.
         blocked: the way that the robot was told to take is blocked.
+        spread: how sure the pose is: the upper triangle of the covariance of x, y and heading, row by row.
     """
 
     t_s: float
@@ -139,23 +146,31 @@ class Experience:
     actions: tuple[Action, ...] = ()
     messages: tuple[bytes, ...] = ()
     blocked: bool = False
+    spread: tuple[float, ...] = UNSURE
 
 
 class Offset(NamedTuple):
     """Where the middle of a cell lies, for one alias of one node; whole numbers, as they are stored.
 
-    x and y in mm within ± half a cell; the orientation in 1e-4 rad and the area in 0.01 m2, likewise.
+    x and y in mm within ± half a cell; the orientation in 1e-4 rad and the area in 0.01 m2, likewise. And how far it is
+    to the next thing that looks the same, in 0.1 m rounded down, at most APART_MAX: that far and farther is far enough.
     """
 
     x: int = 0
     y: int = 0
     orientation: int = 0
     area: int = 0
+    apart: int = APART_MAX
 
     @property
     def natural(self) -> tuple[float, float, float, float]:
         """In metres, metres, radians, square metres."""
         return self.x / MM_PER_M, self.y / MM_PER_M, self.orientation * OFFSET_RAD, self.area * OFFSET_M2
+
+    @property
+    def apart_m(self) -> float:
+        """How far nothing looks the same, for certain."""
+        return math.inf if self.apart == APART_MAX else self.apart * APART_M
 
 
 class Cell(NamedTuple):
@@ -210,6 +225,7 @@ def offset_of(coding: CodingConfig, thing: Landmark | Position) -> Offset:
         y,
         0 if thing.orientation_rad is None else rest(thing.orientation_rad, coding.bin_rad, OFFSET_RAD),
         0 if thing.area_m2 is None else rest(thing.area_m2, coding.area_m2, OFFSET_M2),
+        math.floor(min(thing.apart_m / APART_M + 1e-9, APART_MAX)),
     )
 
 

@@ -21,7 +21,8 @@ _CELL = (*_XY, Field("bin", "i16", "of the orientation, or -1"), Field("area", "
 LANDMARK = Record(
     "landmark",
     (Field("type", "u8", ""), *_CELL, Field("text", "rest", "")),
-    "content: 0 doorway, 1 corner_convex, 2 corner_concave, 3 room, 4 qr; text: its SHA3-256, if it has one",
+    "content: 0 doorway, 1 corner_convex, 2 concave_left, 3 concave_right, 4 room, 5 qr; "
+    "text: its SHA3-256, if it has one",
 )
 POSITION = Record("position", _XY, "content: where the robot is")
 WINDOW = Record("window", (Field("number", "i64", ""),), "content: when, ⌊t / window⌋")
@@ -36,7 +37,7 @@ HEADER = Record(
     "header",
     (
         Field("magic", "b4", "PHXM"),
-        Field("version", "u8", "1"),
+        Field("version", "u8", "2"),
         Field("profile", "u8", ""),
         Field("flags", "u8", ""),
         Field("mission_id", "b16", ""),
@@ -50,7 +51,7 @@ HEADER = Record(
         Field("kdf_log2_n", "u8", "scrypt's N"),
         Field("kdf_r", "u8", ""),
     ),
-    "version 1; profile 0 paper, 1 sealed; flags 1 repeatable, 2 roam, 4 open start; then u8 robots, none is any, and "
+    "version 2; profile 0 paper, 1 sealed; flags 1 repeatable, 2 roam, 4 open start; then u8 robots, none is any, and "
     "u8 shapes (paper), each a `rising`; u32 nodes",
 )
 RISING = Record("rising", (Field("number", "u16", ""),), "a robot's id or a shape; of each list in rising order")
@@ -73,6 +74,7 @@ _OFFSET = (
     Field("offset_y_mm", "i16", ""),
     Field("offset_turn", "i16", "10^-4 rad"),
     Field("offset_area", "i16", "10^-2 m²"),
+    Field("apart_dm", "u8", "to the next that looks the same, 255 is none"),
 )
 PAPER_ALIAS = Record("paper_alias", (Field("mark", "b32", "H"), *_OFFSET), "paper: one way to experience a node")
 PAPER_WAY = Record(
@@ -109,7 +111,7 @@ START_KEY = Record(
         Field("mission_id", "b16", ""),
         Field("gates", "u32", ""),
     ),
-    "PHXK, version 1; then as many times a node u32, rising, and its gate; u16 messages",
+    "PHXK, version 2; then as many times a node u32, rising, and its gate; u16 messages",
 )
 GATE = Record("gate", (Field("share", "b32", ""), Field("hints", "u8", "")), "then its hints, one for each alias")
 HINT = Record("hint", (Field("shape", "u16", ""), *_OFFSET), "what to measure")
@@ -125,7 +127,6 @@ CLAIM = Record(
         Field("shape", "u16", ""),
         *_OFFSET,
         *_CELL,
-        Field("turn_rad", "f64", "of the heading, for the match"),
         Field("salt", "v8", "of the KDF (sealed)"),
     ),
     "a decoded node, as auditors are shown it; then the canonical bytes",
@@ -163,6 +164,7 @@ WALK_LANDMARK = Record(
         Field("x_m", "f64", ""),
         Field("y_m", "f64", ""),
         Field("orientation_rad", "f64?", "NaN: none"),
+        Field("apart_m", "f64", "to the next that looks the same"),
         Field("text", "v16", "UTF-8"),
     ),
     "where it truly is; no orientation is NaN",

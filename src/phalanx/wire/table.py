@@ -283,7 +283,7 @@ CHECKPOINT = Record(
 
 KEPT = Record(
     "kept",
-    (Field("claims", "u8", "at most 2"), Field("shown", "rest", "these, then the scan's differences, or nothing")),
+    (Field("claims", "u8", "0 or 1"), Field("shown", "rest", "it, then the scan's differences, or nothing")),
     "evidence of a mission robot's",
 )
 KEPT_CLAIM = Record("kept_claim", (Field("claim", "v16", "u16 length, then the claim"),), "what the scan is to show")
@@ -324,9 +324,16 @@ MISSION_MEMORY = Record(
     "mission_memory",
     (
         Field("begun", "u64", "ms, s-node's clock at the first reading; 0 before"),
-        Field("x_m", "f64", "where odometry's frame lies on the map"),
+        Field("x_m", "f64", "where it believes to be, map frame"),
         Field("y_m", "f64", ""),
         Field("heading_rad", "f64", ""),
+        Field("way", "f64", "what its odometry leaves out, of the way"),
+        Field("turn", "f64", "of turns"),
+        Field("curve", "f64", "rad a metre"),
+        *(Field(f"spread_{i}{j}", "f64", "" if i + j else "their covariance") for i in range(6) for j in range(i, 6)),
+        Field("odometry_x_m", "f64", "by the last reading, its own frame"),
+        Field("odometry_y_m", "f64", ""),
+        Field("odometry_rad", "f64", ""),
         Field("kind", "i8", "of the instruction in hand, -1 for none"),
         Field("target", "i64", "node, or -1"),
         Field("begin", "i64", "node, or -1"),

@@ -64,7 +64,8 @@ const MOST_UNDONE = 100;
 const SAME_M = 0.02;
 const SHORT: Readonly<Record<string, string>> = {
   doorway: "door",
-  corner_concave: "corner",
+  concave_left: "corner",
+  concave_right: "corner",
   corner_convex: "corner",
   room: "room",
   qr: "code",
@@ -201,7 +202,7 @@ export function nearest<T extends { readonly at: Place | undefined }>(
 const PLAIN = new Set(
   (
     "mission map area roam repeatable coding nodes ways see do start final join chained within_m timeout_s send wait part " +
-    "width doorway corner_convex corner_concave room qr position sensor action time facing text token from to both direction"
+    "width doorway corner_convex concave_left concave_right room qr position sensor action time facing text token from to both direction"
   ).split(" "),
 );
 

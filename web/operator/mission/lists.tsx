@@ -13,7 +13,8 @@ interface Props {
 
 const KINDS: Readonly<Record<string, string>> = {
   doorway: "doorway",
-  corner_concave: "corner",
+  concave_left: "corner",
+  concave_right: "corner",
   corner_convex: "inner corner",
   room: "room",
   qr: "code",

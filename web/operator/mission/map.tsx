@@ -16,7 +16,8 @@ interface Props {
 const REACH_PX = 22;
 const GLYPHS: Readonly<Record<string, string>> = {
   doorway: "M-.8 -.5H.8V.5H-.8Z",
-  corner_concave: "M0 -.8L.75 .6H-.75Z",
+  concave_left: "M0 -.8L.75 .6H-.75Z",
+  concave_right: "M0 -.8L.75 .6H-.75Z",
   corner_convex: "M0 .8L.75 -.6H-.75Z",
   room: "M-.7 -.7H.7V.7H-.7Z",
   qr: "M0 -.85L.85 0L0 .85L-.85 0Z",

@@ -24,7 +24,14 @@ from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission
 
 FORMATS = (".png", ".svg")
-COLOURS = {"doorway": BLUE, "room": GREEN, "corner_concave": VERMILION, "corner_convex": ORANGE, "qr": PURPLE}
+COLOURS = {
+    "doorway": BLUE,
+    "room": GREEN,
+    "concave_left": VERMILION,
+    "concave_right": VERMILION,
+    "corner_convex": ORANGE,
+    "qr": PURPLE,
+}
 OTHER = "#000000"
 ARROW_M = 0.8
 # True path, estimate, odometry alone: what a trace holds after its time.

@@ -25,6 +25,7 @@ from phalanx.experiments.plot import banded, draw_walls
 from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
@@ -149,20 +150,19 @@ def replay(
     Any node of the mission can be decoded at any time; the seed is the noise's.
     """
     walker, state = Walker(mission, config=PATIENT), State()
-    alone, fixed = (Odometry(drive.start, noise, np.random.default_rng([seed, 1])) for _ in range(2))
+    alone = Odometry(drive.start, noise, np.random.default_rng([seed, 1]))
+    belief = begun_at(PATIENT, drive.start)
     extraction = ExtractionConfig(feature_range_m=feature_range_m)
     odometry, estimates, trials = [], [], []
     for i, ((way, turn), scan) in enumerate(zip(drive.motions.tolist(), drive.scans, strict=True)):
-        alone.step(way, turn)
-        x, y, heading = fixed.step(way, turn)
-        seen = Experience(
-            i * TICK_S, x, y, heading, fixed.travelled_m, extract(scan, extraction).landmarks(x, y, heading)
-        )
+        belief = moved(PATIENT, belief, alone.pose, alone.step(way, turn))
+        landmarks = extract(scan, extraction).landmarks(*belief.pose)
+        seen = Experience(i * TICK_S, *belief.pose, alone.travelled_m, landmarks, spread=belief.doubt)
         state, outcome = walker.step(state, seen)
         if outcome.fix is not None:
-            fixed.correct((outcome.fix.x_m, outcome.fix.y_m, outcome.fix.heading_rad))
+            belief = fixed(PATIENT, belief, outcome.fix)
         odometry.append(alone.pose)
-        estimates.append(fixed.pose)
+        estimates.append(belief.pose)
         trials.append(outcome.trials)
     return Replay(np.array(odometry), np.array(estimates), np.array(trials))
 

@@ -21,6 +21,7 @@ from phalanx.experiments.statement import Statement, quantiles
 from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.search import Budget, PaperSearch
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.camera import Camera
@@ -90,13 +91,12 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     plan, mission = _place()
     assert plan.start is not None, "our floor plan says where robots begin"
     camera, chance = Camera(plan), np.random.default_rng([seed, 10])
-    alone, fixed = (Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])) for _ in range(2))
+    alone, belief = Odometry(plan.start, NOISE, np.random.default_rng([seed, 1])), begun_at(PATIENT, plan.start)
     walker, state = Walker(mission, config=PATIENT), State()
     search, nodes = PaperSearch(mission, MissionConfig()), tuple(range(len(mission.nodes)))
     rows = []
     for tick, (pose, (way, turn)) in enumerate(driven(plan, PATH_M, SPEED_MPS)):
-        alone.step(way, turn)
-        x, y, heading = fixed.step(way, turn)
+        belief = moved(PATIENT, belief, alone.pose, alone.step(way, turn))
         if tick % CAMERA_TICKS:
             continue
         picture = camera.picture(pose, chance, turn_radps=turn / TICK_S)
@@ -104,18 +104,18 @@ def measure_case(case: str, _tell: object = None) -> Rows:
         codes = camera.read(picture)
         read_s = time.perf_counter() - started
         t_s = tick * TICK_S
-        marks = tuple(_as_trusted(mark, fixed.pose) for mark in camera.landmarks(codes, fixed.pose))
-        seen = Experience(t_s, x, y, heading, fixed.travelled_m, marks)
+        marks = tuple(_as_trusted(mark, belief.pose) for mark in camera.landmarks(codes, belief.pose))
+        seen = Experience(t_s, *belief.pose, alone.travelled_m, marks, spread=belief.doubt)
         started = time.perf_counter()
         state, outcome = walker.step(state, seen)
         step_s = time.perf_counter() - started
         started = time.perf_counter()
-        next(search.run(nodes, seen, (), b"", (0.0,), Budget(MissionConfig().hash_tries)), None)
+        next(search.run(nodes, seen, (), b"", Budget(MissionConfig().hash_tries)), None)
         search_s = time.perf_counter() - started
         if outcome.fix is not None:
-            fixed.correct((outcome.fix.x_m, outcome.fix.y_m, outcome.fix.heading_rad))
+            belief = fixed(PATIENT, belief, outcome.fix)
         times = (read_s, math.nan, step_s, search_s) if codes else (math.nan, read_s, math.nan, math.nan)
-        places = (pose, alone.pose, fixed.pose)
+        places = (pose, alone.pose, belief.pose)
         rows.append((t_s, *(value for place in places for value in place[:2]), len(state.opened) - 1, *times))
         if math.dist(pose[:2], PATH_M[-1]) < END_M and math.hypot(way, turn) == 0.0 and tick:
             return np.array(rows)

@@ -86,6 +86,11 @@ def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
 
 
 def _alias(words: Any, where: str) -> tuple[Observable, ...]:
+    if isinstance(words, dict) and "corner_concave" in words:
+        raise UsageError(
+            f"{where}: corner_concave does not say at which end of its wall it is",
+            "concave_left or concave_right, for who stands before the wall",
+        )
     given = _mapping(words, f"{where}: see", SEE)
     out: list[Observable] = []
     kinds = [kind for kind in LANDMARK_TYPES if kind in given]

@@ -16,6 +16,8 @@ from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of
 from phalanx.mission.observable import Position
 
+from .apart import apart_in
+
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
 WAY_LIMIT_M = 16.0
 NEIGHBOURS = 6
@@ -29,7 +31,7 @@ GRID_PLACES = 200
 GRID_M = 0.05
 NORTH_RAD = math.pi / 2
 START = "start"
-SHORT = {"doorway": "door", "corner_concave": "corner", "room": "room", "qr": "code"}
+SHORT = {"doorway": "door", "concave_left": "corner", "concave_right": "corner", "room": "room", "qr": "code"}
 
 log = logging.getLogger(__name__)
 
@@ -56,8 +58,9 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     named: dict[str, Site] = {}
     counts: Counter[str] = Counter()
     for site in sites:
-        counts[site.type] += 1
-        named[f"{SHORT[site.type]}{counts[site.type]}"] = site
+        short = SHORT[site.type]
+        counts[short] += 1
+        named[f"{short}{counts[short]}"] = site
     pairs = _pairs(plan, {START: start, **{name: site.place_m for name, site in named.items()}})
     reached = _joined(START, pairs)
     if len(reached) == 1:
@@ -73,7 +76,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     for source, target in sorted(pairs):
         if source in reached:
             draft.way(source, target, both=True)
-    return draft.mission()
+    return apart_in(plan, draft.mission())
 
 
 def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:

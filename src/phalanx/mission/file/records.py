@@ -22,7 +22,7 @@ from .canonical import Shape, parse_shape
 from .reader import Reader
 
 MAGIC = b"PHXM"
-VERSION = 1
+VERSION = 2
 FILE_LIMIT = 64 << 20
 FOREVER_S = (1 << 64) - 1
 TAG_BYTES = 16

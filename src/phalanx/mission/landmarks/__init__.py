@@ -4,7 +4,7 @@ from .features import Features, extract
 from .floorplan import FloorPlan, WallCode, floorplan_of_yaml
 from .gridmap import floorplan_of_map
 from .scan import LaserScan
-from .sites import Site, landmarks_of
+from .sites import Site, landmarks_of, look_alikes_of
 
 __all__ = [
     "Features",
@@ -16,4 +16,5 @@ __all__ = [
     "floorplan_of_map",
     "floorplan_of_yaml",
     "landmarks_of",
+    "look_alikes_of",
 ]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
-from .angles import atan2, sin_cos, wrap
 from .walls import Floats
 
 ROUNDS = 12

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.kernel import kernel
+from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
-from .angles import HALF_PI, PI, atan2, sin_cos, wrap
 from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
 from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
 from .scan import LaserScan
@@ -54,8 +54,8 @@ class Features:
         )
 
 
-_TYPES = ("doorway", "corner_convex", "corner_concave", "room")
-_ROOM = 3
+_TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room")
+_ROOM = 4
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
@@ -158,12 +158,13 @@ def _placed(
                 turn = atan2(normal_y, normal_x)
             else:
                 turn = atan2(walls[w, ALONG_Y], walls[w, ALONG_X]) + HALF_PI
-            rows[found, 0] = 1.0 if corners[i, CONVEX] == 1.0 else 2.0
+            # Beams go round to the left: a wall that lies before a corner ends there on its left.
+            rows[found, 0] = 1.0 if corners[i, CONVEX] == 1.0 else (2.0 if side == BEFORE else 3.0)
             rows[found, 1], rows[found, 2] = corners[i, CORNER_X], corners[i, CORNER_Y]
             rows[found, 3] = wrap(turn + heading_rad)
             found += 1
     for i in range(len(rooms)):
-        rows[found, 0] = 3.0
+        rows[found, 0] = 4.0
         rows[found, 1], rows[found, 2], rows[found, 4] = rooms[i, 0], rooms[i, 1], rooms[i, 2]
         found += 1
     for i in range(found):

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-
-from .angles import TWO_PI, sin_cos
+from phalanx.mission.angles import TWO_PI, sin_cos
 
 BEAMS_MAX = 8192
 FARTHEST_M = 65_534

@@ -58,6 +58,15 @@ class _Corner:
     cosine: float
 
 
+def look_alikes_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Landmark, ...]:
+    """All that robots may take for a landmark there: its landmarks, and the jambs of doorways that they see half."""
+    config = config or ExtractionConfig()
+    sites = landmarks_of(plan, config)
+    corners = (corner for outline in plan.outlines for corner in _corners(outline) if _is_concave(corner, config))
+    jambs = (alias for corner in corners for alias in _concave_site(corner, config).aliases)
+    return (*(alias for site in sites for alias in site.aliases), *jambs)
+
+
 def landmarks_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Site, ...]:
     """The landmarks of a floor plan: doorways, rooms, concave corners that are no jambs, convex corners.
 
@@ -154,14 +163,15 @@ def _face_depth(sine: float, length_m: float, config: ExtractionConfig) -> float
 
 
 def _concave_site(corner: _Corner, config: ExtractionConfig) -> Site:
+    # Free space is on the left: who stands there sees the wall before the corner end on its left.
     walls = (
-        (corner.before, corner.before_m, corner.before_seen),
-        (corner.after, corner.after_m, corner.after_seen),
+        ("concave_left", corner.before, corner.before_m, corner.before_seen),
+        ("concave_right", corner.after, corner.after_m, corner.after_seen),
     )
     return Site(
         tuple(
-            Landmark("corner_concave", *corner.at, math.atan2(x, -y))
-            for (x, y), length, seen in walls
+            Landmark(kind, *corner.at, math.atan2(x, -y))
+            for kind, (x, y), length, seen in walls
             if seen and length >= config.wall_min_m
         )
     )

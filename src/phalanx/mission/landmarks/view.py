@@ -6,8 +6,8 @@ from functools import cache
 from typing import NamedTuple
 
 from phalanx.config.lidar import ExtractionConfig
+from phalanx.mission.angles import sin_cos
 
-from .angles import sin_cos
 from .walls import Bools, Floats, Ints
 
 

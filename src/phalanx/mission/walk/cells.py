@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-from phalanx.mission.angles import turn_about
+from phalanx.mission.pose.spread import Sight, doubt_of
 
 CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
 TABLE_ROWS = 1 << 17
@@ -33,7 +33,22 @@ class Groups(NamedTuple):
     rows: Floats  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
     steps: Steps
     bins: int
-    rings: int
+
+
+class Doubt(NamedTuple):
+    """How sure the robot is of its pose, and how far it searches for that."""
+
+    x_m: float  # where it believes to be
+    y_m: float
+    spread: Floats  # (3, 3)
+    sight: Sight
+    sigmas: float
+    tolerance_m: float
+
+
+# So many rings are searched, or more; what is kept of earlier searches is kept for each.
+RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, 40)
+BIN_STEPS = (0, 1, -1)
 
 
 @kernel
@@ -92,45 +107,76 @@ def _add(table: Table, lane: int, numbers: Numbers) -> bool:
 
 
 @kernel
+def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
+    """(level of RINGS, rings, whether the next bin may be meant, whether the one before may) around a thing's cell.
+
+    Args:
+        thing: (4,) x, y, orientation and area.
+        place: it is the robot's own place, and no landmark.
+        group: (5,) a row of `Groups`.
+    """
+    ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
+    _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
+    if place:
+        most = math.sqrt(max(doubt.spread[0, 0], doubt.spread[1, 1]))
+    # What is in the middle of its cell is so many cells away at most, from wherever in a cell it was seen.
+    wanted = int(np.ceil(min(doubt.sigmas * most, doubt.tolerance_m) / steps[0] + 0.5)) - 1
+    level = 0
+    while level + 1 < len(RINGS) and RINGS[level] < wanted:
+        level += 1
+    up, down = False, False
+    if not np.isnan(thing[2]):
+        turn = (thing[2] - group[2]) / steps[2]
+        rest = turn - np.rint(turn)
+        sight = doubt.sight.turn_rad
+        reach = doubt.sigmas * math.sqrt(doubt.spread[2, 2] + sight * sight) / steps[2]
+        up, down = rest + reach > 0.5, rest - reach < -0.5
+    return level, RINGS[level], up, down
+
+
+@kernel
 def next_unsearched(
     first: int,
     things: Floats,
-    eye: tuple[float, float],
-    turn_rad: float,
+    place: bool,
+    doubt: Doubt,
     groups: Groups,
     table: Table,
     lane: int,
     left: int,
-) -> tuple[int, int, Numbers]:
-    """(pair, tries left, its cell) of the next pair that has to be searched; tries of those known are spent.
+) -> tuple[int, int, Numbers, int, int]:
+    """(pair, tries left, its cell, rings, lane) of the next pair that has to be searched; tries of others are spent.
 
     Args:
-        first: pair to begin with; pair k is thing k // groups and group k % groups.
+        first: pair to begin with; pair k is thing k // 3 // groups, group k // 3 % groups, and bin step k % 3.
         things: (n, 4) x, y, orientation and area, NaN where there is none.
-        lane: of the first group; the others' follow.
-    Returns: pair -1 where no tries are left, n * m where no pair is.
+        place: they are the robot's own place, and no landmarks.
+        lane: of the first group; the others' follow, and for each level of RINGS again as many.
+    Returns: pair -1 where no tries are left, 3 * n * m where no pair is.
     """
-    nobody, rows, rings = (0, 0, 0, 0), groups.rows, groups.rings
-    for pair in range(first, len(things) * len(rows)):
-        thing, group = things[pair // len(rows)], rows[pair % len(rows)]
-        x, y, turn = thing[0], thing[1], thing[2]
-        if turn_rad != 0.0:
-            x, y = turn_about(x, y, eye[0], eye[1], turn_rad)
-            turn += turn_rad
+    nobody, rows = (0, 0, 0, 0), groups.rows
+    for pair in range(first, 3 * len(things) * len(rows)):
+        thing, group = things[pair // 3 // len(rows)], rows[pair // 3 % len(rows)]
         if group[4] > 0.0:
-            dx, dy = x - eye[0], y - eye[1]
+            dx, dy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
             if math.sqrt(dx * dx + dy * dy) * 10 > group[4]:
                 continue
+        level, rings, up, down = region_of(thing, place, group, groups.steps, doubt)
+        step = BIN_STEPS[pair % 3]
+        if (step == 1 and not up) or (step == -1 and not down):
+            continue
         if left <= 0:
-            return -1, left, nobody
+            return -1, left, nobody, 0, 0
         offset = (group[0], group[1], group[2], group[3])
-        numbers = numbers_of(x, y, turn, thing[3], offset, groups.steps, groups.bins)
+        turn = thing[2] + step * groups.steps[2]
+        numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, groups.steps, groups.bins)
         # With fewer tries left a search has fewer rings, and is another one.
         whole = left >= (2 * rings - 1) * (2 * rings - 1)
-        if not whole or table[_row(table, lane + pair % len(rows), numbers), 0] == 0:
-            return pair, left, numbers
+        own = lane + level * len(rows) + pair // 3 % len(rows)
+        if not whole or table[_row(table, own, numbers), 0] == 0:
+            return pair, left, numbers, rings, own
         left -= (2 * rings + 1) * (2 * rings + 1)
-    return len(things) * len(rows), left, nobody
+    return 3 * len(things) * len(rows), left, nobody, 0, 0
 
 
 class Searched:

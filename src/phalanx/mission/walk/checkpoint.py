@@ -123,7 +123,7 @@ def _known(mission: EncodedMission, node: int, known: Known) -> bytes:
         text = (landmark.text or "").encode()
         if len(text) > 0xFFFF:
             raise UsageError("a code of more than 65535 bytes", "a shorter one")
-        out.append(table.WALK_LANDMARK.form.pack(landmark.x_m, landmark.y_m, turn, len(text)) + text)
+        out.append(table.WALK_LANDMARK.form.pack(landmark.x_m, landmark.y_m, turn, landmark.apart_m, len(text)) + text)
     for way in known.ways:
         sectors = mission.header.coding.sectors
         sector = NO_SECTOR if way.direction_rad is None else sector_of(way.direction_rad, sectors)
@@ -147,10 +147,12 @@ def _parse_known(mission: EncodedMission, reader: Reader) -> tuple[int, Known]:
 def _parse_landmark(kind: int, reader: Reader) -> Landmark:
     if kind >= len(LANDMARK_TYPES):
         raise MalformedMission("a landmark of no type")
-    x_m, y_m, turn, length = reader.unpack(table.WALK_LANDMARK)
+    x_m, y_m, turn, apart_m, length = reader.unpack(table.WALK_LANDMARK)
     _finite(x_m, y_m, *([] if math.isnan(turn) else [turn]), below=_MOST_MAP_M)
     text = text_of(reader.take(length))
-    return Landmark(LANDMARK_TYPES[kind], x_m, y_m, None if math.isnan(turn) else turn, None, text or None)
+    if math.isnan(apart_m):
+        raise MalformedMission("a landmark apart from nothing")
+    return Landmark(LANDMARK_TYPES[kind], x_m, y_m, None if math.isnan(turn) else turn, None, text or None, apart_m)
 
 
 def _parse_ways(mission: EncodedMission, record: NodeRecord, reader: Reader) -> Iterator[OpenWay]:

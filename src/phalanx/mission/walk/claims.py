@@ -15,7 +15,7 @@ from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Experience, Offset
 
 from .found import Claim, Found
 from .gate import Hint
-from .search import placed, rings_of, turns_of
+from .search import cells_around, doubt_in, placed
 
 
 class Unshown(PeerError):
@@ -59,18 +59,13 @@ def shows(
     coding = mission.header.coding
     if not _is_offset(coding, claim.offset) or not 0 <= claim.node < len(mission.nodes):
         return None
-    turn = claim.turn_rad
-    if turn not in (0.0, *turns_of(config)):
-        return None
     shape, is_paper = claim.shape, mission.header.profile is Profile.PAPER
-    rings = rings_of(config, coding, 1 << 40)
+    doubt = doubt_in(config, seen)
     said = heard if is_paper else (b"",) * shape.messages
     reach_dm = mission.nodes[claim.node].reach_dm
-    for variant, at in placed(shape, coding, seen, said, claim.offset, reach_dm, turn):
-        if shape.place:
-            near = max(abs(at.x - claim.cell.x), abs(at.y - claim.cell.y)) <= rings
-            if not near or (at.bin, at.area) != (claim.cell.bin, claim.cell.area):
-                continue
+    for variant, at in placed(shape, coding, seen, said, claim.offset, reach_dm):
+        if shape.place and claim.cell not in cells_around(shape, coding, doubt, variant.landmark, at, claim.offset):
+            continue
         previous = released if shape.previous else None
         if variant.canonical(shape, claim.cell, variant.messages if is_paper else (), previous) == claim.observed:
             return Found(claim, variant.landmark, variant.action)

@@ -6,7 +6,6 @@ reading, and the same judgement. Both ask the same methods here, so that what is
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -17,14 +16,14 @@ from phalanx.mission.observable import Experience
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .claims import Unshown, shows, unlock
-from .fix import Fix, agreement, allowed_m, explains, fix_from
+from .fix import Fix, agreement, allowed_m, explains, fix_from, has_rival, is_alone
 from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .keyring import Keyring
 from .opening import Opened, open_found
 from .outcome import Reason
 from .route import Map
-from .search import Budget, PaperSearch, turns_of
+from .search import Budget, PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import State
 
@@ -35,17 +34,14 @@ class Find:
 
     keys: Keyring  # with what was tried; a new node's gates are not among them yet
     opened: Opened | None  # what was found, or None; then `reason` says why not
-    second: Found | None  # the match that a turned heading needs beside it, if it did
     fix: Fix | None
     reason: Reason
     trials: int  # hashes or KDFs
 
     @property
-    def claims(self) -> tuple[Claim, ...]:
-        """What shows an auditor that it was found: nothing, a claim, or two."""
-        if self.opened is None:
-            return ()
-        return (self.opened.claim,) if self.second is None else (self.opened.claim, self.second.claim)
+    def claim(self) -> Claim | None:
+        """What shows an auditor that it was found."""
+        return self.opened.claim if self.opened is not None else None
 
 
 class Finder:
@@ -62,7 +58,6 @@ class Finder:
         self._is_paper = mission.header.profile is Profile.PAPER
         self._roams = bool(mission.header.flags & ROAM) and self._is_paper
         self._search = PaperSearch(mission, config)
-        self._turns = turns_of(config)
         self._starts = tuple(i for i, node in enumerate(mission.nodes) if node.flags & START)
         self._gates: dict[int, Gate] = {}
         if not self._is_paper and key is None and mission.header.flags & OPEN_START:
@@ -99,52 +94,33 @@ class Finder:
             if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
         )
 
-    def look(self, state: State, seen: Experience, *, turning: bool) -> Find:
-        """What the search comes upon.
-
-        Args:
-            turning: try turned headings too; they cost nine times as much, and are not tried more often than
-                `heading_retry_s`.
-        """
-        tries = self.config.hash_tries if self._is_paper else self.config.kdf_tries
-        budget, keys = Budget(tries), state.keys
-        turning = turning and seen.t_s - keys.turned_s >= self.config.heading_retry_s
-        opened, fix, reason, second = None, None, Reason.NOTHING_SENSED, None
+    def look(self, state: State, seen: Experience) -> Find:
+        """What the search comes upon."""
+        budget, keys = Budget(self.config.hash_tries if self._is_paper else self.config.kdf_tries), state.keys
+        opened, fix, reason = None, None, Reason.NOTHING_SENSED
         failed: set[bytes] = set()
-        shifted: list[tuple[Found, Fix]] = []
-        turns = (0.0, *self._turns) if turning else (0.0,)
-        for found in self._found(state, self._unexplained(state, seen), turns, failed, budget):
-            opened, fix, reason, second = self._believe(state, seen, found, shifted)
+        for found in self._found(state, self._unexplained(state, seen), failed, budget):
+            opened, fix, reason = self._believe(state, seen, found)
             if opened is not None:
                 break
         if opened is not None and opened.node not in state.opened:
             keys = replace(keys, tried=frozenset())  # other gates, other tries
         else:
             keys = keys.remember(failed, self.config.tried_limit)
-        if opened is None and turning and budget.used:
-            keys = replace(keys, turned_s=seen.t_s)
         if reason is Reason.NOTHING_SENSED and (budget.used or seen.landmarks or seen.sensors):
             reason = Reason.BUDGET if budget.left <= 0 else Reason.NO_MATCH
-        return Find(keys, opened, second, fix, reason, budget.used)
+        return Find(keys, opened, fix, reason, budget.used)
 
-    def check(self, state: State, seen: Experience, claims: tuple[Claim, ...]) -> tuple[Opened, Fix | None]:
-        """The node that a robot in this state says it found, opened, with its fix: a hash or a KDF for each claim.
+    def check(self, state: State, seen: Experience, claim: Claim) -> tuple[Opened, Fix | None]:
+        """The node that a robot in this state says it found, opened, with its fix: one hash or one KDF.
 
         Args:
             seen: made from the reading that it kept.
-            claims: one; or two, where the heading was turned and nothing known was in sight.
         Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.
         """
-        clear = self._unexplained(state, seen)
-        found, *beside = (self._shown(state, clear, claim) for claim in claims)
-        shifted: list[tuple[Found, Fix]] = []
-        for other in beside:
-            self._believe(state, seen, other, shifted)
-        opened, fix, reason, second = self._believe(state, seen, found, shifted)
+        opened, fix, reason = self._believe(state, seen, self._shown(state, self._unexplained(state, seen), claim))
         if opened is None:
             raise Unshown(f"a claim not to be believed: {reason.value}")
-        if len(beside) != (second is not None):
-            raise Unshown("a claim is there for nothing")
         return opened, fix
 
     def _shown(self, state: State, clear: Experience, claim: Claim) -> Found:
@@ -161,19 +137,15 @@ class Finder:
         known = tuple(
             node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
         )
-        left = tuple(landmark for landmark in seen.landmarks if not explains(self.config, known, landmark))
+        left = tuple(landmark for landmark in seen.landmarks if not explains(self.config, seen, known, landmark))
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
 
-    def _found(
-        self, state: State, seen: Experience, turns: tuple[float, ...], failed: set[bytes], budget: Budget
-    ) -> Iterator[Found]:
+    def _found(self, state: State, seen: Experience, failed: set[bytes], budget: Budget) -> Iterator[Found]:
         nodes = self.candidates(state)
         if self._is_paper:
-            return self._search.run(nodes, seen, state.heard, self._released(state), turns, budget)
+            return self._search.run(nodes, seen, state.heard, self._released(state), budget)
         locks = [lock for node in nodes for lock in self._locks(state, node)]
-        return search_sealed(
-            self.mission, self.config, locks, seen, state.heard, turns, state.keys.tried, failed, budget
-        )
+        return search_sealed(self.mission, self.config, locks, seen, state.heard, state.keys.tried, failed, budget)
 
     def _released(self, state: State) -> bytes:
         """What chained nodes need of the node before them: its hash (paper profile)."""
@@ -203,34 +175,21 @@ class Finder:
         joined = join_shares([gate.share for gate in shares]) if node in self.map.joins else shares[0].share
         return joined, shares[0].hints
 
-    def _believe(
-        self, state: State, seen: Experience, found: Found, shifted: list[tuple[Found, Fix]]
-    ) -> tuple[Opened | None, Fix | None, Reason, Found | None]:
-        """A found node opened, with its fix and the second match it needed; or the reason not to believe it."""
+    def _believe(self, state: State, seen: Experience, found: Found) -> tuple[Opened | None, Fix | None, Reason]:
+        """A found node opened, with its fix; or the reason not to believe it."""
         try:
             opened = open_found(self.mission, found, seen)
         except Altered:
-            return None, None, Reason.ALTERED, None
-        if found.seen is None or opened.landmark is None:
-            return opened, None, Reason.NO_MATCH, None
-        fix = fix_from(seen, found.seen, opened.landmark, found.claim.turn_rad)
-        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
-            return None, None, Reason.DRIFT, None
-        agree, broken = agreement(self.config, seen, fix, found.seen, state.known)
+            return None, None, Reason.ALTERED
+        observed, truth = found.seen, opened.landmark
+        if observed is None or truth is None:
+            return opened, None, Reason.NO_MATCH
+        fix = fix_from(self.config, seen, [(observed, truth)])
+        if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+            return None, None, Reason.DRIFT
+        if not is_alone(self.config, seen, observed, truth) or has_rival(self.config, seen, observed, truth):
+            return None, None, Reason.AMBIGUOUS
+        agree, broken = agreement(self.config, seen, fix, observed, state.known)
         if broken > agree:
-            return None, None, Reason.CONTRADICTED, None
-        second = None
-        if found.claim.turn_rad and not agree:
-            # Nine turns are nine times as many chances of a false match: a second landmark has to say the same.
-            same = (
-                other
-                for other, was in shifted
-                if other.seen is not found.seen
-                and other.claim.turn_rad == found.claim.turn_rad
-                and math.sqrt((was.x_m - fix.x_m) ** 2 + (was.y_m - fix.y_m) ** 2) <= self.config.agree_m
-            )
-            second = next(same, None)
-            shifted.append((found, fix))
-            if second is None:
-                return None, None, Reason.CONTRADICTED, None
-        return opened, fix, Reason.NO_MATCH, second
+            return None, None, Reason.CONTRADICTED
+        return opened, fix, Reason.NO_MATCH

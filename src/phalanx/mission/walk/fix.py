@@ -1,18 +1,31 @@
-"""Pose fixes: what a recognised landmark says about where the robot is, and whether to believe it.
+"""Pose fixes: what recognised landmarks say about where the robot is, and whether to believe it.
 
-A wrong fix feeds itself, so one is refused that moves the robot further than it can have drifted, or that breaks what
-other landmarks in the same scan agree on.
+A wrong fix feeds itself. So one is believed only if it fits what the robot knows of its own doubt, in place and in
+heading, if nothing else that looks the same can be meant, and if it breaks nothing that other landmarks agree on.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
 
 from phalanx.config.mission import MissionConfig
-from phalanx.mission.angles import SMALL_RAD, turn_about, wrap_rad
+from phalanx.mission.angles import sin_cos, wrap, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark
+from phalanx.mission.pose.belief import Belief, Wheels, begun
+from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
+
+Pose = tuple[float, float, float]
+# The square of a Mahalanobis distance that one match in a thousand exceeds, by degrees of freedom.
+MISFIT_2, MISFIT_3 = 13.8, 16.3
+# Of all that is seen again so many landmarks, the nearest, say as much as all.
+AGAIN_MOST = 4
+# A pose whose doubt has grown by so much since it was as sure as it gets is worth a correction.
+GROWN = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,15 +37,52 @@ class Fix:
     heading_rad: float  # likewise
     moved_m: float  # between the estimate and the fix: the drift since the last one
     turned_rad: float
+    sightings: tuple[Sighting, ...]  # what it follows from; each as the pose after those before puts it
 
     def apply(self, seen: Experience, landmark: Landmark) -> tuple[float, float]:
         """Where a landmark of the same scan lies, seen from the corrected pose."""
-        x, y = turn_about(*_point(landmark), *_point(seen), self.turned_rad)
-        return x + (self.x_m - seen.x_m), y + (self.y_m - seen.y_m)
+        return _replaced(seen, landmark, (self.x_m, self.y_m, self.heading_rad))
 
 
-def _point(thing: Landmark | Experience) -> tuple[float, float]:
-    return float(thing.x_m), float(thing.y_m)
+@cache
+def sight_of(config: MissionConfig) -> Sight:
+    """How exactly landmarks are seen."""
+    return Sight(config.sight_m, config.sight_per_m, math.radians(config.sight_deg))
+
+
+@cache
+def wheels_of(config: MissionConfig) -> Wheels:
+    """How wrong odometry may be."""
+    return Wheels(
+        config.odometry_way,
+        config.odometry_turn,
+        math.radians(config.odometry_curve_deg),
+        config.odometry_way_m,
+        math.radians(config.odometry_turn_deg),
+        math.radians(config.odometry_per_m_deg),
+    )
+
+
+def floor_of(config: MissionConfig) -> tuple[float, float]:
+    """Metres and radians that no pose is surer than."""
+    return config.sure_m, math.radians(config.sure_deg)
+
+
+def begun_at(config: MissionConfig, pose: Pose) -> Belief:
+    """The belief of a robot that was put at a pose."""
+    return begun(pose, *floor_of(config), wheels_of(config))
+
+
+def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose) -> Belief:
+    """The belief after odometry, in a frame of its own, came from one pose to another."""
+    turn = wrap(after[2] - before[2])
+    sine, cosine = sin_cos(before[2] + 0.5 * turn)
+    return belief.moved(cosine * (after[0] - before[0]) + sine * (after[1] - before[1]), turn, wheels_of(config))
+
+
+def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:
+    """The belief after a fix."""
+    return belief.corrected(fix.sightings, sight_of(config), floor_of(config))
 
 
 def distance_m(seen: Experience, landmark: Landmark) -> float:
@@ -51,50 +101,103 @@ def turn_between(truth: Landmark, observed: Landmark) -> float | None:
     return turn
 
 
-def fix_from(seen: Experience, observed: Landmark, truth: Landmark, turn_rad: float = 0.0) -> Fix:
-    """The pose from which `observed` would have been seen where `truth` is.
-
-    Args:
-        observed: as the estimated pose puts it.
-        turn_rad: by which the search turned the heading; the landmark's orientation, if it has one, says it better.
-    """
-    turn = turn_between(truth, observed)
-    if turn is None or abs(turn) > SMALL_RAD:
-        turn = turn_rad
-    x, y = turn_about(*_point(observed), *_point(seen), turn)
-    dx, dy = truth.x_m - x, truth.y_m - y
-    return Fix(seen.x_m + dx, seen.y_m + dy, wrap_rad(seen.heading_rad + turn), math.sqrt(dx * dx + dy * dy), turn)
-
-
 def allowed_m(config: MissionConfig, travelled_m: float) -> float:
     """How far a robot can have drifted over so many metres since its last fix."""
     return config.drift_base_m + config.drift_per_m * max(0.0, travelled_m)
 
 
-def nearest(
-    known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float
-) -> tuple[float, Landmark] | None:
-    """(distance, landmark) of the known one of the same type and text that is nearest to a point, if within reach."""
-    best: tuple[float, Landmark] | None = None
+def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
+    """Standard deviation of where a landmark is that is seen, along its worst direction."""
+    spread = pose_spread(seen.spread)
+    return doubt_of(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
+
+
+def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
+    """What it means that `observed` is `truth`.
+
+    Args:
+        x_m, y_m: where the pose now puts what was observed.
+        turned_rad: from the heading with which it was observed to that of the pose now.
+    """
+    turn = turn_between(truth, observed)
+    turn = math.nan if turn is None else wrap_rad(turn - turned_rad)
+    return Sighting(float(x_m), float(y_m), float(truth.x_m), float(truth.y_m), turn)
+
+
+def fits(config: MissionConfig, spread: Floats, x_m: float, y_m: float, match: Sighting) -> bool:
+    """Whether what was seen from a pose so unsure may be what it is matched with."""
+    limit = MISFIT_2 if math.isnan(match.turn_rad) else MISFIT_3
+    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= limit)
+
+
+def is_alone(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
+    """Whether nothing else that looks the same can be meant: the robot's doubt does not reach to the next such thing.
+
+    If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
+    """
+    away = math.hypot(observed.x_m - truth.x_m, observed.y_m - truth.y_m)
+    return away + config.sigmas * doubt_m(config, seen, observed) < truth.apart_m
+
+
+def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
+    """Whether another landmark of the same scan may as well be the one that was recognised."""
+    spread = pose_spread(seen.spread)
+    for other in seen.landmarks:
+        if other is observed or other.type != truth.type or other.text != truth.text:
+            continue
+        if math.hypot(other.x_m - observed.x_m, other.y_m - observed.y_m) <= config.agree_m / 2:
+            continue
+        if fits(config, spread, seen.x_m, seen.y_m, sighting(other, truth, other.x_m, other.y_m)):
+            return True
+    return False
+
+
+def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[tuple[Landmark, Landmark]]) -> Fix | None:
+    """The pose that matches (observed, truth) tell, taken one after the other; None where none fits."""
+    mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
+    used = []
+    for observed, truth in matches:
+        x, y = _replaced(seen, observed, (float(mean[0]), float(mean[1]), float(mean[2])))
+        match = sighting(observed, truth, x, y, wrap_rad(float(mean[2]) - seen.heading_rad))
+        if fits(config, spread, float(mean[0]), float(mean[1]), match):
+            used.append(match)
+            mean, spread = corrected(mean, spread, match, sight_of(config))
+            spread = not_surer(spread, *floor_of(config))
+    if not used:
+        return None
+    x, y, heading = mean.tolist()
+    moved_m = math.sqrt((x - seen.x_m) ** 2 + (y - seen.y_m) ** 2)
+    return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(used))
+
+
+def _replaced(seen: Experience, landmark: Landmark, pose: Pose) -> tuple[float, float]:
+    """Where a landmark lies, had the robot been at another pose."""
+    sine, cosine = sin_cos(pose[2] - seen.heading_rad)
+    dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)
+    return pose[0] + (cosine * dx - sine * dy), pose[1] + (sine * dx + cosine * dy)
+
+
+def _near(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float) -> list[Landmark]:
+    """The known ones of the same type and text that are within reach of a point."""
+    found = []
     for other in known:
         dx = other.x_m - x_m
         # Nearly all end here, and a robot asks thousands of times a second.
         if not -within_m <= dx <= within_m or other.type != landmark.type or other.text != landmark.text:
             continue
         dy = other.y_m - y_m
-        away = math.sqrt(dx * dx + dy * dy)
-        if away <= within_m and (best is None or away < best[0]):
-            best = away, other
-    return best
+        if dx * dx + dy * dy <= within_m * within_m:
+            found.append(other)
+    return found
 
 
-def explains(config: MissionConfig, known: Iterable[Landmark], landmark: Landmark) -> bool:
+def explains(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> bool:
     """Whether a landmark is one that is known: near it, and turned the same way."""
-    match = nearest(known, landmark, landmark.x_m, landmark.y_m, config.agree_m)
-    if match is None:
-        return False
-    turn = turn_between(match[1], landmark)
-    return turn is None or abs(turn) <= math.radians(config.heading_tolerance_deg)
+    spread = pose_spread(seen.spread)
+    return any(
+        fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
+        for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
+    )
 
 
 def agreement(
@@ -105,26 +208,36 @@ def agreement(
     for landmark in seen.landmarks:
         if landmark is used:
             continue
-        if nearest(known, landmark, *fix.apply(seen, landmark), config.agree_m):
+        if _near(known, landmark, *fix.apply(seen, landmark), config.agree_m):
             agree += 1
-        elif nearest(known, landmark, landmark.x_m, landmark.y_m, config.agree_m):
+        elif _near(known, landmark, landmark.x_m, landmark.y_m, config.agree_m):
             broken += 1
     return agree, broken
 
 
-def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, ...], travelled_m: float) -> Fix | None:
-    """A fix from the nearest landmark that the robot has decoded before and now sees again, or None."""
+def is_sure(config: MissionConfig, seen: Experience) -> bool:
+    """Whether the pose is about as sure as one gets, and a correction would say nothing."""
+    (xx, _, _, yy, _, tt), (place_m, turn_rad) = seen.spread, floor_of(config)
+    most = GROWN * GROWN
+    return max(xx, yy) <= most * place_m * place_m and tt <= most * turn_rad * turn_rad
+
+
+def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, ...]) -> Fix | None:
+    """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
+    if is_sure(config, seen):
+        return None
+    spread, matches = pose_spread(seen.spread), []
     for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
-        match = nearest(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
-        if match is None:
+        # Two known things that may be this one say nothing.
+        fitting = [
+            other
+            for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
+            if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
+        ]
+        if len(fitting) != 1 or not is_alone(config, seen, landmark, fitting[0]):
             continue
-        turn = turn_between(match[1], landmark)
-        if turn is not None and abs(turn) > math.radians(config.heading_tolerance_deg):
-            continue
-        fix = fix_from(seen, landmark, match[1])
-        if fix.moved_m > allowed_m(config, travelled_m):
-            continue
-        agree, broken = agreement(config, seen, fix, landmark, known)
-        if broken <= agree:
-            return fix
-    return None
+        if not has_rival(config, seen, landmark, fitting[0]):
+            matches.append((landmark, fitting[0]))
+        if len(matches) == AGAIN_MOST:
+            break
+    return fix_from(config, seen, matches)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from phalanx.errors import TooLarge
 from phalanx.mission.file.canonical import Shape, parse_shape
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.observable import Action, Cell, Landmark, Offset
-from phalanx.mission.refused import MalformedMission
 from phalanx.wire.missions import CLAIM
 
 CLAIM_LIMIT = 16_384
@@ -26,11 +24,10 @@ class Claim:
     cell: Cell
     observed: bytes  # the canonical bytes that were hashed
     salt: bytes = b""  # of the KDF (sealed profile); says nothing about the gate that it was made of
-    turn_rad: float = 0.0  # by which the heading had to be turned for the match
 
     def encode(self) -> bytes:
         """As sent to an auditor."""
-        head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, self.turn_rad, len(self.salt))
+        head = (self.node, self.alias, self.shape.code, *self.offset, *self.cell, len(self.salt))
         return CLAIM.form.pack(*head) + self.salt + self.observed
 
 
@@ -39,11 +36,9 @@ def parse_claim(raw: bytes) -> Claim:
     if len(raw) > CLAIM_LIMIT:
         raise TooLarge(f"{len(raw)} bytes of claim, limit {CLAIM_LIMIT}")
     reader = Reader(raw)
-    node, alias, code, *rest, turn_rad, salt = reader.unpack(CLAIM)
-    if not abs(turn_rad) <= math.pi:
-        raise MalformedMission("a claim that turns too far")
+    node, alias, code, *rest, salt = reader.unpack(CLAIM)
     offset, cell, salt = Offset(*rest[: len(Offset())]), Cell(*rest[len(Offset()) :]), reader.take(salt)
-    return Claim(node, alias, parse_shape(code), offset, cell, reader.take(reader.left), salt, turn_rad)
+    return Claim(node, alias, parse_shape(code), offset, cell, reader.take(reader.left), salt)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +46,6 @@ class Found:
     """A match."""
 
     claim: Claim  # which alias of which node, and what it was made of
-    seen: Landmark | None = None  # the landmark as it was seen, before any turn
+    seen: Landmark | None = None  # the landmark as it was seen
     action: Action | None = None
     key: bytes = b""  # what opens the node (sealed profile)

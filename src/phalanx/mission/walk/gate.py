@@ -18,7 +18,7 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.wire import missions as table
 
 KEY_MAGIC = b"PHXK"
-KEY_VERSION = 1
+KEY_VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)

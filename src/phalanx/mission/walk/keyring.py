@@ -6,7 +6,6 @@ auditors see, holds places and directions, and this holds the rest.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -30,7 +29,6 @@ class Keyring:
     # That a node was visited, to show to another robot; by node
     proofs: Mapping[int, bytes] = field(default_factory=lambda: _NO_PROOFS)
     tried: frozenset[bytes] = frozenset()  # digests of (gate, observation) that failed since the last node was opened
-    turned_s: float = -math.inf  # when turned headings were tried last
 
     def add(self, opened: Opened, gate: bytes | None, header: Header) -> Keyring:
         """The keyring with what a node released; without the node's own gate, the gates behind it stay closed."""

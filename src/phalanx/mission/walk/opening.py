@@ -126,7 +126,8 @@ def _where(mission: EncodedMission, found: Found) -> tuple[tuple[float, float] |
     observed = found.seen
     assert observed is not None, "a landmark was searched for because it was seen"
     kind = LANDMARK_TYPES[claim.shape.place - 1]
-    return (x_m, y_m), Landmark(kind, x_m, y_m, orientation, observed.area_m2, observed.text)
+    apart_m = claim.offset.apart_m
+    return (x_m, y_m), Landmark(kind, x_m, y_m, orientation, observed.area_m2, observed.text, apart_m)
 
 
 def _to_direction(sector: int, sectors: int) -> float:

@@ -20,6 +20,7 @@ class Reason(Enum):
     BUDGET = "budget exhausted"  # the rest is tried in the next steps
     CONTRADICTED = "contradicted"  # by other landmarks of the same scan
     DRIFT = "more than it can have drifted"
+    AMBIGUOUS = "ambiguous"  # something else that looks the same may be meant
     ALTERED = "altered"  # it matched a record that belongs to another
     CLOCK = "clock ran backwards"
     TIMED_OUT = "timed out"

@@ -1,15 +1,15 @@
 """The hash search: everything that a robot can try at one moment, in order, until something matches.
 
-Positions in a spiral around the estimate, then, if nothing matched, small turns of the heading; windows of time around
-the clock's; actions of the pool; combinations of readings and messages. The number of trials is itself an output: it
-tells how far the estimate was off (Encoded graphs §VI-F).
+Positions in a spiral around the estimate, as far as the robot is unsure of its pose, in the bins of headings that this
+leaves open; windows of time around the clock's; actions of the pool; combinations of readings and messages. The number
+of trials is itself an output: it tells how far the estimate was off (Encoded graphs §VI-F).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, groupby, product
 from typing import NamedTuple
@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
-from phalanx.mission.angles import turn_about
 from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
 from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import (
     LANDMARK_TYPES,
-    MM_PER_M,
     Action,
     Cell,
     Experience,
@@ -36,9 +34,10 @@ from phalanx.mission.observable import (
     steps_of,
     window_of,
 )
+from phalanx.mission.pose.spread import pose_spread
 
-from .cells import Groups, Searched, next_unsearched
-from .fix import distance_m
+from .cells import BIN_STEPS, RINGS, Doubt, Groups, Searched, next_unsearched, region_of
+from .fix import distance_m, sight_of
 from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
@@ -106,26 +105,31 @@ def _spiral_arrays(rings: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return steps[:, 0].copy(), steps[:, 1].copy()
 
 
-def rings_of(config: MissionConfig, coding: CodingConfig, tries: int) -> int:
-    """Rings that cover the tolerance, or that the budget has room for."""
-    wanted = math.floor(config.tolerance_m * MM_PER_M / coding.delta_mm + 1e-9)
-    return min(wanted, (math.isqrt(max(tries, 1)) + 1) // 2)
+def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
+    """How far to search in an experience."""
+    place = float(seen.x_m), float(seen.y_m)
+    return Doubt(*place, pose_spread(seen.spread), sight_of(config), config.sigmas, config.tolerance_m)
 
 
-def turns_of(config: MissionConfig) -> tuple[float, ...]:
-    """Turns of the heading to try, nearest first."""
-    count = math.floor(config.heading_tolerance_deg / config.heading_step_deg + 1e-9)
-    step = math.radians(config.heading_step_deg)
-    return tuple(sign * i * step for i in range(1, count + 1) for sign in (1, -1))
-
-
-def as_seen(landmark: Landmark, seen: Experience, turn_rad: float) -> Landmark:
-    """The landmark, had the robot's heading been so much further round."""
-    if not turn_rad:
-        return landmark
-    x, y = turn_about(float(landmark.x_m), float(landmark.y_m), float(seen.x_m), float(seen.y_m), turn_rad)
-    orientation = None if landmark.orientation_rad is None else landmark.orientation_rad + turn_rad
-    return replace(landmark, x_m=x, y_m=y, orientation_rad=orientation)
+def cells_around(
+    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, centre: Cell, offset: Offset
+) -> list[Cell]:
+    """The cells in which the thing may truly be that was seen in `centre`: ring after ring, likely bins first."""
+    if not shape.place:
+        return [centre]
+    x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
+    turn = number_or_nan(landmark.orientation_rad if landmark and shape.oriented else None)
+    thing, group = np.array([x, y, turn, math.nan]), np.array([*offset.natural, 0.0])
+    _, rings, up, down = region_of(thing, landmark is None, group, steps_of(coding), doubt)
+    bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if landmark else 1
+    turns = [step for step, is_meant in zip(BIN_STEPS, (True, up, down), strict=True) if is_meant]
+    return [
+        centre._replace(
+            x=centre.x + dx, y=centre.y + dy, bin=centre.bin if centre.bin < 0 else (centre.bin + step) % bins
+        )
+        for dx, dy in spiral(rings)
+        for step in turns
+    ]
 
 
 def fits(shape: Shape, landmark: Landmark) -> bool:
@@ -161,11 +165,10 @@ def placed(
     heard: tuple[bytes, ...],
     offset: Offset,
     reach_dm: int,
-    turn_rad: float,
 ) -> Iterator[tuple[Variant, Cell]]:
     """The variants that are near enough, each with the cell in which it was seen, or in which the robot is."""
     for variant in variants(shape, coding, seen, heard):
-        landmark = variant.landmark and as_seen(variant.landmark, seen, turn_rad)
+        landmark = variant.landmark
         if landmark and reach_dm and distance_m(seen, landmark) * 10 > reach_dm:
             continue
         if landmark:
@@ -218,7 +221,6 @@ class PaperSearch:
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission
         self._config = config
-        self._rings = rings_of(config, mission.header.coding, 1 << 40)
         self._steps = steps_of(mission.header.coding)
         self._candidates: dict[tuple[int, ...], _Candidates] = {}
         self._searched = Searched()
@@ -248,27 +250,20 @@ class PaperSearch:
         seen: Experience,
         heard: tuple[bytes, ...],
         released: bytes,
-        turns: tuple[float, ...],
         budget: Budget,
     ) -> Iterator[Found]:
         """Matches, best first.
 
         Args:
             released: H of the node before, for chained nodes.
-            turns: of the heading, in the order to try them; 0 first.
             budget: is spent; when nothing is left the search ends.
         """
         among = self._among(nodes)
-        batches = [
-            batch
-            for shape in self._mission.header.shapes
-            for batch in self._batches(among, shape, seen, heard, released)
-        ]
-        for turn in turns:
-            for batch in batches:
-                if batch.shape.place in LANDMARK_PLACES or not turn:
-                    search = self._around if batch.shape.place else self._as_it_is
-                    yield from search(among, batch, seen, turn, budget)
+        doubt = doubt_in(self._config, seen)
+        for shape in self._mission.header.shapes:
+            for batch in self._batches(among, shape, seen, heard, released):
+                search = self._around if shape.place else self._as_it_is
+                yield from search(among, batch, doubt, budget)
 
     def _batches(
         self, among: _Candidates, shape: Shape, seen: Experience, heard: tuple[bytes, ...], released: bytes
@@ -296,27 +291,27 @@ class PaperSearch:
                 else (seen.x_m, seen.y_m, math.nan, math.nan)
                 for landmark in (variant.landmark for variant in batch)
             ]
-            lane = self._searched.lane((among.nodes, shape, same, previous), len(among.groups))
+            lane = self._searched.lane((among.nodes, shape, same, previous), len(RINGS) * len(among.groups))
             yield _Batch(shape, batch, np.array(things, np.float64), message, lane)
 
-    def _around(
-        self, among: _Candidates, batch: _Batch, seen: Experience, turn: float, budget: Budget
-    ) -> Iterator[Found]:
+    def _around(self, among: _Candidates, batch: _Batch, doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has a place: each landmark against each group, around its cell."""
-        coding, shape = self._mission.header.coding, batch.shape
-        bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if shape.place in LANDMARK_PLACES else 1
-        eye, pair, pairs = (float(seen.x_m), float(seen.y_m)), 0, len(batch.variants) * len(among.groups)
-        groups = Groups(among.rows, self._steps, bins, self._rings)
+        coding, shape, each = self._mission.header.coding, batch.shape, len(BIN_STEPS)
+        is_own = shape.place not in LANDMARK_PLACES
+        bins = 1 if is_own else bins_of(coding, LANDMARK_TYPES[shape.place - 1])
+        pair, pairs = 0, each * len(batch.variants) * len(among.groups)
+        groups = Groups(among.rows, self._steps, bins)
         while True:
-            pair, left, numbers = next_unsearched(
-                pair, batch.things, eye, turn, groups, self._searched.table, batch.lane, budget.left
+            pair, left, numbers, wanted, lane = next_unsearched(
+                pair, batch.things, is_own, doubt, groups, self._searched.table, batch.lane, budget.left
             )
             budget.spend(budget.left - left)
             if not 0 <= pair < pairs:
                 return
-            variant, group = batch.variants[pair // len(among.groups)], among.groups[pair % len(among.groups)]
+            variant = batch.variants[pair // each // len(among.groups)]
+            group = among.groups[pair // each % len(among.groups)]
             centre = Cell(*numbers)
-            rings = rings_of(self._config, coding, budget.left)
+            rings = min(wanted, (math.isqrt(max(budget.left, 1)) + 1) // 2)
             dx, dy = _spiral_arrays(rings)
             xs, ys = (centre.x + dx).astype(np.uint32), (centre.y + dy).astype(np.uint32)
             patches = xs.astype(np.uint64) | ys.astype(np.uint64) << np.uint64(32)
@@ -325,14 +320,12 @@ class PaperSearch:
             if hit is not None:
                 step_x, step_y = spiral(rings)[hit[0]]
                 cell = centre._replace(x=centre.x + step_x, y=centre.y + step_y)
-                yield _found(group, hit[1], batch, variant, cell, turn)
-            elif rings == self._rings:
-                self._searched.add(batch.lane + pair % len(among.groups), numbers)
+                yield _found(group, hit[1], batch, variant, cell)
+            elif rings == wanted:
+                self._searched.add(lane, numbers)
             pair += 1
 
-    def _as_it_is(
-        self, among: _Candidates, batch: _Batch, _seen: Experience, turn: float, budget: Budget
-    ) -> Iterator[Found]:
+    def _as_it_is(self, among: _Candidates, batch: _Batch, _doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has no place: one hash each."""
         digest = sha3_256(batch.message(Cell(0, 0)))
         for variant, group in product(batch.variants, among.groups):
@@ -341,10 +334,10 @@ class PaperSearch:
             budget.spend(1)
             marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
             if digest in marks:
-                yield _found(group, marks.index(digest), batch, variant, Cell(0, 0), turn)
+                yield _found(group, marks.index(digest), batch, variant, Cell(0, 0))
 
 
-def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell, turn: float) -> Found:
+def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell) -> Found:
     node, alias = group.aliases[place]
-    claim = Claim(node, alias, batch.shape, group.offset, cell, batch.message(cell), turn_rad=turn)
+    claim = Claim(node, alias, batch.shape, group.offset, cell, batch.message(cell))
     return Found(claim, variant.landmark, variant.action)

@@ -68,43 +68,41 @@ class Walker:
         if (refused := self._refused(state, seen)) is not None:
             return state, refused
         state, seen = self._begun(state, seen)
-        again = self.sees_again(state, seen)
-        # Whoever sees where they are has no heading to search for.
-        find = self._finder.look(state, seen, turning=again is None)
+        find = self._finder.look(state, seen)
         state = replace(state, keys=find.keys)
         if find.opened is not None:
             return self._decoded(state, seen, find.opened, find.fix, find.trials)
-        return self._walked(state, seen, again, find)
+        return self._walked(state, seen, self.sees_again(state, seen), find)
 
-    def look(self, state: State, seen: Experience) -> tuple[State, tuple[Claim, ...], int]:
-        """The state with what was tried in its keyring, claims that `advance` takes if something was found; tries."""
+    def look(self, state: State, seen: Experience) -> tuple[State, Claim | None, int]:
+        """The state with what was tried in its keyring; the claim that `advance` takes, if any; and tries."""
         if self._refused(state, seen) is not None:
-            return state, (), 0
+            return state, None, 0
         begun, seen = self._begun(state, seen)
-        find = self._finder.look(begun, seen, turning=self.sees_again(begun, seen) is None)
+        find = self._finder.look(begun, seen)
         state = replace(state, keys=find.keys)
-        if find.opened is not None:
+        if find.claim is not None:
             try:
-                self._finder.check(begun, seen, find.claims)
+                self._finder.check(begun, seen, find.claim)
             except (Unshown, Altered):
                 # Two landmarks in one cell: which of them was meant, the bytes do not tell. The next scan may.
-                return state, (), find.trials
-        return state, find.claims, find.trials
+                return state, None, find.trials
+        return state, find.claim, find.trials
 
-    def advance(self, state: State, seen: Experience, claims: tuple[Claim, ...] = ()) -> tuple[State, Outcome]:
+    def advance(self, state: State, seen: Experience, claim: Claim | None = None) -> tuple[State, Outcome]:
         """The next state after an experience in which a robot claims to have found a node, or claims nothing.
 
         Landmarks decoded before give a fix if the experience shows them.
         Raises: Unshown, Altered: the claim is not borne out.
         """
         if (refused := self._refused(state, seen)) is not None:
-            if claims:
+            if claim:
                 raise Unshown("a claim of a robot that has stopped, or whose clock has")
             return state, refused
         state, seen = self._begun(state, seen)
-        if claims:
-            return self._decoded(state, seen, *self._finder.check(state, seen, claims), 0)
-        nothing = Find(state.keys, None, None, None, Reason.NOTHING_SENSED, 0)
+        if claim:
+            return self._decoded(state, seen, *self._finder.check(state, seen, claim), 0)
+        nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
         return self._walked(state, seen, self.sees_again(state, seen), nothing)
 
     def hear(self, state: State, message: bytes) -> State:
@@ -167,8 +165,8 @@ class Walker:
         that slides away, gives one at every step. So all of them since the last decode may not come to more than can
         have drifted since then.
         """
-        fix = seen_again(self.config, seen, state.known, seen.travelled_m - state.fixed_at_m)
-        if fix is None:
+        fix = seen_again(self.config, seen, state.known)
+        if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
             return None
         x, y = self._pulled(state, seen, fix)
         all_m = math.sqrt(x * x + y * y)

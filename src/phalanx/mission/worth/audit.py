@@ -17,11 +17,12 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission.angles import TWO_PI
 from phalanx.mission.authoring.document import TOKEN
 from phalanx.mission.authoring.making import PAPER_CODING, SEALED_CODING, alias_offset, direction_of, place_of
-from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
+from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, cell_of, sector_of
-from phalanx.mission.walk.search import WINDOWS, rings_of, turns_of
+from phalanx.mission.walk.cells import BIN_STEPS
+from phalanx.mission.walk.search import WINDOWS
 
 OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
 PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
@@ -93,7 +94,7 @@ def audit(
     rows = []
     for node in mission.nodes:
         count = guess.candidates(node)
-        tries = max(_robot_tries(coding, config, profile, alias, node, len(guess.actions)) for alias in node.see)
+        tries = max(_robot_tries(coding, config, alias, node, len(guess.actions)) for alias in node.see)
         rows.append(
             NodeAudit(
                 node.name,
@@ -207,7 +208,6 @@ def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], di
 def _robot_tries(
     coding: CodingConfig,
     config: MissionConfig,
-    profile: Profile,
     alias: tuple[Observable, ...],
     node: Node,
     actions: int,
@@ -215,10 +215,9 @@ def _robot_tries(
     shape = shape_of(alias)
     tries = 1.0
     if shape.place:
-        tries *= (2 * rings_of(config, coding, 1 << 40) + 1) ** 2
-        if shape.place < AT_POSITION:
-            turns = len(turns_of(config))
-            tries = tries * (1 + turns) if profile is Profile.PAPER else tries + turns
+        # A robot that has lost its way: as far as it ever searches, and in the bins beside.
+        tries *= (2 * math.floor(config.tolerance_m * MM_PER_M / coding.delta_mm + 0.5) + 1) ** 2
+        tries *= len(BIN_STEPS) if shape.oriented else 1
     tries *= len(WINDOWS) if shape.time else 1
     return tries * (max(1, actions) if node.do else 1)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-from phalanx.mission.landmarks.angles import TWO_PI, atan2, sin_cos
+from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
 Floats = NDArray[np.float64]
 # Of a beam, so that rounding never lets a ray slip between two walls that touch.

@@ -156,7 +156,7 @@ def _rehearse(plan: FloorPlan, defence: str) -> None:
     x_m, y_m, heading_rad = start_of(plan)
     draft = Draft("rehearsal")
     draft.node("start", Position(x_m, y_m), start=True)
-    draft.node("end", Landmark("doorway", x_m, y_m + 1, 0.0), Landmark("corner_concave", x_m, y_m, 0.0), final=True)
+    draft.node("end", Landmark("doorway", x_m, y_m + 1, 0.0), Landmark("concave_left", x_m, y_m, 0.0), final=True)
     draft.way("start", "end")
     (built,) = build(draft.mission(), BuildOptions(profile=Profile.PAPER), bytes)
     part = Part(built.mission, built.key, (x_m, y_m, heading_rad))

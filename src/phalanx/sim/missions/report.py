@@ -97,10 +97,10 @@ class ObservedController(MissionController):
             self.search_ms.append(1e3 * (working_s() - began))
         return kept
 
-    def walk(self, seen: Experience, claims: tuple[Claim, ...]) -> tuple[State, Outcome]:
+    def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
         """As the robot's."""
         began = working_s()
-        walk, outcome = super().walk(seen, claims)
+        walk, outcome = super().walk(seen, claim)
         if outcome.trials:
             self.search_ms.append(1e3 * (working_s() - began))
         self.outcome, self.seen = replace(outcome, trials=outcome.trials + self.tries), seen

@@ -16,7 +16,7 @@ from phalanx.bti import request
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, Work
 from phalanx.bti.fleet import Fleet
 from phalanx.mission import OpenWay
-from phalanx.mission.landmarks.angles import wrap
+from phalanx.mission.angles import wrap
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.mission.walk.opening import Known
 from phalanx.robot.attacks.attack import Scene
@@ -155,5 +155,5 @@ class ForgeClaim(ShowUnsensed):
 
     def shown(self, evidence: bytes) -> bytes:
         """The claim as made, the scan as it was."""
-        claims, _ = unpack_evidence(evidence, self.mission.missions.sensors.lidar.beams)
-        return pack_evidence(claims, self.raw)
+        claim, _ = unpack_evidence(evidence, self.mission.missions.sensors.lidar.beams)
+        return pack_evidence(claim, self.raw)

@@ -20,14 +20,15 @@ from phalanx.config import BtiConfig
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, State, Walker
+from phalanx.mission.angles import sin_cos, wrap
 from phalanx.mission.file.canonical import AT_POSITION, action_bytes
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.landmarks import extract
-from phalanx.mission.landmarks.angles import sin_cos, wrap
+from phalanx.mission.pose.belief import NUMBERS, Belief, of_numbers
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_capacity
-from phalanx.mission.walk.fix import Fix
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.walker import LONGEST_S
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
@@ -129,7 +130,8 @@ class Missions:
 class Memory:
     """What the controller remembers."""
 
-    origin: Pose  # x, y, heading of the odometry's frame in the map's: fixes change it
+    belief: Belief
+    odometry: Pose = (0.0, 0.0, 0.0)  # by the last reading, in its own frame
     begun_ms: int = 0  # of the s-node's clock, at the first reading; 0 before
     leg: Leg = Leg()  # noqa: RUF009  # frozen
     blocked: bool = False  # the way was given up at the last step
@@ -152,7 +154,7 @@ class MissionController(EvidenceController):
         super().__init__(rob_id)
         self.missions, self.walker = missions, walker
         self.given = missions.assigned[rob_id]
-        self.memory = Memory(self.given.start)
+        self.memory = Memory(begun_at(missions.config, self.given.start))
         self.senses = Senses()
         self.tries = 0
         self._scan = b""
@@ -164,7 +166,7 @@ class MissionController(EvidenceController):
 
     def pose(self, reading: bytes) -> Pose:
         """Where the robot believes to be, by a reading of its own."""
-        return _placed(self.memory.origin, self.missions.sensors.parse(reading))
+        return self._belief(self.missions.sensors.parse(reading)).pose
 
     def uncorrected_pose(self, reading: bytes) -> Pose:
         """Where it would believe to be, had it never validated anything."""
@@ -181,17 +183,17 @@ class MissionController(EvidenceController):
         now = self._parsed(reading)
         if stopped or now is None or len(raw) != 2 * self.missions.sensors.lidar.beams:
             return b""
-        seen = self._experience(t_ms, now, raw)
+        seen = self._experience(t_ms, self._belief(now), now, raw)
         if self._waits(seen):
             return b""
-        walk, claims, self.tries = self.walker.look(self.memory.walk, seen)
+        walk, claim, self.tries = self.walker.look(self.memory.walk, seen)
         self.memory = replace(self.memory, walk=walk)
-        if claims:
-            return pack_evidence(claims, raw if 1 <= claims[0].shape.place < AT_POSITION else b"")
+        if claim:
+            return pack_evidence(claim, raw if 1 <= claim.shape.place < AT_POSITION else b"")
         moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.heading_rad - self._fixed[1])) > AGAIN_RAD
         if moved and self.walker.sees_again(walk, seen):
             self._fixed = now.travelled_m, now.heading_rad
-            return pack_evidence((), raw)
+            return pack_evidence(None, raw)
         return b""
 
     # --- what is replayed ---------------------------------------------------------------------------------------------
@@ -207,12 +209,12 @@ class MissionController(EvidenceController):
         now = self._parsed(reading)
         if now is None:
             return [self._drive(t_ms, Drive())]
-        claims, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else ((), self._scan)
+        claim, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else (None, self._scan)
         if scan and scan_sha1(scan) != now.scan_sha1:
             raise BadEvidence("a scan that the s-node has not chained")
         if not self.memory.begun_ms:
             self.memory = replace(self.memory, begun_ms=t_ms)
-        return self._step(step, t_ms, now, scan, claims)
+        return self._step(step, t_ms, now, scan, claim)
 
     def _parsed(self, reading: bytes) -> Reading | None:
         """None for a reading that makes no sense, at which a robot stands still."""
@@ -221,25 +223,28 @@ class MissionController(EvidenceController):
         except MalformedRecord:
             return None
 
-    def _step(self, step: int, t_ms: int, now: Reading, scan: bytes, claims: tuple[Claim, ...]) -> list[Output]:
-        seen = self._experience(t_ms, now, scan)
+    def _step(self, step: int, t_ms: int, now: Reading, scan: bytes, claim: Claim | None) -> list[Output]:
+        belief = self._belief(now)
+        seen = self._experience(t_ms, belief, now, scan)
+        self.memory = replace(self.memory, belief=belief, odometry=now.pose)
         if self._waits(seen):
             return [self._drive(t_ms, Drive())]
-        walk, outcome = self.walk(seen, claims)
+        walk, outcome = self.walk(seen, claim)
         if outcome.fix is not None:
-            self.memory = replace(self.memory, origin=_origin(outcome.fix, now))
-        pose = _placed(self.memory.origin, now)
+            belief = fixed(self.missions.config, belief, outcome.fix)
+            self.memory = replace(self.memory, belief=belief)
         own_s = 0 if walk.at is None else self.given.mission.nodes[walk.at].timeout_s
         timeout_s = own_s or self.missions.config.timeout_s
+        pose = belief.pose
         leg, command = drive(self.memory.leg, outcome.order, walk.at, pose, now, self._sectors, seen.t_s, timeout_s)
         said = self.memory.said + (outcome.decoded.sends if outcome.decoded else ())
         self.memory = replace(self.memory, leg=leg, blocked=command.blocked, said=said[-SAID_MAX:], walk=walk)
         return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
 
-    def walk(self, seen: Experience, claims: tuple[Claim, ...]) -> tuple[State, Outcome]:
+    def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
         """The walk after a step, and its outcome: what was claimed, or where nobody audits, what was searched."""
         if self.missions.audited:
-            return self.walker.advance(self.memory.walk, seen, claims)
+            return self.walker.advance(self.memory.walk, seen, claim)
         return self.walker.step(self.memory.walk, seen)
 
     def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
@@ -249,8 +254,12 @@ class MissionController(EvidenceController):
     def _waits(self, seen: Experience) -> bool:
         return seen.t_s < self.given.begin_s + self.given.wait_s
 
-    def _experience(self, t_ms: int, now: Reading, scan: bytes) -> Experience:
-        pose = _placed(self.memory.origin, now)
+    def _belief(self, now: Reading) -> Belief:
+        """Where the robot believes to be, now that its wheels have said this."""
+        return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose)
+
+    def _experience(self, t_ms: int, belief: Belief, now: Reading, scan: bytes) -> Experience:
+        pose = belief.pose
         landmarks = (self.landmarks(scan, pose) if scan else ()) + self.senses.codes(pose)
         begun_ms = self.memory.begun_ms or t_ms
         return Experience(
@@ -261,6 +270,7 @@ class MissionController(EvidenceController):
             actions=self.given.pool,
             messages=self.senses.messages,
             blocked=self.memory.blocked,
+            spread=belief.doubt,
         )
 
     def _drive(self, t_ms: int, command: Drive) -> Act:
@@ -288,17 +298,21 @@ class MissionController(EvidenceController):
         m, leg = self.memory, self.memory.leg
         around = (*leg.stop, *leg.base, leg.seen_s, leg.waited_s, packed(leg.cells))
         carried = (leg.passed, leg.best_m, leg.best_s, leg.turning, *around, m.blocked)
-        head = MISSION_MEMORY.form.pack(m.begun_ms, *m.origin, *leg.key, *carried, len(m.said), len(leg.trail))
+        placed = (m.begun_ms, *m.belief.numbers, *m.odometry)
+        head = MISSION_MEMORY.form.pack(*placed, *leg.key, *carried, len(m.said), len(leg.trail))
         trail = b"".join(CRUMB.form.pack(*crumb) for crumb in leg.trail)
         return head + b"".join(m.said) + trail + encode_state(self.given.mission, m.walk)
 
     def decode(self, encoding: bytes) -> None:
         """It remembers what this checkpoint says; its keys are not in there. Raises: MalformedMission."""
         reader = Reader(encoding)
-        begun_ms, x_m, y_m, heading_rad, kind, target, begin, *rest = reader.unpack(MISSION_MEMORY)
+        begun_ms, *numbers = reader.unpack(MISSION_MEMORY)
+        belief, odometry = of_numbers(numbers[:NUMBERS]), tuple(numbers[NUMBERS : NUMBERS + 3])
+        kind, target, begin, *rest = numbers[NUMBERS + 3 :]
         passed, best_m, best_s, turning, *around, blocked, said, crumbs = rest
-        placed = all(abs(value) < _MOST for value in (x_m, y_m, heading_rad))
-        if not (placed and max(abs(best_s), abs(around[4]), abs(around[5])) < LONGEST_S and abs(best_m) <= math.inf):
+        placed = belief is not None and all(abs(value) < _MOST for value in (*belief.pose, *odometry))
+        timed = max(abs(best_s), abs(around[4]), abs(around[5])) < LONGEST_S
+        if belief is None or not (placed and timed and abs(best_m) <= math.inf):
             raise MalformedMission("a robot that is nowhere")
         if kind not in range(-1, len(Kind)) or max(passed, blocked) > 1 or abs(turning) > 2:
             raise MalformedMission("an instruction that cannot be")
@@ -312,7 +326,7 @@ class MissionController(EvidenceController):
         walk = parse_state(self.given.mission, reader)
         reader.end()
         before = self.memory
-        self.memory = Memory((x_m, y_m, heading_rad), begun_ms, leg, bool(blocked), messages, walk)
+        self.memory = Memory(belief, odometry, begun_ms, leg, bool(blocked), messages, walk)
         if self.encode() != encoding:
             self.memory = before
             raise MalformedMission("a state has one spelling")
@@ -330,15 +344,4 @@ def _placed(origin: Pose, now: Reading) -> Pose:
         origin[0] + (cosine * now.x_m - sine * now.y_m),
         origin[1] + (sine * now.x_m + cosine * now.y_m),
         wrap(origin[2] + now.heading_rad),
-    )
-
-
-def _origin(fix: Fix, now: Reading) -> Pose:
-    """Where odometry's frame must lie for the robot to be where the fix says."""
-    heading = wrap(fix.heading_rad - now.heading_rad)
-    sine, cosine = sin_cos(heading)
-    return (
-        fix.x_m - (cosine * now.x_m - sine * now.y_m),
-        fix.y_m - (sine * now.x_m + cosine * now.y_m),
-        heading,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-from phalanx.mission.landmarks.angles import atan2, sin_cos
+from phalanx.mission.angles import atan2, sin_cos
 
 from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, free_way, look
 

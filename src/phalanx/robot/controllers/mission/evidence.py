@@ -18,8 +18,6 @@ from phalanx.mission.walk.found import Claim, parse_claim
 from phalanx.robot.controllers.python_controller import Controller, Output
 from phalanx.wire.table import KEPT, KEPT_CLAIM
 
-CLAIMS_MAX = 2
-
 
 class BadEvidence(PeerError):
     """Not evidence, or not of the reading whose hash was chained."""
@@ -49,25 +47,24 @@ class EvidenceController(Controller):
         return self.on_evidence(step, t_ms, reading, b"")
 
 
-def pack_evidence(claims: tuple[Claim, ...], scan: bytes) -> bytes:
-    """The record `kept`: the claims, then the scan, u16 a beam, as zlib's of its differences.
+def pack_evidence(claim: Claim | None, scan: bytes) -> bytes:
+    """The record `kept`: the claim, then the scan, u16 a beam, as zlib's of its differences.
 
     Args:
-        claims: none where only the scan is to be seen.
-        scan: b"" where the claims need none.
+        claim: None where only the scan is to be seen.
+        scan: b"" where the claim needs none.
     """
-    encoded = [claim.encode() for claim in claims]
-    claimed = b"".join(KEPT_CLAIM.encode(claim=each) for each in encoded)
+    claimed = KEPT_CLAIM.encode(claim=claim.encode()) if claim else b""
     packed = b""
     if scan:
         steps = np.diff(np.frombuffer(scan, "<u2"), prepend=np.uint16(0)).astype("<u2")
         # High bytes first, then low ones: the high ones are nearly all alike.
         packed = zlib.compress((steps >> 8).astype(np.uint8).tobytes() + (steps & 255).astype(np.uint8).tobytes())
-    return KEPT.encode(claims=len(claims), shown=claimed + packed)
+    return KEPT.encode(claims=int(claim is not None), shown=claimed + packed)
 
 
-def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:
-    """(claims, scan) of what another robot's log holds.
+def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
+    """(claim, scan) of what another robot's log holds.
 
     Args:
         beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
@@ -75,10 +72,10 @@ def unpack_evidence(raw: bytes, beams: int) -> tuple[tuple[Claim, ...], bytes]:
     """
     reader = Reader(raw)
     count = reader.number(KEPT)
-    if count > CLAIMS_MAX:
+    if count > 1:
         raise BadEvidence(f"{count} claims at once")
-    claims = tuple(parse_claim(reader.behind(KEPT_CLAIM)) for _ in range(count))
-    return claims, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
+    claim = parse_claim(reader.behind(KEPT_CLAIM)) if count else None
+    return claim, _unpack_scan(reader.take(reader.left), beams) if reader.left else b""
 
 
 def _unpack_scan(packed: bytes, beams: int) -> bytes:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from phalanx.mission.landmarks.angles import sin_cos
+from phalanx.mission.angles import sin_cos
 from phalanx.mission.walk.outcome import Kind, Order
 
 from .course import MARGIN_M, NO_STOP, SPEED_MPS, Stop, steer

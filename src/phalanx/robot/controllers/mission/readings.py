@@ -45,6 +45,11 @@ class Reading:
     scan_sha1: bytes
     clear: NDArray[np.uint8]  # (sectors,) uint8, see the table
 
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """x, y, heading by odometry, its own frame."""
+        return self.x_m, self.y_m, self.heading_rad
+
 
 def scan_sha1(raw: bytes) -> bytes:
     """What a reading says of its scan. Source: docs/spec/mission.md (Under audit)."""

@@ -1,0 +1,60 @@
+"""How far each landmark of a mission is from the next thing that a robot might take for it.
+
+A robot holds hashes and no map: that there is a second pillar half a metre on, it cannot know. Whoever compiles the
+mission knows the building, and says of each landmark how far it stands alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from phalanx.mission.graph import Mission, Node
+from phalanx.mission.landmarks import FloorPlan, look_alikes_of
+from phalanx.mission.observable import HALF_TURN_TYPES, Landmark, Observable, number_or_nan
+
+# Orientations that differ by less may be taken for one another: two bins of headings.
+ALIKE_RAD = math.radians(30)
+# What is nearer is the same thing, drawn twice.
+SAME_M = 0.1
+
+
+def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
+    """The mission in a building that is known."""
+    return told_apart(mission, look_alikes_of(plan))
+
+
+def told_apart(mission: Mission, look_alikes: Iterable[Landmark] = ()) -> Mission:
+    """The mission whose landmarks say how far it is to the next thing that looks the same.
+
+    Args:
+        look_alikes: what else there is to be seen in the building; without them the mission's own landmarks count.
+    """
+    own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
+    others: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}
+    for each in (*own, *look_alikes):
+        row = (each.x_m, each.y_m, number_or_nan(each.orientation_rad))
+        others.setdefault((each.type, each.text), []).append(row)
+    tables = {kind: np.array(rows, np.float64) for kind, rows in others.items()}
+
+    def seen(thing: Observable) -> Observable:
+        if not isinstance(thing, Landmark):
+            return thing
+        return replace(thing, apart_m=min(thing.apart_m, _apart_m(thing, tables[thing.type, thing.text])))
+
+    def of(node: Node) -> Node:
+        return replace(node, see=tuple(tuple(seen(thing) for thing in alias) for alias in node.see))
+
+    return replace(mission, nodes=tuple(of(node) for node in mission.nodes))
+
+
+def _apart_m(landmark: Landmark, rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> float:
+    away = np.hypot(rows[:, 0] - landmark.x_m, rows[:, 1] - landmark.y_m)
+    turn = rows[:, 2] - number_or_nan(landmark.orientation_rad)
+    full = math.pi if landmark.type in HALF_TURN_TYPES else math.tau
+    turned = np.abs(turn - full * np.round(turn / full)) > ALIKE_RAD  # not so where one has no orientation
+    rivals = away[(away > SAME_M) & ~turned]
+    return float(rivals.min()) if len(rivals) else math.inf

@@ -1,0 +1,167 @@
+"""How sure a pose is, and what follows for one landmark: where it may be, whether a match fits, what a match tells.
+
+A pose that is off by (dx, dy, turn) puts a landmark seen at offset (ox, oy) off by (dx - oy turn, dy + ox turn). That
+is linear, so that three numbers and their covariance are all that a robot needs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import kernel
+from phalanx.mission.angles import wrap
+
+Floats = NDArray[np.float64]
+
+
+class Sight(NamedTuple):
+    """How exactly a landmark is seen and drawn in the map; standard deviations."""
+
+    place_m: float  # of its place, near by
+    per_m: float  # and so much more for every metre that it is away
+    turn_rad: float  # of its orientation
+
+
+class Sighting(NamedTuple):
+    """A landmark as it was seen, and as it truly is; map frame."""
+
+    seen_x_m: float  # as the pose before put it
+    seen_y_m: float
+    x_m: float  # where it is
+    y_m: float
+    turn_rad: float  # from the orientation seen to the true one; NaN without one
+
+
+def pose_spread(spread: tuple[float, ...]) -> Floats:
+    """(3, 3) covariance of x, y and heading from its upper triangle, row by row."""
+    xx, xy, xt, yy, yt, tt = spread
+    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]], np.float64)
+
+
+@kernel
+def not_surer(spread: Floats, place_m: float, turn_rad: float) -> Floats:
+    """The spread, nowhere smaller than a map allows: the same landmark seen twice errs twice the same way."""
+    sure = spread.copy()
+    for i in range(2):
+        sure[i, i] = max(sure[i, i], place_m * place_m)
+    sure[2, 2] = max(sure[2, 2], turn_rad * turn_rad)
+    return sure
+
+
+@kernel
+def _doubt(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
+    """(xx, xy, yy) of the covariance of where a landmark is that is seen at an offset."""
+    away = math.sqrt(ox * ox + oy * oy)
+    own = (sight.place_m + sight.per_m * away) * (sight.place_m + sight.per_m * away)
+    xt, yt, tt = spread[0, 2], spread[1, 2], spread[2, 2]
+    xx = spread[0, 0] - 2.0 * oy * xt + oy * oy * tt + own
+    yy = spread[1, 1] + 2.0 * ox * yt + ox * ox * tt + own
+    xy = spread[0, 1] + ox * xt - oy * yt - ox * oy * tt
+    return xx, xy, yy
+
+
+@kernel
+def doubt_of(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
+    """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
+
+    Args:
+        spread: (3, 3) covariance of x, y in metres and the heading in radians.
+        ox, oy: from the robot to the landmark, map frame.
+    """
+    xx, xy, yy = _doubt(spread, ox, oy, sight)
+    half = 0.5 * (xx - yy)
+    most = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
+    return math.sqrt(xx), math.sqrt(yy), math.sqrt(most)
+
+
+@kernel
+def _gain(spread: Floats, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[Floats, Floats, Floats]:
+    """(H, S inverted, P H^T) for a landmark at an offset; without an orientation its row says nothing."""
+    h = np.zeros((3, 3))
+    h[0, 0], h[1, 1], h[0, 2], h[1, 2] = 1.0, 1.0, -oy, ox
+    if oriented:
+        h[2, 2] = 1.0
+    ph = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            ph[i, j] = spread[i, 0] * h[j, 0] + spread[i, 1] * h[j, 1] + spread[i, 2] * h[j, 2]
+    s = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            s[i, j] = h[i, 0] * ph[0, j] + h[i, 1] * ph[1, j] + h[i, 2] * ph[2, j]
+    away = math.sqrt(ox * ox + oy * oy)
+    own = (sight.place_m + sight.per_m * away) * (sight.place_m + sight.per_m * away)
+    s[0, 0] += own
+    s[1, 1] += own
+    s[2, 2] += sight.turn_rad * sight.turn_rad
+    return h, inverse(s), ph
+
+
+@kernel
+def inverse(s: Floats) -> Floats:
+    """Of a symmetric, positive (3, 3)."""
+    a = s[1, 1] * s[2, 2] - s[1, 2] * s[1, 2]
+    b = s[0, 2] * s[1, 2] - s[0, 1] * s[2, 2]
+    c = s[0, 1] * s[1, 2] - s[0, 2] * s[1, 1]
+    det = s[0, 0] * a + s[0, 1] * b + s[0, 2] * c
+    out = np.empty((3, 3))
+    out[0, 0], out[0, 1], out[0, 2] = a / det, b / det, c / det
+    out[1, 0], out[1, 1] = b / det, (s[0, 0] * s[2, 2] - s[0, 2] * s[0, 2]) / det
+    out[1, 2] = (s[0, 1] * s[0, 2] - s[0, 0] * s[1, 2]) / det
+    out[2, 0], out[2, 1] = c / det, out[1, 2]
+    out[2, 2] = (s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]) / det
+    return out
+
+
+@kernel
+def misfit(spread: Floats, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
+    """How badly a match fits: the square of its Mahalanobis distance, of 3 degrees of freedom, of 2 if not oriented."""
+    oriented = not np.isnan(sighting.turn_rad)
+    ox, oy = sighting.seen_x_m - x_m, sighting.seen_y_m - y_m
+    _, s, _ = _gain(spread, ox, oy, sight, oriented)
+    v0, v1 = sighting.x_m - sighting.seen_x_m, sighting.y_m - sighting.seen_y_m
+    v2 = sighting.turn_rad if oriented else 0.0
+    across = v0 * (s[0, 1] * v1 + s[0, 2] * v2) + v1 * s[1, 2] * v2
+    square: float = s[0, 0] * v0 * v0 + s[1, 1] * v1 * v1 + s[2, 2] * v2 * v2 + 2.0 * across
+    return square
+
+
+@kernel
+def corrected(mean: Floats, spread: Floats, sighting: Sighting, sight: Sight) -> tuple[Floats, Floats]:
+    """(mean, spread) after a match; of a pose, or of a pose and more that is correlated with it.
+
+    Args:
+        mean: (n,) x, y, heading and whatever else, n of 3 or more.
+        spread: (n, n) its covariance.
+        sighting: as `mean` puts what was seen.
+    """
+    n = len(mean)
+    oriented = not np.isnan(sighting.turn_rad)
+    ox, oy = sighting.seen_x_m - mean[0], sighting.seen_y_m - mean[1]
+    h, s, _ = _gain(spread, ox, oy, sight, oriented)
+    v = np.zeros(3)
+    v[0], v[1] = sighting.x_m - sighting.seen_x_m, sighting.y_m - sighting.seen_y_m
+    if oriented:
+        v[2] = sighting.turn_rad
+    ph, gain = np.zeros((n, 3)), np.zeros((n, 3))
+    for i in range(n):
+        for j in range(3):
+            ph[i, j] = spread[i, 0] * h[j, 0] + spread[i, 1] * h[j, 1] + spread[i, 2] * h[j, 2]
+    for i in range(n):
+        for j in range(3):
+            gain[i, j] = ph[i, 0] * s[0, j] + ph[i, 1] * s[1, j] + ph[i, 2] * s[2, j]
+    after, sure = mean.copy(), spread.copy()
+    for i in range(n):
+        after[i] += gain[i, 0] * v[0] + gain[i, 1] * v[1] + gain[i, 2] * v[2]
+        for j in range(n):
+            sure[i, j] -= gain[i, 0] * ph[j, 0] + gain[i, 1] * ph[j, 1] + gain[i, 2] * ph[j, 2]
+    after[2] = wrap(after[2])
+    for i in range(n):
+        for j in range(i):
+            both = 0.5 * (sure[i, j] + sure[j, i])
+            sure[i, j], sure[j, i] = both, both
+    return after, sure
