@@ -22,6 +22,8 @@ from .spread import Floats, Sight, Sighting, corrected, not_surer
 X, Y, HEADING, WAY, TURN, CURVE = range(6)
 COUNT = 6
 NUMBERS = COUNT + COUNT * (COUNT + 1) // 2
+# Of a turn beside a wall so much may not have happened.
+SLIP = 0.3
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
 
@@ -37,8 +39,14 @@ class Wheels(NamedTuple):
 
 
 @kernel
-def moved(mean: Floats, spread: Floats, way_m: float, turn_rad: float, wheels: Wheels) -> tuple[Floats, Floats]:
-    """(mean, spread) after odometry says: so far, forwards or backwards, and turned by so much."""
+def moved(
+    mean: Floats, spread: Floats, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
+) -> tuple[Floats, Floats]:
+    """(mean, spread) after odometry says: so far, forwards or backwards, and turned by so much.
+
+    Args:
+        touches: the robot is so near to something that its wheels may turn where it cannot.
+    """
     n = len(mean)
     way = way_m * (1.0 + mean[WAY])
     turn = turn_rad * (1.0 + mean[TURN]) + way_m * mean[CURVE]
@@ -71,6 +79,9 @@ def moved(mean: Floats, spread: Floats, way_m: float, turn_rad: float, wheels: W
     sure[HEADING, HEADING] += (
         wheels.turn_noise * wheels.turn_noise * about + wheels.curve_noise * wheels.curve_noise * far
     )
+    if touches:
+        for i, slip in ((X, far), (Y, far), (HEADING, SLIP * about)):
+            sure[i, i] = (math.sqrt(sure[i, i]) + slip) * (math.sqrt(sure[i, i]) + slip)
     return after, sure
 
 
@@ -103,9 +114,9 @@ class Belief:
         """The mean, and the upper triangle of the covariance, row by row: 27 of them, as in a checkpoint."""
         return *self.mean.tolist(), *(float(self.spread[i, j]) for i, j in UPPER)
 
-    def moved(self, way_m: float, turn_rad: float, wheels: Wheels) -> Belief:
-        """After odometry says so."""
-        return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), wheels))
+    def moved(self, way_m: float, turn_rad: float, wheels: Wheels, *, touches: bool = False) -> Belief:
+        """After odometry says so; `touches` as above."""
+        return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), touches, wheels))
 
     def corrected(self, sightings: tuple[Sighting, ...], sight: Sight, floor: tuple[float, float]) -> Belief:
         """After landmarks were recognised, one after the other: each as the pose after those before puts it.

@@ -73,11 +73,16 @@ def begun_at(config: MissionConfig, pose: Pose) -> Belief:
     return begun(pose, *floor_of(config), wheels_of(config))
 
 
-def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose) -> Belief:
-    """The belief after odometry, in a frame of its own, came from one pose to another."""
+def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose, *, touches: bool = False) -> Belief:
+    """The belief after odometry, in a frame of its own, came from one pose to another.
+
+    Args:
+        touches: the robot is so near to something that its wheels may turn where it cannot.
+    """
     turn = wrap(after[2] - before[2])
     sine, cosine = sin_cos(before[2] + 0.5 * turn)
-    return belief.moved(cosine * (after[0] - before[0]) + sine * (after[1] - before[1]), turn, wheels_of(config))
+    way = cosine * (after[0] - before[0]) + sine * (after[1] - before[1])
+    return belief.moved(way, turn, wheels_of(config), touches=touches)
 
 
 def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:

@@ -46,13 +46,15 @@ from phalanx.wire.table import (
 
 from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
 from .pilot import TRAIL_MAX, Drive, Leg, drive
-from .readings import Reading, Sensors, scan_sha1
+from .readings import CLEAR_STEP_M, Reading, Sensors, scan_sha1
 from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
 MILLI = 1000
 # Landmarks farther off are left alone: what a robot decodes it must be able to reach.
 SEE_M = 10.0
+# A robot of 0.175 m that sees something nearer than this may stand against it.
+TOUCHES_M = 0.22
 ACTION_MAX_BYTES = 1024  # an a-node takes no command of more than 2048
 # A fix from a landmark seen again is worth a kilobyte of evidence after so much way, or so much of a turn.
 AGAIN_M, AGAIN_RAD = 1.0, 0.5
@@ -256,7 +258,8 @@ class MissionController(EvidenceController):
 
     def _belief(self, now: Reading) -> Belief:
         """Where the robot believes to be, now that its wheels have said this."""
-        return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose)
+        touches = int(now.clear.min()) * CLEAR_STEP_M < TOUCHES_M
+        return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose, touches=touches)
 
     def _experience(self, t_ms: int, belief: Belief, now: Reading, scan: bytes) -> Experience:
         pose = belief.pose
