@@ -8,7 +8,7 @@ import numpy as np
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import extract
-from phalanx.sim.building.lidar import Lidar
+from phalanx.mission.landmarks.lidar import Lidar
 
 NOBODY = np.zeros((0, 3))
 # 6 x 4 m, a doorway of 1.4 m in the wall x = 6, something far behind it.

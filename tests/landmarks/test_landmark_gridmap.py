@@ -17,7 +17,7 @@ from phalanx.errors import UsageError
 from phalanx.mission.landmarks import extract, floorplan_of_map, landmarks_of
 from phalanx.mission.landmarks.gridmap import read_pgm
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.building.lidar import Lidar
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.walkers import free_place
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"

@@ -19,7 +19,7 @@ from phalanx.mission.landmarks.scan import beam_table
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.sim.building.lidar import Lidar
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise
 from phalanx.sim.building.walkers import free_place
 

@@ -14,7 +14,7 @@ import pytest
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import extract
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.lidar import Lidar
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.walkers import Walkers, free_place
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"

@@ -16,7 +16,7 @@ from phalanx.robot.attacks.missions.cheat import CheatPlan, DriveDark, MissionCh
 from phalanx.robot.controllers.mission.controller import Assignment, Missions
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.lidar import Lidar
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.body import Building, MissionBody
 from phalanx.sim.missions.report import figures

@@ -25,11 +25,11 @@ from phalanx.experiments.plot import banded, draw_walls
 from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
-from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
 
 if TYPE_CHECKING:

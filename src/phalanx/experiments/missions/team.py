@@ -18,13 +18,13 @@ from phalanx.config.defence import Defence
 from phalanx.config.mission import CodingConfig
 from phalanx.mission import Action, BuildOptions, Built, Draft, Landmark, Mission, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.keyring import Keyring
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.missions.cheat import CheatPlan, MissionCheat
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.mission.surroundings import Pose
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.missions.orders import start_of
 from phalanx.sim.missions.setup import MissionRun, Part
 from phalanx.sim.missions.world import MissionWorld

@@ -13,10 +13,11 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
-from phalanx.mission.landmarks.sites import Site, landmarks_of
+from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Position
 
-from .apart import apart_in
+from .apart import told_apart
+from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
 WAY_LIMIT_M = 16.0
@@ -48,7 +49,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     begun_at(plan, plan.start)
-    sites = [site for site in landmarks_of(plan) if site.type in SHORT]
+    sites, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT])
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
     x0, y0, x1, y1 = plan.bounds
@@ -76,7 +77,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     for source, target in sorted(pairs):
         if source in reached:
             draft.way(source, target, both=True)
-    return apart_in(plan, draft.mission())
+    return told_apart(draft.mission(), (*look_alikes_of(plan), *beside))
 
 
 def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:

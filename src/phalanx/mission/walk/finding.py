@@ -13,10 +13,22 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
 from phalanx.mission.observable import Experience
+from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .claims import Unshown, shows, unlock
-from .fix import Fix, agreement, allowed_m, explains, fix_from, has_rival, is_alone
+from .fix import (
+    Fix,
+    agreeing,
+    allowed_m,
+    explains,
+    fits,
+    fix_from,
+    has_rival,
+    is_alone,
+    known_in,
+    sighting,
+)
 from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .keyring import Keyring
@@ -184,12 +196,17 @@ class Finder:
         observed, truth = found.seen, opened.landmark
         if observed is None or truth is None:
             return opened, None, Reason.NO_MATCH
-        fix = fix_from(self.config, seen, [(observed, truth)])
-        if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+        match = sighting(observed, truth, observed.x_m, observed.y_m)
+        if not fits(self.config, pose_spread(seen.spread), seen.x_m, seen.y_m, match):
             return None, None, Reason.DRIFT
         if not is_alone(self.config, seen, observed, truth) or has_rival(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
-        agree, broken = agreement(self.config, seen, fix, observed, state.known)
-        if broken > agree:
+        # What is known and in sight has its say.
+        known = [pair for pair in known_in(self.config, seen, state.known) if pair[0] is not observed]
+        matches = agreeing(self.config, seen, [(observed, truth), *known])
+        if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED
+        fix = fix_from(self.config, seen, matches)
+        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+            return None, None, Reason.DRIFT
         return opened, fix, Reason.NO_MATCH

@@ -20,10 +20,13 @@ from phalanx.mission.pose.belief import Belief, Wheels, begun
 from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
 Pose = tuple[float, float, float]
+Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
 # The square of a Mahalanobis distance that one match in a thousand exceeds, by degrees of freedom.
 MISFIT_2, MISFIT_3 = 13.8, 16.3
+# And that one in twenty does: so well several matches have to fit one pose.
+ALIKE_2, ALIKE_3 = 6.0, 7.8
 # Of all that is seen again so many landmarks, the nearest, say as much as all.
-AGAIN_MOST = 4
+AGAIN_MOST = 6
 # A pose whose doubt has grown by so much since it was as sure as it gets is worth a correction.
 GROWN = 1.5
 
@@ -38,10 +41,6 @@ class Fix:
     moved_m: float  # between the estimate and the fix: the drift since the last one
     turned_rad: float
     sightings: tuple[Sighting, ...]  # what it follows from; each as the pose after those before puts it
-
-    def apply(self, seen: Experience, landmark: Landmark) -> tuple[float, float]:
-        """Where a landmark of the same scan lies, seen from the corrected pose."""
-        return _replaced(seen, landmark, (self.x_m, self.y_m, self.heading_rad))
 
 
 @cache
@@ -157,22 +156,47 @@ def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth
     return False
 
 
-def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[tuple[Landmark, Landmark]]) -> Fix | None:
-    """The pose that matches (observed, truth) tell, taken one after the other; None where none fits."""
-    mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
-    used = []
-    for observed, truth in matches:
-        x, y = _replaced(seen, observed, (float(mean[0]), float(mean[1]), float(mean[2])))
-        match = sighting(observed, truth, x, y, wrap_rad(float(mean[2]) - seen.heading_rad))
-        if fits(config, spread, float(mean[0]), float(mean[1]), match):
-            used.append(match)
-            mean, spread = corrected(mean, spread, match, sight_of(config))
-            spread = not_surer(spread, *floor_of(config))
-    if not used:
-        return None
+def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
+    """Those of the matches that one pose explains; none of them unless most do.
+
+    What does not fit the rest is left out, the worst first: a corner drawn elsewhere, a thing taken for another.
+    """
+    kept = list(matches)
+    while kept:
+        mean, spread, _ = _told_by(config, seen, kept)
+        at = (float(mean[0]), float(mean[1]), float(mean[2]))
+        apart = []
+        for observed, truth in kept:
+            match = sighting(observed, truth, *_replaced(seen, observed, at), wrap_rad(at[2] - seen.heading_rad))
+            limit = ALIKE_2 if math.isnan(match.turn_rad) else ALIKE_3
+            apart.append(misfit(spread, at[0], at[1], match, sight_of(config)) / limit)
+        if len(kept) == 1 or max(apart) <= 1.0:
+            break
+        kept.pop(apart.index(max(apart)))
+    return kept if 2 * len(kept) > len(matches) else []
+
+
+def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:
+    """The pose that matches tell, taken one after the other."""
+    mean, _, sightings = _told_by(config, seen, matches)
     x, y, heading = mean.tolist()
     moved_m = math.sqrt((x - seen.x_m) ** 2 + (y - seen.y_m) ** 2)
-    return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(used))
+    return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
+
+
+def _told_by(
+    config: MissionConfig, seen: Experience, matches: Sequence[Match]
+) -> tuple[Floats, Floats, list[Sighting]]:
+    """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
+    mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
+    sightings = []
+    for observed, truth in matches:
+        at = (float(mean[0]), float(mean[1]), float(mean[2]))
+        match = sighting(observed, truth, *_replaced(seen, observed, at), wrap_rad(at[2] - seen.heading_rad))
+        sightings.append(match)
+        mean, spread = corrected(mean, spread, match, sight_of(config))
+        spread = not_surer(spread, *floor_of(config))
+    return mean, spread, sightings
 
 
 def _replaced(seen: Experience, landmark: Landmark, pose: Pose) -> tuple[float, float]:
@@ -205,21 +229,6 @@ def explains(config: MissionConfig, seen: Experience, known: Iterable[Landmark],
     )
 
 
-def agreement(
-    config: MissionConfig, seen: Experience, fix: Fix, used: Landmark, known: tuple[Landmark, ...]
-) -> tuple[int, int]:
-    """(landmarks that agree with a fix, landmarks that agreed before and would not any more)."""
-    agree = broken = 0
-    for landmark in seen.landmarks:
-        if landmark is used:
-            continue
-        if _near(known, landmark, *fix.apply(seen, landmark), config.agree_m):
-            agree += 1
-        elif _near(known, landmark, landmark.x_m, landmark.y_m, config.agree_m):
-            broken += 1
-    return agree, broken
-
-
 def is_sure(config: MissionConfig, seen: Experience) -> bool:
     """Whether the pose is about as sure as one gets, and a correction would say nothing."""
     (xx, _, _, yy, _, tt), (place_m, turn_rad) = seen.spread, floor_of(config)
@@ -227,10 +236,8 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
     return max(xx, yy) <= most * place_m * place_m and tt <= most * turn_rad * turn_rad
 
 
-def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, ...]) -> Fix | None:
-    """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
-    if is_sure(config, seen):
-        return None
+def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> list[Match]:
+    """The nearest landmarks in sight that are known ones, beyond doubt."""
     spread, matches = pose_spread(seen.spread), []
     for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
         # Two known things that may be this one say nothing.
@@ -245,4 +252,12 @@ def seen_again(config: MissionConfig, seen: Experience, known: tuple[Landmark, .
             matches.append((landmark, fitting[0]))
         if len(matches) == AGAIN_MOST:
             break
-    return fix_from(config, seen, matches)
+    return matches
+
+
+def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> Fix | None:
+    """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
+    if is_sure(config, seen):
+        return None
+    matches = agreeing(config, seen, known_in(config, seen, known))
+    return fix_from(config, seen, matches) if matches else None

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Landmark
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.robot.controllers.mission.controller import Senses
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.diffdrive import DiffDrive
-from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
 from phalanx.sim.building.walkers import Walkers
 from phalanx.wire.table import DRIVE, KIND_ACTION, KIND_DRIVE

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
-from phalanx.mission.landmarks.scan import LaserScan, beam_table
 
 from .raycast import Beams, cast
+from .scan import LaserScan, beam_table
 
 _NOBODY = np.zeros((0, 3))
 

@@ -1,0 +1,107 @@
+"""Which landmarks of a floor plan a lidar truly shows, and where: what no robot would find is not worth a node.
+
+A map's corner may be a step of its grid, hide behind a cupboard, or lie a hand's breadth from where a scan puts it. So
+each landmark is looked at from places around it, with the lidar and the extraction that robots have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
+from phalanx.mission.landmarks import FloorPlan, Site, extract
+from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.mission.observable import HALF_TURN_TYPES, Landmark
+
+# A landmark is looked at from places so far away, in so many directions, and from no more than so many of them.
+AWAY_M = (0.8, 1.5, 2.5, 4.0, 6.0)
+DIRECTIONS, LOOKS = 12, 24
+ROOM_M = 0.3  # that a robot needs around such a place
+# So far from where the map has it, and so much turned, it is still itself.
+NEAR_M, TURNED_RAD = 0.25, math.radians(10)
+# Seen from so many of those places, and within so much of its middle place from half of them, it is a landmark.
+SEEN_SHARE, STEADY_M = 0.4, 0.05
+# The lidar's own noise is the robot's to bear.
+_CLEAR = LidarConfig(noise_m=0.0, drop_out=0.0)
+Pose = tuple[float, float, float]
+
+
+def sighted(
+    plan: FloorPlan, sites: Sequence[Site], config: ExtractionConfig | None = None
+) -> tuple[list[Site], list[Landmark]]:
+    """(sites that are seen, where they are seen; all that was seen beside them).
+
+    Codes are left as they are: a lidar does not show them.
+    """
+    lidar, chance = Lidar(plan.walls, _CLEAR), np.random.default_rng(0)
+    kept, beside = [], []
+    for site in sites:
+        if site.type == "qr":
+            kept.append(site)
+            continue
+        looks = [extract(lidar.sweep(pose, chance), config).landmarks(*pose) for pose in _places(plan, site)]
+        aliases = [_as_seen(alias, looks) for alias in site.aliases]
+        seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
+        found = tuple(alias for alias in aliases if alias is not None)
+        if found and seen >= SEEN_SHARE * len(looks):
+            kept.append(replace(site, aliases=found))
+        beside += [found for look in looks for found in look if not any(_is(found, alias) for alias in site.aliases)]
+    return kept, beside
+
+
+def _places(plan: FloorPlan, site: Site) -> list[Pose]:
+    """Where robots may stand that see a landmark, looking at it."""
+    x, y = site.place_m
+    poses = []
+    for away, k in ((away, k) for away in AWAY_M for k in range(DIRECTIONS)):
+        turn = math.tau * k / DIRECTIONS
+        eye = x + away * math.cos(turn), y + away * math.sin(turn)
+        if plan.clearance_m(*eye) >= ROOM_M and plan.inside(*eye) and plan.sees(eye, _before(eye, (x, y))):
+            poses.append((*eye, turn - math.pi))
+    return [poses[i] for i in np.unique(np.linspace(0, len(poses) - 1, min(LOOKS, len(poses))).astype(int))]
+
+
+def _before(eye: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
+    """A place a little before a landmark, which lies in a wall."""
+    away = math.dist(eye, place)
+    share = max(0.0, 1.0 - 0.1 / away)
+    return eye[0] + share * (place[0] - eye[0]), eye[1] + share * (place[1] - eye[1])
+
+
+def _is(found: Landmark, truth: Landmark) -> bool:
+    if found.type != truth.type or math.hypot(found.x_m - truth.x_m, found.y_m - truth.y_m) > NEAR_M:
+        return False
+    if found.orientation_rad is None or truth.orientation_rad is None:
+        return True
+    full = math.pi if truth.type in HALF_TURN_TYPES else math.tau
+    return abs(math.remainder(found.orientation_rad - truth.orientation_rad, full)) <= TURNED_RAD
+
+
+def _as_seen(alias: Landmark, looks: Sequence[Sequence[Landmark]]) -> Landmark | None:
+    """The alias where most looks show it; None where they do not agree, or none does."""
+    places = np.array([_nearest(alias, look) for look in looks if any(_is(found, alias) for found in look)])
+    if not len(places):
+        return None
+    middle = np.median(places, axis=0)
+    away = np.hypot(*(places[:, :2] - middle[:2]).T)
+    if np.median(away) > STEADY_M:
+        return None
+    turn = None if alias.orientation_rad is None else alias.orientation_rad + float(middle[2])
+    return replace(alias, x_m=float(middle[0]), y_m=float(middle[1]), orientation_rad=turn)
+
+
+def _nearest(alias: Landmark, look: Sequence[Landmark]) -> tuple[float, float, float]:
+    """(x, y, turn from the alias's orientation) of what is nearest to it among those that are it."""
+
+    def rows() -> Iterator[tuple[float, float, float, float]]:
+        full = math.pi if alias.type in HALF_TURN_TYPES else math.tau
+        for found in look:
+            if _is(found, alias):
+                turn = math.remainder((found.orientation_rad or 0.0) - (alias.orientation_rad or 0.0), full)
+                yield math.hypot(found.x_m - alias.x_m, found.y_m - alias.y_m), found.x_m, found.y_m, turn
+
+    return min(rows())[1:]
