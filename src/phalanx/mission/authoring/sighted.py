@@ -23,6 +23,7 @@ DIRECTIONS, LOOKS = 12, 24
 ROOM_M = 0.3  # that a robot needs around such a place
 # So far from where the map has it, and so much turned, it is still itself.
 NEAR_M, TURNED_RAD = 0.25, math.radians(10)
+OTHER_M = 0.5
 # Seen from so many of those places, and within so much of its middle place from half of them, it is a landmark.
 SEEN_SHARE, STEADY_M = 0.4, 0.05
 # The lidar's own noise is the robot's to bear.
@@ -49,8 +50,30 @@ def sighted(
         found = tuple(alias for alias in aliases if alias is not None)
         if found and seen >= SEEN_SHARE * len(looks):
             kept.append(replace(site, aliases=found))
-        beside += [found for look in looks for found in look if not any(_is(found, alias) for alias in site.aliases)]
+        beside += _beside(site, looks)
     return kept, beside
+
+
+def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:
+    """What else looks show, if two of them show it: a landmark that is seen badly once is no other one."""
+    others = [
+        [
+            found
+            for found in look
+            if all(found.type != alias.type or _away(found, alias) > OTHER_M for alias in site.aliases)
+        ]
+        for look in looks
+    ]
+    return [
+        found
+        for i, look in enumerate(others)
+        for found in look
+        if any(_is(found, other) for before in others[:i] for other in before)
+    ]
+
+
+def _away(one: Landmark, other: Landmark) -> float:
+    return math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
 
 
 def _places(plan: FloorPlan, site: Site) -> list[Pose]:
@@ -73,7 +96,7 @@ def _before(eye: tuple[float, float], place: tuple[float, float]) -> tuple[float
 
 
 def _is(found: Landmark, truth: Landmark) -> bool:
-    if found.type != truth.type or math.hypot(found.x_m - truth.x_m, found.y_m - truth.y_m) > NEAR_M:
+    if found.type != truth.type or _away(found, truth) > NEAR_M:
         return False
     if found.orientation_rad is None or truth.orientation_rad is None:
         return True
@@ -102,6 +125,6 @@ def _nearest(alias: Landmark, look: Sequence[Landmark]) -> tuple[float, float, f
         for found in look:
             if _is(found, alias):
                 turn = math.remainder((found.orientation_rad or 0.0) - (alias.orientation_rad or 0.0), full)
-                yield math.hypot(found.x_m - alias.x_m, found.y_m - alias.y_m), found.x_m, found.y_m, turn
+                yield _away(found, alias), found.x_m, found.y_m, turn
 
     return min(rows())[1:]

@@ -23,7 +23,7 @@ X, Y, HEADING, WAY, TURN, CURVE = range(6)
 COUNT = 6
 NUMBERS = COUNT + COUNT * (COUNT + 1) // 2
 # Of a turn beside a wall so much may not have happened.
-SLIP = 0.3
+SLIP = 0.05
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
 

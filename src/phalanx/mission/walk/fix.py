@@ -25,6 +25,8 @@ Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
 MISFIT_2, MISFIT_3 = 13.8, 16.3
 # And that one in twenty does: so well several matches have to fit one pose.
 ALIKE_2, ALIKE_3 = 6.0, 7.8
+# A robot that may be turned by more than this takes the sides of a thing for one another.
+LOST_RAD = math.radians(45)
 # Of all that is seen again so many landmarks, the nearest, say as much as all.
 AGAIN_MOST = 6
 # A pose whose doubt has grown by so much since it was as sure as it gets is worth a correction.
@@ -139,6 +141,8 @@ def is_alone(config: MissionConfig, seen: Experience, observed: Landmark, truth:
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
     """
+    if config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
+        return False
     away = math.hypot(observed.x_m - truth.x_m, observed.y_m - truth.y_m)
     return away + config.sigmas * doubt_m(config, seen, observed) < truth.apart_m
 
