@@ -65,8 +65,8 @@ class MissionConfig:
     sight_per_m: float = within(0.01, 0.0, 1.0)
     sight_deg: float = within(2.5, 0.01, 90.0)
     # A pose is never surer than so; one that is nearly as sure is left alone
-    sure_m: float = within(0.04, 1e-3, 10.0)
-    sure_deg: float = within(0.7, 0.01, 90.0)
+    sure_m: float = within(0.05, 1e-3, 10.0)
+    sure_deg: float = within(1.0, 0.01, 90.0)
     # How wrong odometry may be: always, of the way, of turns and in degrees per metre; and by chance
     odometry_way: float = within(0.05, 0.0, 1.0)
     odometry_turn: float = within(0.05, 0.0, 1.0)

@@ -99,9 +99,10 @@ class Belief:
         return x, y, heading
 
     @property
-    def doubt(self) -> tuple[float, ...]:
+    def doubt(self) -> tuple[float, float, float, float, float, float]:
         """Covariance of the pose: its upper triangle, row by row; what `Experience` takes."""
-        return tuple(float(self.spread[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+        (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.spread[:3, :3].tolist()
+        return xx, xy, xt, yy, yt, tt
 
     @property
     def drift(self) -> tuple[float, float, float]:

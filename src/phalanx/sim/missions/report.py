@@ -78,9 +78,9 @@ class ObservedController(MissionController):
         """Whether it has stopped for good."""
         return self.memory.walk.phase in (Phase.DONE, Phase.HELD)
 
-    def spread(self) -> Spread | None:
-        """How uncertain it takes its pose to be, or None: it has no idea."""
-        return None
+    def spread(self) -> Spread:
+        """How uncertain it takes its pose to be."""
+        return self.memory.belief.doubt
 
     def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
         """As the robot's."""
