@@ -21,12 +21,13 @@ from .fix import (
     Fix,
     agreeing,
     allowed_m,
+    are_alone,
     explains,
     fits,
     fix_from,
     has_rival,
-    is_alone,
     known_in,
+    pose_doubt_m,
     sighting,
 )
 from .found import Claim, Found
@@ -199,14 +200,16 @@ class Finder:
         match = sighting(observed, truth, observed.x_m, observed.y_m)
         if not fits(self.config, pose_spread(seen.spread), seen.x_m, seen.y_m, match):
             return None, None, Reason.DRIFT
-        if not is_alone(self.config, seen, observed, truth) or has_rival(self.config, seen, observed, truth):
+        if has_rival(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
         # What is known and in sight has its say.
         known = [pair for pair in known_in(self.config, seen, state.known) if pair[0] is not observed]
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED
+        if not are_alone(self.config, seen, matches):
+            return None, None, Reason.AMBIGUOUS
         fix = fix_from(self.config, seen, matches)
-        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, pose_doubt_m(seen)):
             return None, None, Reason.DRIFT
         return opened, fix, Reason.NO_MATCH

@@ -107,9 +107,14 @@ def turn_between(truth: Landmark, observed: Landmark) -> float | None:
     return turn
 
 
-def allowed_m(config: MissionConfig, travelled_m: float) -> float:
-    """How far a robot can have drifted over so many metres since its last fix."""
-    return config.drift_base_m + config.drift_per_m * max(0.0, travelled_m)
+def allowed_m(config: MissionConfig, travelled_m: float, doubt_m: float = 0.0) -> float:
+    """How far a robot can have drifted over so many metres since its last fix, or by what it knows of its doubt."""
+    return max(config.drift_base_m + config.drift_per_m * max(0.0, travelled_m), config.sigmas * doubt_m)
+
+
+def pose_doubt_m(seen: Experience) -> float:
+    """Standard deviation of where the robot is, along the worse axis."""
+    return math.sqrt(max(seen.spread[0], seen.spread[3]))
 
 
 def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
@@ -145,6 +150,11 @@ def is_alone(config: MissionConfig, seen: Experience, observed: Landmark, truth:
         return False
     away = math.hypot(observed.x_m - truth.x_m, observed.y_m - truth.y_m)
     return away + config.sigmas * doubt_m(config, seen, observed) < truth.apart_m
+
+
+def are_alone(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> bool:
+    """Whether nothing else can be meant by matches that agree: for all to be others, each would have to be one."""
+    return any(is_alone(config, seen, observed, truth) for observed, truth in matches)
 
 
 def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
@@ -241,7 +251,7 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
 
 
 def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> list[Match]:
-    """The nearest landmarks in sight that are known ones, beyond doubt."""
+    """The nearest landmarks in sight that may be known ones, each of them one only."""
     spread, matches = pose_spread(seen.spread), []
     for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
         # Two known things that may be this one say nothing.
@@ -250,9 +260,7 @@ def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark])
             for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
             if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
         ]
-        if len(fitting) != 1 or not is_alone(config, seen, landmark, fitting[0]):
-            continue
-        if not has_rival(config, seen, landmark, fitting[0]):
+        if len(fitting) == 1 and not has_rival(config, seen, landmark, fitting[0]):
             matches.append((landmark, fitting[0]))
         if len(matches) == AGAIN_MOST:
             break
@@ -264,4 +272,4 @@ def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark
     if is_sure(config, seen):
         return None
     matches = agreeing(config, seen, known_in(config, seen, known))
-    return fix_from(config, seen, matches) if matches else None
+    return fix_from(config, seen, matches) if are_alone(config, seen, matches) else None

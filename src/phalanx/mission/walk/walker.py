@@ -22,7 +22,7 @@ from phalanx.mission.refused import Altered
 
 from .claims import Unshown
 from .finding import Find, Finder
-from .fix import Fix, allowed_m, distance_m, seen_again
+from .fix import Fix, allowed_m, distance_m, pose_doubt_m, seen_again
 from .found import Claim
 from .gate import StartKey
 from .opening import Opened, OpenWay
@@ -165,15 +165,16 @@ class Walker:
         that slides away, gives one at every step. So all of them since the last decode may not come to more than can
         have drifted since then.
         """
-        fix = seen_again(self.config, seen, state.known)
-        if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m):
+        fix, doubt_m = seen_again(self.config, seen, state.known), pose_doubt_m(seen)
+        if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
             return None
         x, y = self._pulled(state, seen, fix)
         all_m = math.sqrt(x * x + y * y)
         return fix if all_m <= allowed_m(self.config, seen.travelled_m - state.left_at_m) else None
 
-    @staticmethod
-    def _pulled(state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
+    def _pulled(self, state: State, seen: Experience, fix: Fix) -> tuple[float, float]:
+        if pose_doubt_m(seen) > self.config.drift_base_m:
+            return state.pulled_m  # it knew that it was lost
         return state.pulled_m[0] + (fix.x_m - seen.x_m), state.pulled_m[1] + (fix.y_m - seen.y_m)
 
     def _decoded(
