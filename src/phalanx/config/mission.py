@@ -57,6 +57,7 @@ class MissionConfig:
 
     sigmas: float = within(3.5, 1.0, 10.0)  # what is farther from the estimate than so many deviations is not tried
     tolerance_m: float = within(2.0, 0.0, 10.0)  # nor what is farther than this, however unsure the robot is
+    place_m: float = within(0.5, 0.0, 10.0)  # less sure of its own place than this, it is at none
     agree_m: float = within(0.3, 0.0, 10.0)  # what is so near is the same thing
     drift_base_m: float = within(0.25, 0.0, 10.0)  # a fix may move the robot by so much at any time ...
     drift_per_m: float = within(0.1, 0.0, 10.0)  # ... and by so much more for every metre since the last one

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
+from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
 from phalanx.mission.observable import Experience
 from phalanx.mission.pose.spread import pose_spread
@@ -195,6 +196,8 @@ class Finder:
         except Altered:
             return None, None, Reason.ALTERED
         observed, truth = found.seen, opened.landmark
+        if found.claim.shape.place == AT_POSITION and self.config.sigmas * pose_doubt_m(seen) > self.config.place_m:
+            return None, None, Reason.AMBIGUOUS
         if observed is None or truth is None:
             return opened, None, Reason.NO_MATCH
         match = sighting(observed, truth, observed.x_m, observed.y_m)
