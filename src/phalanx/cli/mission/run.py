@@ -165,6 +165,10 @@ def _show(told: dict[str, Any]) -> None:
             if (value := told.get(f"{name}_{which}")) is not None  # nothing was searched, or seen
         ]
         click.echo(f"{words:22}{'   '.join(cells) or '-'}")
+    for row in told["drift"]:
+        curve = f"{math.degrees(row['curve_radpm']):+.2f}° a metre"
+        learnt = f"way {100 * row['way']:+.1f} %   turns {100 * row['turn']:+.1f} %   {curve}"
+        click.echo(f"robot {row['robot']:<4} odometry leaves out   {learnt}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
     for row in told["not_validated"]:

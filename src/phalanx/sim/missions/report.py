@@ -49,6 +49,8 @@ class Report:
     digest: str = ""
     lacks: tuple[str, ...] = ()  # what nodes that it could have decoded next are made of, and its world does not have
     safe_mode_s: float | None = None  # when it was stopped by those who audit it, or None
+    # What it has learnt that its odometry leaves out: of the way, of turns, and radians per metre
+    drift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     audits_passed: int = 0  # of others, by it
     audits_refused: int = 0  # likewise
     false_decodes: int = 0  # nodes decoded by a landmark that was not in sight, or in another place
@@ -183,6 +185,7 @@ class Logbook:
             not_validated=told,
             digest=self._digest.hexdigest(),
             lacks=self._lacks(),
+            drift=self.controller.memory.belief.drift,
             safe_mode_s=safe_mode_s,
         )
 
@@ -240,6 +243,10 @@ def figures(reports: list[Report], nodes: int) -> dict[str, Any]:
             {"robot": report.robot + 1, "t_s": round(t_s, 1), "reason": reason}
             for report in reports
             for t_s, reason in report.not_validated
+        ],
+        "drift": [
+            dict(zip(("robot", "way", "turn", "curve_radpm"), (report.robot + 1, *report.drift), strict=True))
+            for report in reports
         ],
         "actions": [
             {"robot": report.robot + 1, "t_s": round(t_s, 1), "action": action}
