@@ -57,13 +57,15 @@ class MissionConfig:
 
     sigmas: float = within(3.5, 1.0, 10.0)  # what is farther from the estimate than so many deviations is not tried
     tolerance_m: float = within(2.0, 0.0, 10.0)  # nor what is farther than this, however unsure the robot is
+    # A landmark that is farther off is not decoded: what a degree of heading makes of it reaches to the next one.
+    decode_m: float = within(6.0, 0.1, 1000.0)
     place_m: float = within(0.5, 0.0, 10.0)  # less sure of its own place than this, it is at none
     agree_m: float = within(0.3, 0.0, 10.0)  # what is so near is the same thing
     drift_base_m: float = within(0.25, 0.0, 10.0)  # a fix may move the robot by so much at any time ...
     drift_per_m: float = within(0.1, 0.0, 10.0)  # ... and by so much more for every metre since the last one
     # How exactly landmarks are seen, and drawn in maps: near by, for every metre, and their orientation
     sight_m: float = within(0.05, 1e-3, 10.0)
-    sight_per_m: float = within(0.01, 0.0, 1.0)
+    sight_per_m: float = within(0.005, 0.0, 1.0)
     sight_deg: float = within(2.5, 0.01, 90.0)
     # A pose is never surer than so; one that is nearly as sure is left alone
     sure_m: float = within(0.05, 1e-3, 10.0)

@@ -65,6 +65,8 @@ def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features
     if scan.full_turn:
         seam = _seam(ranges)
         ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
+        for array in (ranges, cosines, sines):
+            array.setflags(write=False)  # as other scans': another type would be compiled anew
     return Features(
         *_extract(
             ranges,

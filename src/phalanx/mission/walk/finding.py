@@ -23,6 +23,7 @@ from .fix import (
     agreeing,
     allowed_m,
     are_alone,
+    distance_m,
     explains,
     fits,
     fix_from,
@@ -147,11 +148,15 @@ class Finder:
         return replace(found, key=key)
 
     def _unexplained(self, state: State, seen: Experience) -> Experience:
-        """What was experienced, without the landmarks that are known to be other nodes' than the target's."""
+        """What was experienced, without what is too far off, or known to be other nodes' than the target's."""
         known = tuple(
             node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
         )
-        left = tuple(landmark for landmark in seen.landmarks if not explains(self.config, seen, known, landmark))
+        left = tuple(
+            landmark
+            for landmark in seen.landmarks
+            if distance_m(seen, landmark) <= self.config.decode_m and not explains(self.config, seen, known, landmark)
+        )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
 
     def _found(self, state: State, seen: Experience, failed: set[bytes], budget: Budget) -> Iterator[Found]:

@@ -21,8 +21,8 @@ from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doub
 
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
-# The square of a Mahalanobis distance that one match in a thousand exceeds, by degrees of freedom.
-MISFIT_2, MISFIT_3 = 13.8, 16.3
+# The square of a Mahalanobis distance that one match in a hundred exceeds, by degrees of freedom.
+MISFIT_2, MISFIT_3 = 9.2, 11.3
 # And that one in twenty does: so well several matches have to fit one pose.
 ALIKE_2, ALIKE_3 = 6.0, 7.8
 # A robot that may be turned by more than this takes the sides of a thing for one another.
