@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 HERE = Path(__file__).parent
-TYPES = ("doorway", "corner_convex", "corner_concave", "room", "qr")
+TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room", "qr")
 MISSION_ID = bytes(range(16))
 OPERATOR = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 
@@ -90,7 +90,7 @@ def canonical_cases() -> list[dict[str, Any]]:
 
 
 def header(profile: int, nodes: int, *, flags: int = 0, end: int = 2**64 - 1, shapes: tuple[int, ...] = ()) -> bytes:
-    fixed = struct.pack("<4sBBB16sQQ", b"PHXM", 1, profile, flags, MISSION_ID, 0, end)
+    fixed = struct.pack("<4sBBB16sQQ", b"PHXM", 2, profile, flags, MISSION_ID, 0, end)
     coding = struct.pack("<HHHIIBB", 100 if profile == 0 else 400, 24, 120, 10_000, 20_000, 4, 8)
     tail = struct.pack(f"<BB{len(shapes)}H", 0, len(shapes), *shapes)
     return fixed + coding + tail + struct.pack("<I", nodes)
@@ -108,10 +108,10 @@ def paper_file() -> bytes:
     cores = (
         struct.pack("<BHBBBH", 1, 30, 0, 0, 1, 1)
         + sha3(SEEN[0])
-        + struct.pack("<hhhh", 0, 0, 0, 0)
+        + struct.pack("<hhhhB", 0, 0, 0, 0, 255)
         + struct.pack("<IB", 1, 1)
         + way,
-        struct.pack("<BHBBBH", 2, 0, 25, 1, 1, 0) + sha3(SEEN[1]) + struct.pack("<hhhh", 30, 0, 382, 0),
+        struct.pack("<BHBBBH", 2, 0, 25, 1, 1, 0) + sha3(SEEN[1]) + struct.pack("<hhhhB", 30, 0, 382, 0, 255),
     )
     out = [head]
     for i, (core, seen) in enumerate(zip(cores, SEEN, strict=True)):

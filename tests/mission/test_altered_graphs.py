@@ -15,7 +15,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, CHEAP, STRAIGHT, built, cheap, explored, fork
+from worlds import BOTH, CHEAP, CONFIG, built, cheap, explored, fork
 
 from phalanx.errors import NotAuthentic, PeerError
 from phalanx.mission import (
@@ -85,7 +85,7 @@ def _sights(draw: st.DrawFn, i: int) -> list[tuple[Landmark | Sensor, ...]]:
 def lived(mission: Mission, one: Built, raw: bytes) -> Phase | None:
     """The end of a walk by a file that may be altered, None if it is refused; what decodes on the way is judged."""
     try:
-        walker = Walker(parse_mission(raw), one.key, STRAIGHT)
+        walker = Walker(parse_mission(raw), one.key, CONFIG)
     except PeerError:
         return None
     told = tuple(one.key.messages.values())

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import BOTH, STRAIGHT, at, built, cheap, corridor, walk, walker_for, walker_of
+from worlds import BOTH, CONFIG, at, built, cheap, corridor, walk, walker_for, walker_of
 
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import PeerError
@@ -49,7 +49,7 @@ def test_an_honest_claim_opens_its_node_and_is_shown_by_its_reading(profile):
     assert len(claims) == 5
     for seen, claim, released in claims:
         assert opens(one.mission, claim)
-        assert shows(one.mission, STRAIGHT, claim, seen, (), released)
+        assert shows(one.mission, CONFIG, claim, seen, (), released)
         assert parse_claim(claim.encode()) == claim
 
 
@@ -61,9 +61,9 @@ def test_a_robot_cannot_pretend_to_have_seen_what_its_reading_does_not_show(prof
     for i, (seen, _, released) in enumerate(claims):
         for j, (_, claim, _) in enumerate(claims):
             if abs(i - j) > 1:
-                assert not shows(one.mission, STRAIGHT, claim, seen, (), released), (i, j)
+                assert not shows(one.mission, CONFIG, claim, seen, (), released), (i, j)
     seen, claim, _ = claims[3]
-    assert not shows(one.mission, STRAIGHT, claim, replace(seen, landmarks=()))
+    assert not shows(one.mission, CONFIG, claim, replace(seen, landmarks=()))
 
 
 @both
@@ -81,11 +81,11 @@ def test_a_made_up_claim_opens_nothing(profile):
     ):
         assert not opens(one.mission, forged)
     seen, _, _ = decodes(mission, one)[1]
-    assert not shows(one.mission, STRAIGHT, replace(claim, cell=other), seen)
+    assert not shows(one.mission, CONFIG, replace(claim, cell=other), seen)
     if profile is Profile.SEALED:
         assert not opens(one.mission, replace(claim, salt=bytes(32)))
     # An offset is the robot's word in the sealed profile, but not more than half a cell of it.
-    assert not shows(one.mission, STRAIGHT, replace(claim, offset=Offset(x=5000)), seen)
+    assert not shows(one.mission, CONFIG, replace(claim, offset=Offset(x=5000)), seen)
 
 
 @both
@@ -102,11 +102,11 @@ def test_readings_and_messages_are_part_of_what_is_shown(profile):
     state, outcome = walker.step(state, seen)
     claim = outcome.decoded.claim
     assert opens(one.mission, claim)
-    assert shows(one.mission, STRAIGHT, claim, seen, (go,))
-    assert not shows(one.mission, STRAIGHT, claim, replace(seen, sensors=(b"blue",)), (go,))
-    assert not shows(one.mission, STRAIGHT, claim, replace(seen, x_m=0.5), (go,)), "it was too far away"
+    assert shows(one.mission, CONFIG, claim, seen, (go,))
+    assert not shows(one.mission, CONFIG, claim, replace(seen, sensors=(b"blue",)), (go,))
+    assert not shows(one.mission, CONFIG, claim, replace(seen, x_m=0.5), (go,)), "it was too far away"
     if profile is Profile.PAPER:
-        assert not shows(one.mission, STRAIGHT, claim, seen, ())
+        assert not shows(one.mission, CONFIG, claim, seen, ())
 
 
 @settings(max_examples=150, deadline=None)
@@ -121,7 +121,7 @@ def test_any_bytes_are_a_claim_or_refused_and_none_is_believed(raw, profile):
     seen = replace(at(mission, 4, 0, 1.0), sensors=(b"a", b"b"), messages=(b"c",))
     assert parse_claim(claim.encode()) == claim
     assert not opens(one.mission, claim)
-    shows(one.mission, STRAIGHT, claim, seen, (b"c",))
+    shows(one.mission, CONFIG, claim, seen, (b"c",))
 
 
 def test_a_claim_says_nothing_of_what_a_node_opens():
@@ -206,11 +206,11 @@ def test_an_offset_is_no_lever_beyond_half_a_bin():
     seen, claim, _ = decodes(mission, one)[1]
     half = one.mission.header.coding.bin_rad / 2 * 1e4
     askew = replace(seen, landmarks=tuple(replace(each, orientation_rad=1.0) for each in seen.landmarks))
-    assert not shows(one.mission, STRAIGHT, claim, askew)
+    assert not shows(one.mission, CONFIG, claim, askew)
     shifted = claim.offset._replace(orientation=round(1e4 * (1.0 - seen.landmarks[0].orientation_rad)))
     assert abs(shifted.orientation) > half
-    assert not shows(one.mission, STRAIGHT, replace(claim, offset=shifted), askew)
-    assert not shows(one.mission, STRAIGHT, replace(claim, offset=claim.offset._replace(area=20_000)), seen)
+    assert not shows(one.mission, CONFIG, replace(claim, offset=shifted), askew)
+    assert not shows(one.mission, CONFIG, replace(claim, offset=claim.offset._replace(area=20_000)), seen)
 
 
 def test_where_a_node_has_one_alias_its_payload_says_where_it_is():

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from worlds import (
     BOTH,
-    STRAIGHT,
+    CONFIG,
     at,
     built,
     cheap,
@@ -81,7 +81,7 @@ class TestFailSafe:
             assert outcome.order.kind is kind
 
     def test_who_never_validated_anything_holds_at_the_time_out(self):
-        walker = walker_for(fork(), Profile.PAPER, replace(STRAIGHT, timeout_s=3))
+        walker = walker_for(fork(), Profile.PAPER, replace(CONFIG, timeout_s=3))
         state, outcome = walker.step(State(), Experience(0, 30, 30, 0))
         assert (outcome.order.kind, outcome.reason) == (Kind.WAIT, Reason.NO_MATCH)
         state, outcome = walker.step(state, Experience(3.1, 30, 30, 0))
@@ -211,7 +211,7 @@ class TestReplay:
     def test_the_same_experiences_give_the_same_again_whatever_was_walked_before(self, profile):
         mission = cheap(corridor(5), profile)
         one = built(mission, profile)
-        used, fresh = walker_of(one), Walker(parse_mission(one.mission.encode()), one.key, STRAIGHT)
+        used, fresh = walker_of(one), Walker(parse_mission(one.mission.encode()), one.key, CONFIG)
         list(walk(mission, used))
         states = [list(walk(mission, walker)) for walker in (used, fresh)]
         assert states[0] == states[1]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from worlds import (
     BOTH,
-    STRAIGHT,
+    CONFIG,
     built,
     cheap,
     corridor,
@@ -165,7 +165,7 @@ def test_time_is_part_of_what_is_experienced(profile):
     draft.node("start", Position(0, 0), start=True)
     draft.node("noon", (DOOR, Time(1000.0)), final=True)
     draft.way("start", "noon")
-    walker = walker_for(draft, profile, replace(STRAIGHT, timeout_s=1000))
+    walker = walker_for(draft, profile, replace(CONFIG, timeout_s=1000))
     begun, _ = walker.step(State(), Experience(900, 0, 0, 0))
     for t_s, well in ((930, False), (985, False), (995, True), (1005, True), (1015, True), (1025, False)):
         _, outcome = until_decoded(walker, begun, Experience(t_s, 6, 0, 0, 6.0, (DOOR,)), 6)

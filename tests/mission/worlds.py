@@ -25,8 +25,7 @@ from phalanx.mission import (
 
 # scrypt at a cost that a test can pay thousands of times; the format is the same.
 CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=1, kdf_r=1)
-# Nobody here loses their heading, and turning costs nine times the tries.
-STRAIGHT = MissionConfig(heading_tolerance_deg=0)
+CONFIG = MissionConfig()
 BOTH = (Profile.PAPER, Profile.SEALED)
 
 
@@ -132,7 +131,7 @@ def decoded_of(steps) -> list[tuple]:
 
 
 def walker_of(one, config: MissionConfig | None = None) -> Walker:
-    return Walker(one.mission, one.key, config or STRAIGHT)
+    return Walker(one.mission, one.key, config or CONFIG)
 
 
 def fork() -> Draft:
@@ -148,7 +147,7 @@ def fork() -> Draft:
     return draft
 
 
-def walker_for(draft: Draft, profile: Profile, config: MissionConfig = STRAIGHT, **options) -> Walker:
+def walker_for(draft: Draft, profile: Profile, config: MissionConfig = CONFIG, **options) -> Walker:
     return walker_of(built(cheap(draft.mission(), profile), profile, **options), config)
 
 

@@ -7,7 +7,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phalanx.mission.landmarks import angles
+from phalanx.mission import angles
 
 ANGLE = st.floats(-1000, 1000)
 NUMBER = st.floats(-1e6, 1e6)
