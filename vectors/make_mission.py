@@ -98,20 +98,20 @@ def header(profile: int, nodes: int, *, flags: int = 0, end: int = 2**64 - 1, sh
 
 # A start at a position (3.0, 1.5), and a final doorway at (9.03, 12.0), 0.3 rad round.
 SEEN = (b"\x01" + position(30, 15), b"\x01" + landmark("doorway", 90, 120, 1))
-POSITION_SHAPE, DOOR_SHAPE = 6, 1 | 1 << 3
+POSITION_SHAPE, DOOR_SHAPE = 7, 1 | 1 << 3
 
 
 def paper_file() -> bytes:
     head = header(0, 2, shapes=(POSITION_SHAPE, DOOR_SHAPE))
     way = sha3(SEEN[0] + tlv(8, struct.pack("<HH", 20, 120)))
-    # 0.3 rad is 382 tenths of a milliradian past the middle of the bin at 15 degrees.
+    # The next door that looks the same is 11.8 m away. 0.3 rad is 382 tenths of a milliradian past the middle of the bin at 15 degrees.
     cores = (
         struct.pack("<BHBBBH", 1, 30, 0, 0, 1, 1)
         + sha3(SEEN[0])
         + struct.pack("<hhhhB", 0, 0, 0, 0, 255)
         + struct.pack("<IB", 1, 1)
         + way,
-        struct.pack("<BHBBBH", 2, 0, 25, 1, 1, 0) + sha3(SEEN[1]) + struct.pack("<hhhhB", 30, 0, 382, 0, 255),
+        struct.pack("<BHBBBH", 2, 0, 25, 1, 1, 0) + sha3(SEEN[1]) + struct.pack("<hhhhB", 30, 0, 382, 0, 118),
     )
     out = [head]
     for i, (core, seen) in enumerate(zip(cores, SEEN, strict=True)):
@@ -127,7 +127,7 @@ def sealed_file() -> tuple[bytes, bytes]:
     seen = b"\x01" + position(7, 4)
     salt = hkdf(gate, b"phalanx mission gate" + MISSION_ID + struct.pack("<IB", 0, 0))
     # 3.0 m is the 7th or 8th cell of 0.4 m: it lies 200 mm from 2.8 m; 1.5 m lies 100 mm before 1.6 m.
-    hint = struct.pack("<Hhhhh", POSITION_SHAPE, 200, -100, 0, 0)
+    hint = struct.pack("<HhhhhB", POSITION_SHAPE, 200, -100, 0, 0, 255)
     out = hashlib.scrypt(seen + hint, salt=salt, n=16, r=8, p=1, dklen=64)
     bound = sha3(head) + struct.pack("<I", 0)
     locked = AESGCM(out[32:]).encrypt(bytes(12), secret, bound + b"\x00")
@@ -137,7 +137,7 @@ def sealed_file() -> tuple[bytes, bytes]:
     padded = (struct.pack("<I", len(told)) + told).ljust(64, b"\x00")
     payload = AESGCM(hkdf(secret, b"payload")).encrypt(bytes(12), padded, bound + core)
     record = core + struct.pack("<H", len(payload)) + payload
-    key = b"PHXK\x01" + MISSION_ID + struct.pack("<II", 1, 0) + gate + b"\x01" + hint + struct.pack("<H", 0)
+    key = b"PHXK\x02" + MISSION_ID + struct.pack("<II", 1, 0) + gate + b"\x01" + hint + struct.pack("<H", 0)
     return head + record, key
 
 
@@ -163,14 +163,14 @@ def file_cases() -> list[dict[str, Any]]:
     bad = {
         "empty": ("MalformedMission", b""),
         "another magic": ("MalformedMission", patched(paper + b"\x00", 0, b"PHXN")),
-        "version 2": ("MalformedMission", patched(paper + b"\x00", 4, b"\x02")),
+        "version 1": ("MalformedMission", patched(paper + b"\x00", 4, b"\x01")),
         "no such profile": ("MalformedMission", patched(paper + b"\x00", 5, b"\x02")),
         "no such flag": ("MalformedMission", patched(paper + b"\x00", 6, b"\x08")),
         "it ends before it begins": ("MalformedMission", patched(paper + b"\x00", 31, bytes(8))),
         "cells of no size": ("MalformedMission", patched(paper + b"\x00", 39, bytes(2))),
         "2^31 nodes": ("MalformedMission", patched(paper + b"\x00", head - 4, struct.pack("<I", 1 << 31))),
         "no nodes": ("MalformedMission", patched(paper + b"\x00", head - 4, bytes(4))),
-        "a way to nowhere": ("MalformedMission", patched(paper + b"\x00", head + 8 + 40, struct.pack("<I", 2))),
+        "a way to nowhere": ("MalformedMission", patched(paper + b"\x00", head + 8 + 41, struct.pack("<I", 2))),
         "a byte too many": ("MalformedMission", paper + b"\x00\x00"),
         "half a signature": ("MalformedMission", signed(paper)[:-1]),
         "neither signed nor unsigned": ("MalformedMission", paper + b"\x02"),
@@ -187,7 +187,7 @@ def sealed_cases() -> list[dict[str, Any]]:
         gate, node, alias = bytes(range(32)), 7, 2
         secret = gate + b"".join(sorted(bytes.fromhex(message) for message in messages))
         salt = hkdf(secret, b"phalanx mission gate" + MISSION_ID + struct.pack("<IB", node, alias))
-        hint = struct.pack("<Hhhhh", POSITION_SHAPE, 20, -10, 0, 0)
+        hint = struct.pack("<HhhhhB", POSITION_SHAPE, 20, -10, 0, 0, 7)
         out = hashlib.scrypt(SEEN[1] + hint, salt=salt, n=16, r=8, p=1, dklen=64)
         rows.append(
             {
@@ -198,7 +198,7 @@ def sealed_cases() -> list[dict[str, Any]]:
                 "node": node,
                 "alias": alias,
                 "canonical_hex": SEEN[1].hex(),
-                "offset": [20, -10, 0, 0],
+                "offset": [20, -10, 0, 0, 7],
                 "salt_hex": salt.hex(),
                 "mark_hex": out[:32].hex(),
                 "key_hex": out[32:].hex(),

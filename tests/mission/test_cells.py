@@ -12,13 +12,23 @@ from worlds import built, corridor
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import find_patched
 from phalanx.mission import Experience, Landmark, Profile
+from phalanx.mission.pose.spread import Sight
 from phalanx.mission.walk import cells
-from phalanx.mission.walk.cells import CELL_LIMIT, Groups, Searched, next_unsearched, numbers_of
+from phalanx.mission.walk.cells import (
+    BIN_STEPS,
+    CELL_LIMIT,
+    RINGS,
+    Doubt,
+    Groups,
+    Searched,
+    next_unsearched,
+    numbers_of,
+    region_of,
+)
 from phalanx.mission.walk.search import Budget, PaperSearch
 
 metres = st.floats(-1e6, 1e6)
 STEPS = (0.1, 0.1, math.pi / 12, 2.0)
-TURNS = (0.0, 0.03, -0.03)
 
 
 @settings(deadline=None)
@@ -45,7 +55,7 @@ def _search() -> PaperSearch:
 
 def _tried(search: PaperSearch, seen: Experience, tries: int) -> tuple[list[object], int]:
     budget = Budget(tries)
-    return list(search.run((0, 1, 2, 3, 4), seen, (), b"", TURNS, budget)), budget.used
+    return list(search.run((0, 1, 2, 3, 4), seen, (), b"", budget)), budget.used
 
 
 doors = st.builds(
@@ -77,11 +87,19 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
     assert len(hashed) == before
 
 
+def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
+    """Five rings around what is near, of cells of 0.1 m."""
+    return Doubt(0.0, 0.0, np.diag([metres**2, metres**2, radians**2]), Sight(0.001, 0.0, 0.001), 3.5, 1.0)
+
+
 def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
     things, groups = np.array([[x_m, 0.0, math.nan, math.nan]]), np.zeros((1, 5))
-    pair, left, _ = next_unsearched(
-        0, things, (0.0, 0.0), 0.0, Groups(groups, STEPS, 1, 5), searched.table, lane, 10_000
+    # The pairs of a thing and a group are three, for the bins; without an orientation one of them is searched.
+    pair, left, _, rings, own = next_unsearched(
+        0, things, False, _doubt(), Groups(groups, STEPS, 1), searched.table, lane, 10_000
     )
+    assert pair in (0, 3)
+    assert (rings, own) == ((5, lane + RINGS.index(5)) if pair == 0 else (0, 0))
     assert left == (10_000 if pair == 0 else 10_000 - 11 * 11)
     return pair == 0
 
@@ -89,12 +107,43 @@ def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
 def test_a_full_table_is_emptied_and_never_knows_what_was_not_added(monkeypatch):
     monkeypatch.setattr(cells, "FULL", 50)
     searched = Searched()
-    lane = searched.lane("a", 2)
-    assert searched.lane("a", 2) == lane
-    assert searched.lane("b", 1) not in (lane, lane + 1)
+    lane = searched.lane("a", len(RINGS))
+    assert searched.lane("a", len(RINGS)) == lane
+    assert searched.lane("b", 1) not in range(lane, lane + len(RINGS))
     for x in range(120):
-        searched.add(lane, (x, 0, -1, -1))
+        searched.add(lane + RINGS.index(5), (x, 0, -1, -1))
     assert not [x for x in range(100, 120) if _is_new(searched, lane, x / 10)]
     assert all(_is_new(searched, lane, x / 10) for x in range(100))
-    assert all(_is_new(searched, lane + 1, x / 10) for x in range(120))
+    assert all(_is_new(searched, lane + len(RINGS), x / 10) for x in range(120))
     assert all(_is_new(searched, lane, x / 10) for x in range(120, 200))
+
+
+@settings(deadline=None)
+@given(
+    st.tuples(metres, metres).map(lambda at: (at[0] / 1e5, at[1] / 1e5)),
+    st.floats(-3.2, 3.2) | st.just(math.nan),
+    st.booleans(),
+    st.tuples(st.floats(0, 1), st.floats(0, 0.5)),
+)
+def test_a_region_is_the_same_compiled_and_plain_and_reaches_as_far_as_the_doubt(at, turn, place, sure):
+    thing, group, doubt = np.array([*at, turn, math.nan]), np.zeros(5), _doubt(*sure)
+    region = region_of(thing, place, group, STEPS, doubt)
+    assert region == region_of.py_func(thing, place, group, STEPS, doubt)
+    level, rings, up, down = region
+    assert rings == RINGS[level]
+    far = 0.0 if place else math.hypot(*at) * sure[1]
+    # From the middle of the cell, and at most so far off it.
+    assert (rings + 0.5) * STEPS[0] >= min(3.5 * math.hypot(sure[0], far), 1.0) - 1e-9
+    assert (up or down) <= (not math.isnan(turn))
+
+
+def test_bins_beside_are_tried_where_the_heading_leaves_them_open():
+    def bins(turn: float, radians: float) -> tuple[bool, bool]:
+        thing = np.array([1.0, 0.0, turn * STEPS[2], math.nan])
+        return region_of(thing, False, np.zeros(5), STEPS, _doubt(0.1, radians))[2:]
+
+    assert len(BIN_STEPS) == 3
+    assert bins(0.0, 0.0) == (False, False)
+    assert bins(0.45, 0.01) == (True, False), "15 degrees a bin, and 0.75 degrees from the next: 3.5 times 0.57"
+    assert bins(-0.45, 0.01) == (False, True)
+    assert bins(0.0, 0.1) == (True, True)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import math
 
 import pytest
 from worlds import built, corridor, walk, walker_of
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.mission import (
-    Profile,
-)
-from phalanx.mission.walk.search import rings_of, spiral
+from phalanx.mission import Experience, Landmark, Profile
+from phalanx.mission.file.canonical import AT_POSITION, Shape
+from phalanx.mission.observable import Cell, Offset
+from phalanx.mission.walk.search import cells_around, doubt_in, spiral
 
 
 def test_the_compiled_and_the_plain_search_walk_alike(monkeypatch):
@@ -38,6 +39,31 @@ def test_a_spiral_visits_every_cell_once_ring_after_ring(rings):
     assert [max(abs(x), abs(y)) for x, y in steps] == sorted(max(abs(x), abs(y)) for x, y in steps)
 
 
-def test_as_many_cells_as_the_paper_tests():
-    for delta_mm, cells in ((400, 9), (200, 25), (100, 121), (50, 441), (25, 1681)):
-        assert len(spiral(rings_of(MissionConfig(), CodingConfig(delta_mm=delta_mm), 1 << 20))) == cells
+LANDMARK, HERE = Shape(1), Shape(AT_POSITION)
+
+
+def cells(config: MissionConfig, delta_mm: int, spread: tuple[float, ...], x_m: float = 0.0, shape: Shape = HERE):
+    """As many as are tried around a door so far ahead, or around the robot."""
+    seen = Experience(0.0, 0.0, 0.0, 0.0, spread=spread)
+    door = Landmark("doorway", x_m, 0.0) if shape.place == 1 else None
+    coding = CodingConfig(delta_mm=delta_mm)
+    return len(cells_around(shape, coding, doubt_in(config, seen), door, Cell(0, 0), Offset()))
+
+
+def test_as_many_cells_as_the_paper_tests_where_the_robot_is_as_unsure_as_there():
+    lost = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    for delta_mm, many in ((400, 9), (200, 25), (100, 121), (50, 441), (25, 1681)):
+        assert cells(MissionConfig(tolerance_m=0.5), delta_mm, lost) == many
+
+
+def test_the_search_goes_as_far_as_the_robot_is_unsure_and_never_beyond_its_tolerance():
+    config = MissionConfig()
+
+    def known(metres: float, degrees: float = 0.0) -> tuple[float, ...]:
+        return metres**2, 0.0, 0.0, metres**2, 0.0, math.radians(degrees) ** 2
+
+    tried = [cells(config, 100, known(metres)) for metres in (0.01, 0.1, 0.2, 0.5, 5.0)]
+    assert tried == [1, 49, 225, 441, 441], "none, 3, 7 and 10 rings"
+    near, far = (cells(config, 100, known(0.04, 3.0), x_m, LANDMARK) for x_m in (1.0, 6.0))
+    assert near < far == 441, "a heading that is off moves what is far away, and little of what is near"
+    assert cells(config, 100, known(0.04, 3.0)) == cells(config, 100, known(0.04)), "nor the robot itself"

@@ -186,8 +186,10 @@ def parse_mission(raw: bytes) -> EncodedMission:
 
 def _header(reader: Reader) -> Header:
     magic, version, profile, flags, mission_id, begin, end, *coding = reader.unpack(table.HEADER)
-    if magic != MAGIC or version != VERSION:
-        raise MalformedMission("not a mission file of this version")
+    if magic != MAGIC:
+        raise MalformedMission("not a mission file")
+    if version != VERSION:
+        raise MalformedMission(f"a mission file of version {version}, not {VERSION}: build the mission again")
     if profile > Profile.SEALED or flags > _FLAGS or begin >= end:
         raise MalformedMission("no such profile, flags or window")
     try:

@@ -87,8 +87,10 @@ def parse_start_key(raw: bytes) -> StartKey:
     """The start key in these bytes. Raises: MalformedMission."""
     reader = Reader(raw)
     magic, version, mission_id, count = reader.unpack(table.START_KEY)
-    if (magic, version) != (KEY_MAGIC, KEY_VERSION):
-        raise MalformedMission("not a start key of this version")
+    if magic != KEY_MAGIC:
+        raise MalformedMission("not a start key")
+    if version != KEY_VERSION:
+        raise MalformedMission(f"a start key of version {version}, not {KEY_VERSION}: build the mission again")
     gates: dict[int, Gate] = {}
     messages: dict[str, bytes] = {}
     for _ in range(count):
