@@ -15,9 +15,9 @@ import numpy as np
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import FloorPlan, extract, landmarks_of
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Landmark
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.mission.landmarks.lidar import Lidar
 
 NEAR_M = 10.0  # visible: this near, not flatter than this, wholly in the field of view
 FLAT_RAD = math.radians(20)

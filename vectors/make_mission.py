@@ -104,7 +104,8 @@ POSITION_SHAPE, DOOR_SHAPE = 7, 1 | 1 << 3
 def paper_file() -> bytes:
     head = header(0, 2, shapes=(POSITION_SHAPE, DOOR_SHAPE))
     way = sha3(SEEN[0] + tlv(8, struct.pack("<HH", 20, 120)))
-    # The next door that looks the same is 11.8 m away. 0.3 rad is 382 tenths of a milliradian past the middle of the bin at 15 degrees.
+    # The next door that looks the same is 11.8 m away.
+    # 0.3 rad is 382 tenths of a milliradian past the middle of the bin at 15 degrees.
     cores = (
         struct.pack("<BHBBBH", 1, 30, 0, 0, 1, 1)
         + sha3(SEEN[0])

@@ -87,6 +87,11 @@ class TestDoorways:
         assert not seen(walls, (1, -0.2, 0.0), "doorway")
 
 
+def concave(walls, pose, **more):
+    """Ends of walls, of either hand."""
+    return seen(walls, pose, "concave_left", **more) + seen(walls, pose, "concave_right", **more)
+
+
 class TestCorners:
     def test_room_corners_are_convex_and_look_inwards(self):
         corners = seen(ROOM, (2.5, 1.9, math.pi), "corner_convex")
@@ -99,17 +104,32 @@ class TestCorners:
 
     def test_a_pillar_has_concave_corners_with_the_normals_of_its_seen_faces(self):
         pillar = [(4, 1, 5, 1), (5, 1, 5, 2), (5, 2, 4, 2), (4, 2, 4, 1), (9, -9, 9, 9)]
-        corners = seen(pillar, (2, 0, 0.5), "corner_concave")
-        near = [corner for corner in corners if away(corner, 4, 1) < 0.02]
-        assert sorted(round(corner.orientation_rad, 1) for corner in near) in ([-3.1, -1.6], [-1.6, 3.1])
-        assert {round(corner.orientation_rad, 1) for corner in corners if away(corner, 5, 1) < 0.05} == {-1.6}
+        corners = concave(pillar, (2, 0, 0.5))
+        near = {corner.type: corner.orientation_rad for corner in corners if away(corner, 4, 1) < 0.02}
+        # Who stands before the face to the west has the corner at its right end, and before the southern at its left.
+        assert abs(near["concave_right"]) == pytest.approx(math.pi, abs=0.05)
+        assert near["concave_left"] == pytest.approx(-math.pi / 2, abs=0.05)
+        (far,) = [corner for corner in corners if away(corner, 5, 1) < 0.05]
+        assert far.type == "concave_right"
+        assert far.orientation_rad == pytest.approx(-math.pi / 2, abs=0.05)
+
+    @pytest.mark.parametrize("pose", [(2, 1.5, 0.0), (2.5, 0.5, 0.4), (2.0, 3.0, -0.5)])
+    def test_the_two_ends_of_one_face_are_told_apart(self, pose):
+        """They have the same normal, and lie a robot's doubt from each other."""
+        pillar = [(4, 1, 5, 1), (5, 1, 5, 2), (5, 2, 4, 2), (4, 2, 4, 1), (9, -9, 9, 9)]
+        near = [corner for corner in concave(pillar, pose, noise=0.005) if corner.x_m < 6]
+        face = [corner for corner in near if abs(abs(corner.orientation_rad) - math.pi) < 0.1]
+        ends = {corner.type: (corner.x_m, corner.y_m) for corner in face}
+        assert len(face) == len(ends) == 2
+        assert ends["concave_left"] == (pytest.approx(4, abs=0.05), pytest.approx(2, abs=0.05))
+        assert ends["concave_right"] == (pytest.approx(4, abs=0.05), pytest.approx(1, abs=0.05))
 
     def test_jambs_are_no_corners_of_their_own(self):
-        assert not seen(ROOM, AHEAD, "corner_concave")
+        assert not concave(ROOM, AHEAD)
 
     def test_a_wall_that_ends_behind_a_person_has_no_corner_there(self):
         wall = [(6, -3, 6, 7)]
-        assert not seen(wall, (2, 2, 0), "corner_concave", people=np.array([[4.0, 2.0, 0.3]]), range_max_m=4.5)
+        assert not concave(wall, (2, 2, 0), people=np.array([[4.0, 2.0, 0.3]]), range_max_m=4.5)
 
     def test_people_have_no_walls_and_no_corners(self):
         crowd = np.array([[3.0, 1.0, 0.25], [3.0, -1.0, 0.3], [1.5, 0.2, 0.2]])
@@ -118,12 +138,12 @@ class TestCorners:
         assert len(features.corners) == 0
 
     def test_where_the_range_ends_the_wall_does_not(self):
-        assert not seen([(-40, 3, 40, 3)], (0, 0, math.pi / 2), "corner_concave", range_max_m=10.0)
+        assert not concave([(-40, 3, 40, 3)], (0, 0, math.pi / 2), range_max_m=10.0)
 
     def test_a_dropped_beam_at_the_edge_moves_it_by_less_than_a_beam(self):
         walls = [(6, -3, 6, 1.0), (14, -60, 14, 60)]
         for seed in range(20):
-            corners = seen(walls, (2, 1, 0), "corner_concave", drop_out=0.05, seed=seed, range_max_m=30.0)
+            corners = concave(walls, (2, 1, 0), drop_out=0.05, seed=seed, range_max_m=30.0)
             assert all(min(away(corner, 6, 1), away(corner, 6, -3)) < 0.06 for corner in corners)
 
 

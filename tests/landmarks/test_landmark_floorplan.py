@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from landmark_world import away
 
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
-from phalanx.mission.landmarks import floorplan_of_yaml, landmarks_of
+from phalanx.mission.landmarks import extract, floorplan_of_yaml, landmarks_of
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.builtin import built_in
 
 OFFICE = yaml.safe_load((MAPS / "office_40x40.yaml").read_text())
+
+CONCAVE = ("concave_left", "concave_right")
 
 
 def plan_of(walls, start=None, **words):
@@ -33,6 +38,12 @@ def square(x, y, size):
         (x + size, y + size, x, y + size),
         (x, y + size, x, y),
     ]
+
+
+def is_it(seen, alias):
+    """Whether a landmark seen without noise is this one."""
+    turn = math.remainder(seen.orientation_rad - alias.orientation_rad, math.tau)
+    return seen.type == alias.type and away(seen, alias.x_m, alias.y_m) < 0.1 and abs(turn) < 0.1
 
 
 class TestTheOffice:
@@ -62,7 +73,7 @@ class TestTheOffice:
         assert rectangle.aliases[0].area_m2 == pytest.approx(rectangle.aliases[1].area_m2)
 
     def test_its_named_corners_are_landmarks_with_the_normals_of_both_walls(self):
-        sites = self.sites("corner_concave")
+        sites = [site for site in landmarks_of(load_floorplan("office_40x40")) if site.type in CONCAVE]
         for corner in OFFICE["corners"]:
             (site,) = [site for site in sites if away(site.aliases[0], *corner["xy"]) < 1e-6]
             normals = [alias.orientation_rad for alias in site.aliases]
@@ -72,7 +83,7 @@ class TestTheOffice:
         plan = load_floorplan("office_40x40")
         for site in landmarks_of(plan):
             alias = site.aliases[0]
-            if site.type.startswith("corner"):
+            if site.type.startswith(("corner", "concave")):
                 x, y = (
                     alias.x_m + 0.2 * math.cos(alias.orientation_rad),
                     alias.y_m + 0.2 * math.sin(alias.orientation_rad),
@@ -90,10 +101,28 @@ class TestTheOffice:
 class TestWalls:
     def test_a_free_wall_has_two_ends_that_are_seen_from_both_sides(self):
         sites = landmarks_of(plan_of([*square(0, 0, 8), (3, 4, 5, 4)], (1, 1)))
-        ends = [site for site in sites if site.type == "corner_concave"]
+        ends = [site for site in sites if site.type in CONCAVE]
         assert {(site.aliases[0].x_m, site.aliases[0].y_m) for site in ends} == {(3, 4), (5, 4)}
         for site in ends:
             assert sorted(math.sin(alias.orientation_rad) for alias in site.aliases) == pytest.approx([-1, 1])
+            # Who stands south of it, and looks at its southern face, has its western end on the left.
+            hands = {round(math.sin(alias.orientation_rad)): alias.type for alias in site.aliases}
+            west = site.aliases[0].x_m == 3
+            assert hands == {-1: CONCAVE[not west], 1: CONCAVE[west]}
+
+    def test_all_corners_of_an_island_have_a_hand_for_each_wall_as_a_lidar_sees_them(self):
+        plan = plan_of([*square(0, 0, 12), *square(5, 5, 2)], (1, 1))
+        corners = [site for site in landmarks_of(plan) if site.type in CONCAVE]
+        lidar, chance = Lidar(plan.walls, LidarConfig(noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
+        found = set()
+        for turn in np.arange(8) * math.pi / 4 + 0.2:
+            pose = (6 + 4 * math.cos(turn), 6 + 4 * math.sin(turn), turn + math.pi)
+            for seen in extract(lidar.sweep(pose, chance)).landmarks(*pose):
+                if seen.type in CONCAVE:
+                    (alias,) = [alias for site in corners for alias in site.aliases if is_it(seen, alias)]
+                    found.add(alias)
+        assert found == {alias for site in corners for alias in site.aliases}
+        assert Counter(alias.type for alias in found) == {"concave_left": 4, "concave_right": 4}
 
     def test_walls_that_cross_or_touch_make_corners(self):
         sites = landmarks_of(plan_of([*square(0, 0, 8), (4, 0, 4, 8), (4, 4, 8, 4.001)], (1, 1)))
@@ -112,7 +141,7 @@ class TestWalls:
         inner = landmarks_of(plan_of([*square(0, 0, 20), *square(5, 5, 6)], (6, 6)))
         assert Counter(site.type for site in inner) == {"corner_convex": 4, "room": 1}
         outer = landmarks_of(plan_of([*square(0, 0, 20), *square(5, 5, 6)], (1, 1)))
-        assert Counter(site.type for site in outer) == {"corner_convex": 4, "corner_concave": 4, "room": 1}
+        assert Counter(site.type for site in outer) == {"corner_convex": 4, "concave_left": 4, "room": 1}
 
     @pytest.mark.parametrize(("thick", "depth"), [(0.3, 0.15), (0.5, 0.25)])
     def test_the_doorway_of_a_thick_wall_is_one_in_the_middle(self, thick, depth):

@@ -15,11 +15,11 @@ from phalanx.config.mission import CodingConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import extract, landmarks_of
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
-from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.odometry import Odometry, OdometryNoise
 from phalanx.sim.building.walkers import free_place
 

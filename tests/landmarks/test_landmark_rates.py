@@ -13,8 +13,8 @@ import pytest
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.mission.landmarks import extract
-from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.walkers import Walkers, free_place
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "landmark_rates.py"
@@ -28,7 +28,7 @@ def test_doorways_corners_and_rooms_are_found_and_nothing_else(monkeypatch, caps
     script.main()
     out = capsys.readouterr().out
     rows = {row.split("  ")[0]: row.split()[-6:] for row in out.splitlines()[2:]}
-    for kind in ("doorway", "corner_concave", "corner_convex", "room"):
+    for kind in ("doorway", "concave_left", "concave_right", "corner_convex", "room"):
         precision, _, p95_cm, centred, anywhere = map(float, rows[kind][1:])
         assert precision > 0.995
         assert p95_cm < 3.5

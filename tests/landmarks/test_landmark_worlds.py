@@ -12,16 +12,15 @@ from landmark_world import NOBODY, ROOM
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
-from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.mission.landmarks import FloorPlan, WallCode, raycast
 from phalanx.mission.landmarks.codepose import Intrinsics
+from phalanx.mission.landmarks.lidar import Lidar
+from phalanx.mission.landmarks.raycast import Beams
 from phalanx.mission.landmarks.scan import beam_table
-from phalanx.mission.landmarks import raycast
 from phalanx.sim.building.camera import Camera, CameraConfig
 from phalanx.sim.building.diffdrive import DiffDrive, DiffDriveConfig
 from phalanx.sim.building.floorplan import load_floorplan
-from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.odometry import NoiseModel, Odometry, OdometryNoise, along_arc
-from phalanx.mission.landmarks.raycast import Beams
 from phalanx.sim.building.walkers import ROOM_M, Walkers, free_place
 
 COORDINATE = st.floats(-20, 20).map(lambda x: round(x, 3))

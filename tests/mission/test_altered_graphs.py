@@ -74,7 +74,7 @@ def graphs(draw: st.DrawFn) -> Mission:
 @st.composite
 def _sights(draw: st.DrawFn, i: int) -> list[tuple[Landmark | Sensor, ...]]:
     """What is seen at the i-th place, in one way or two."""
-    kind = draw(st.sampled_from(["doorway", "corner_concave", "qr"]))
+    kind = draw(st.sampled_from(["doorway", "concave_left", "qr"]))
     text = draw(st.sampled_from([None, "shelf"])) if kind == "qr" else None
     x, y = 8.0 * (i % SIDE) + draw(st.floats(-1, 1)), 8.0 * (i // SIDE) + 1.0
     one = Landmark(kind, x, y, draw(st.none() | st.floats(-3, 3)), None, text)

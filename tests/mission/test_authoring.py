@@ -160,6 +160,17 @@ def test_a_node_that_makes_no_sense_is_refused_with_its_name(node, says):
     assert says in str(caught.value)
 
 
+def test_a_corner_without_a_hand_is_refused_with_the_words_to_write_instead():
+    words = {"mission": "m", "nodes": {"old": {"start": True, "see": {"corner_concave": [1, 0], "facing": 0}}}}
+    with pytest.raises(UsageError) as caught:
+        plain_mission(words)
+    assert str(caught.value) == "node old: corner_concave does not say at which end of its wall it is"
+    assert caught.value.hint == "concave_left or concave_right, for who stands before the wall"
+    for kind in ("concave_left", "concave_right"):
+        words["nodes"]["old"]["see"] = {kind: [1, 0], "facing": 0}
+        assert plain_mission(words).nodes[0].see == ((Landmark(kind, 1, 0, 0.0),),)
+
+
 def test_a_bomb_of_aliases_is_refused_before_it_goes_off():
     bomb = ["lol"]
     for _ in range(60):
@@ -221,7 +232,7 @@ def test_what_one_profile_cannot_say_is_refused_with_the_other_as_a_hint():
 
 
 @pytest.mark.parametrize(
-    "bad", [{"tolerance_m": -1}, {"kdf_tries": 0}, {"timeout_s": math.nan}, {"heading_step_deg": 0.0}], ids=str
+    "bad", [{"tolerance_m": -1}, {"kdf_tries": 0}, {"timeout_s": math.nan}, {"sigmas": 0.0}], ids=str
 )
 def test_a_bad_configuration_cannot_be_made(bad):
     with pytest.raises(UsageError):

@@ -240,7 +240,7 @@ class TestBuiltIn:
     def test_the_office_is_the_floor_plans_32_landmarks(self):
         mission = read_plain("office")
         kinds = [alias[0].type for node in mission.nodes for alias in node.see[:1] if isinstance(alias[0], Landmark)]
-        assert {kind: kinds.count(kind) for kind in set(kinds)} == {"doorway": 19, "room": 9, "corner_concave": 4}
+        assert {kind: kinds.count(kind) for kind in set(kinds)} == {"doorway": 19, "room": 9, "concave_left": 4}
         shown = [alias for site in landmarks_of(load_floorplan("office_40x40")) for alias in site.aliases]
         for node in mission.nodes[1:]:
             for (landmark,) in node.see:

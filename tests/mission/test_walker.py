@@ -21,7 +21,6 @@ from worlds import (
     walker_of,
 )
 
-from phalanx.config.mission import MissionConfig
 from phalanx.mission import (
     Action,
     BuildOptions,
@@ -37,6 +36,7 @@ from phalanx.mission import (
     Time,
     build,
 )
+from phalanx.mission.walk.fix import doubt_m
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 8.0, 1.0, 0.2)
@@ -65,8 +65,20 @@ def test_a_robot_that_only_saw_the_last_door_decodes_nothing(profile):
     assert {o.order.kind for _, o in steps} == {Kind.WAIT}
 
 
+def spread_of(metres: float, radians: float) -> tuple[float, ...]:
+    """Of a pose so unsure."""
+    return metres**2, 0.0, 0.0, metres**2, 0.0, radians**2
+
+
+def _put(fix, seen: Experience, landmark: Landmark) -> tuple[float, float]:
+    """Where a landmark of a scan lies, had the robot been where the fix says."""
+    sine, cosine = math.sin(fix.heading_rad - seen.heading_rad), math.cos(fix.heading_rad - seen.heading_rad)
+    dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
+    return fix.x_m + cosine * dx - sine * dy, fix.y_m + sine * dx + cosine * dy
+
+
 @both
-def test_a_fix_mends_drift_up_to_the_tolerance_and_trials_tell_how_much(profile):
+def test_a_fix_mends_drift_as_far_as_the_robot_is_unsure_and_trials_tell_how_much(profile):
     draft = Draft("fix")
     draft.node("start", Position(0, 0), start=True)
     draft.node("door", DOOR, final=True)
@@ -77,17 +89,41 @@ def test_a_fix_mends_drift_up_to_the_tolerance_and_trials_tell_how_much(profile)
         state, _ = walker.step(State(), Experience(0, 0, 0, 0))
         turn = -0.1
         seen = Experience(
-            1.0, 6 + drift, 0 - drift, turn, 5.0, (Landmark("doorway", 8 + drift, 1 - drift, 0.2 + turn),)
+            1.0,
+            6 + drift,
+            0 - drift,
+            turn,
+            5.0,
+            (Landmark("doorway", 8 + drift, 1 - drift, 0.2 + turn),),
+            spread=spread_of(0.3, 0.3),
         )
         state, outcome = until_decoded(walker, state, seen)
         assert outcome.decoded.node == 1
-        assert outcome.fix.heading_rad == pytest.approx(0.0, abs=2e-4)
-        # The landmark is where it is, and the robot where it sees it from.
-        x, y = outcome.fix.apply(seen, seen.landmarks[0])
-        assert (x, y) == (pytest.approx(8, abs=1e-3), pytest.approx(1, abs=1e-3))
+        # Who knows nearly nothing is where the landmark says, as exactly as landmarks are seen.
+        assert outcome.fix.heading_rad == pytest.approx(0.0, abs=0.015)
+        assert _put(outcome.fix, seen, seen.landmarks[0]) == (pytest.approx(8, abs=0.03), pytest.approx(1, abs=0.03))
+        assert outcome.fix.moved_m == pytest.approx(math.hypot(outcome.fix.x_m - seen.x_m, outcome.fix.y_m - seen.y_m))
         trials.append(outcome.trials)
     assert trials == sorted(trials)
     assert trials[0] < trials[-1]
+
+
+@both
+def test_a_fix_moves_a_robot_the_less_the_surer_it_is(profile):
+    draft = Draft("fix")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    moves = []
+    for metres in (0.04, 0.08, 0.2, 0.4):
+        seen = Experience(1, 6, 0, 0, 5, (replace(DOOR, x_m=8.1, orientation_rad=0.2),), spread=spread_of(metres, 0.01))
+        _, outcome = until_decoded(walker, begun, seen)
+        moves.append(outcome.fix.moved_m)
+    assert moves == sorted(moves)
+    assert moves[0] < 0.04
+    assert moves[-1] > 0.09
 
 
 def test_a_fix_that_the_robot_cannot_have_drifted_is_refused():
@@ -128,35 +164,85 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
     assert outcome.decoded.node == 3
 
 
-def test_a_turned_heading_counts_only_if_two_landmarks_say_so():
-    turn = math.radians(4.5)
-    doors = [Landmark("corner_concave", 8, 3), Landmark("corner_concave", 8, -3)]
+@both
+def test_a_pose_said_to_be_sure_is_not_believed_to_be_four_deviations_off(profile):
+    draft = Draft("sure")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    sure = Experience(1.0, 6, 0, 0, 5.0, spread=spread_of(0.04, 0.01))
+    one = doubt_m(walker.config, sure, DOOR)
+    for deviations, well in ((2.0, True), (4.2, False)):
+        # To both sides at once; each alone is within the region of the search.
+        off = deviations * one / math.sqrt(2)
+        seen = replace(sure, landmarks=(replace(DOOR, x_m=8 + off, y_m=1 + off),))
+        _, outcome = until_decoded(walker, begun, seen)
+        assert (outcome.decoded is not None) is well, deviations
+    _, outcome = walker.step(begun, seen)
+    # In the sealed profile what cannot be is not even tried.
+    assert outcome.reason is (Reason.DRIFT if profile is Profile.PAPER else Reason.NO_MATCH)
+    _, outcome = until_decoded(walker, begun, replace(seen, spread=spread_of(0.2, 0.05)))
+    assert outcome.decoded, "who says that it is unsure is believed"
 
-    def seen_by(robot_turn: float, *landmarks: Landmark) -> Experience:
+
+@both
+def test_a_heading_that_cannot_be_is_refused_like_a_place(profile):
+    draft = Draft("turned")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    for degrees, well in ((5.0, True), (12.0, False)):
+        seen = replace(DOOR, orientation_rad=0.2 + math.radians(degrees))
+        experience = Experience(1.0, 6, 0, 0, 5.0, (seen,), spread=spread_of(0.2, math.radians(0.7)))
+        _, outcome = until_decoded(walker, begun, experience)
+        assert (outcome.decoded is not None) is well, degrees
+
+
+def test_what_is_known_and_in_sight_has_its_say_in_a_fix():
+    """A corner far off tells little of a heading without its orientation; with another to the side it tells all."""
+    turn = math.radians(4.0)
+    corners = [Landmark("concave_left", 8, 3), Landmark("concave_right", 2, -3)]
+
+    def seen_by(t_s: float, robot_turn: float, *landmarks: Landmark) -> Experience:
         cosine, sine = math.cos(-robot_turn), math.sin(-robot_turn)
         turned = [replace(m, x_m=cosine * m.x_m - sine * m.y_m, y_m=sine * m.x_m + cosine * m.y_m) for m in landmarks]
-        return Experience(5.0, 0, 0, -robot_turn, 8.0, tuple(turned))
+        return Experience(t_s, 0, 0, -robot_turn, t_s, tuple(turned), spread=spread_of(0.15, math.radians(3)))
 
     draft = Draft("turn")
     draft.node("start", Position(0, 0), start=True)
-    for i, door in enumerate(doors):
-        draft.node(f"d{i}", door)
-        draft.way("start", f"d{i}")
-    config = MissionConfig(tolerance_m=0.1)
-    walker = walker_for(draft, Profile.PAPER, config)
+    for i, corner in enumerate(corners):
+        draft.node(f"c{i}", corner)
+        draft.way("start", f"c{i}", both=True)
+    walker = walker_for(draft, Profile.PAPER)
     begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
-    _, alone = walker.step(begun, seen_by(turn, doors[0]))
-    assert alone.decoded is None
-    assert alone.reason is Reason.CONTRADICTED
-    state, two = walker.step(begun, seen_by(turn, *doors))
-    assert two.decoded
-    assert two.fix.heading_rad == pytest.approx(0.0, abs=math.radians(1.5))
-    assert state.at is not None
-    # And not more than once a second: the search is dear.
-    tried, _ = walker.step(begun, seen_by(turn, doors[0]))
-    for t_s, well in ((5.5, False), (6.1, True)):
-        _, later = walker.step(tried, replace(seen_by(turn, *doors), t_s=t_s))
-        assert (later.decoded is not None) is well
+    _, alone = walker.step(begun, seen_by(5.0, turn, corners[0]))
+    first, _ = walker.step(begun, seen_by(4.0, 0.0, corners[1]))
+    _, both = walker.step(first, seen_by(5.0, turn, *corners))
+    assert alone.decoded.node == both.decoded.node == 1
+    assert (len(alone.fix.sightings), len(both.fix.sightings)) == (1, 2)
+    assert abs(both.fix.heading_rad) < 0.6 * abs(alone.fix.heading_rad) < 0.6 * turn
+
+
+def test_one_end_of_a_face_is_not_taken_for_the_other():
+    """A pillar's two ends, 0.5 m apart with one normal: a robot 0.5 m off sees the one where it expects the other."""
+    left, right = Landmark("concave_left", 5, 0.25, math.pi), Landmark("concave_right", 5, -0.25, math.pi)
+    draft = Draft("pillar")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("left", left, final=True)
+    draft.way("start", "left")
+    walker = walker_for(draft, Profile.PAPER)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+
+    def looked(kind: str):
+        seen = replace(right, type=kind, y_m=right.y_m + 0.5)
+        return walker.step(begun, Experience(1.0, 2, 0.5, 0, 5.0, (seen,), spread=spread_of(0.2, 0.02)))[1]
+
+    assert (looked("concave_right").decoded, looked("concave_right").reason) == (None, Reason.NO_MATCH)
+    assert looked("concave_left").decoded, "without hands it would have been a false fix"
 
 
 @both

@@ -21,7 +21,7 @@ def small(coding: CodingConfig, *, x: float = 4.0) -> Draft:
     draft = Draft("small", coding=coding, area_m=BOX)
     draft.node("start", Position(1.0, 1.0), start=True)
     draft.node("door", Landmark("doorway", x, 2.17, 0.3))
-    draft.node("corner", Landmark("corner_concave", 9.03, 7.0, -2.0))
+    draft.node("corner", Landmark("concave_left", 9.03, 7.0, -2.0))
     draft.way("start", "door")
     draft.way("door", "corner")
     return draft
@@ -78,9 +78,9 @@ class TestAudit:
 
     def test_the_robots_own_search_is_told(self):
         _, row = rows(small(CodingConfig(delta_mm=400)), Profile.SEALED)
-        assert row["door"].robot_ms == pytest.approx(10 * (9 + 8))
+        assert row["door"].robot_ms == pytest.approx(10 * 25 * 3), "2 rings of 0.4 m in 3 bins: to a metre away"
         _, row = rows(small(CodingConfig(delta_mm=25)), Profile.PAPER)
-        assert row["door"].robot_ms == pytest.approx(1000 * 1681 * 9 / Rates().hash_core)
+        assert row["door"].robot_ms == pytest.approx(1000 * 81 * 81 * 3 / Rates().hash_core)
 
     def test_what_looks_wrong_is_said(self):
         draft = Draft("wrong", area_m=BOX)

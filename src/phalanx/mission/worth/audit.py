@@ -21,7 +21,7 @@ from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, cell_of, sector_of
-from phalanx.mission.walk.cells import BIN_STEPS
+from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
 OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
@@ -216,7 +216,8 @@ def _robot_tries(
     tries = 1.0
     if shape.place:
         # A robot that has lost its way: as far as it ever searches, and in the bins beside.
-        tries *= (2 * math.floor(config.tolerance_m * MM_PER_M / coding.delta_mm + 0.5) + 1) ** 2
+        wanted = math.ceil(config.tolerance_m * MM_PER_M / coding.delta_mm + 0.5) - 1
+        tries *= (2 * next((rings for rings in RINGS if rings >= wanted), RINGS[-1]) + 1) ** 2
         tries *= len(BIN_STEPS) if shape.oriented else 1
     tries *= len(WINDOWS) if shape.time else 1
     return tries * (max(1, actions) if node.do else 1)
