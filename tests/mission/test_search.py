@@ -57,7 +57,7 @@ def test_as_many_cells_as_the_paper_tests_where_the_robot_is_as_unsure_as_there(
 
 
 def test_the_search_goes_as_far_as_the_robot_is_unsure_and_never_beyond_its_tolerance():
-    config = MissionConfig()
+    config = MissionConfig(tolerance_m=1.0)
 
     def known(metres: float, degrees: float = 0.0) -> tuple[float, ...]:
         return metres**2, 0.0, 0.0, metres**2, 0.0, math.radians(degrees) ** 2

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from worlds import CHEAP, built, corridor
 
-from phalanx.config.mission import CodingConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import Draft, Landmark, Position, Profile, Sensor
 from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
 from phalanx.mission.worth.cracking import crack_paper, crack_sealed
@@ -77,9 +77,10 @@ class TestAudit:
         assert row["door"].candidates < OUT_OF_REACH, "a text that hangs on a wall is public"
 
     def test_the_robots_own_search_is_told(self):
-        _, row = rows(small(CodingConfig(delta_mm=400)), Profile.SEALED)
+        config = MissionConfig(tolerance_m=1.0)
+        _, row = rows(small(CodingConfig(delta_mm=400)), Profile.SEALED, config=config)
         assert row["door"].robot_ms == pytest.approx(10 * 25 * 3), "2 rings of 0.4 m in 3 bins: to a metre away"
-        _, row = rows(small(CodingConfig(delta_mm=25)), Profile.PAPER)
+        _, row = rows(small(CodingConfig(delta_mm=25)), Profile.PAPER, config=config)
         assert row["door"].robot_ms == pytest.approx(1000 * 81 * 81 * 3 / Rates().hash_core)
 
     def test_what_looks_wrong_is_said(self):
