@@ -12,10 +12,10 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.mission import Experience, Landmark
 from phalanx.mission.file.canonical import parse_shape
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
+from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import Cell, Offset
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.opening import Opened
-from phalanx.sim.building.lidar import Lidar
 from phalanx.sim.missions.truth import Truth, wrong_by
 
 # Two rooms; in the wall between them, without thickness, a door from y = 2 to 3.5.
@@ -24,7 +24,7 @@ PLAN = floorplan_of_yaml(
     b" [0, 6, 0, 0], [5, 0, 5, 2], [5, 3.5, 5, 6]]}"
 )
 DOOR = Landmark("doorway", 5.0, 2.75, math.pi / 2)
-CORNER = Landmark("corner_concave", 5.0, 2.0, math.pi)
+CORNER = Landmark("concave_left", 5.0, 2.0, math.pi)
 ROOM = Landmark("room", 6.5, 4.0, area_m2=7.0)
 HERE = (2.0, 2.75, 0.0)
 CELL_M = 0.1
