@@ -174,6 +174,22 @@ def test_a_pose_said_to_be_sure_is_not_believed_to_be_four_deviations_off(profil
 
 
 @both
+def test_who_does_not_know_where_it_is_is_at_no_place(profile):
+    draft = Draft("place")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("dock", Position(4, 0), final=True)
+    draft.way("start", "dock")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    sure = walker.config.place_m / walker.config.sigmas
+    for metres, well in ((0.9 * sure, True), (1.1 * sure, False)):
+        seen = Experience(1.0, 4.05, 0, 0, 4.0, spread=spread_of(metres, 0.02))
+        _, outcome = until_decoded(walker, begun, seen)
+        assert (outcome.decoded is not None) is well, metres
+    assert walker.step(begun, seen)[1].reason is Reason.AMBIGUOUS
+
+
+@both
 def test_a_heading_that_cannot_be_is_refused_like_a_place(profile):
     draft = Draft("turned")
     draft.node("start", Position(0, 0), start=True)
