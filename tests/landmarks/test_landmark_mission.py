@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from phalanx.config.lidar import ExtractionConfig
-from phalanx.config.mission import CodingConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
 from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
@@ -26,6 +27,7 @@ from phalanx.sim.building.walkers import free_place
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 # The format's, at a cost of scrypt that a test can pay.
 CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=1, kdf_r=1)
+CONFIG = MissionConfig()
 DT_S, SPEED_MPS = 0.1, 0.5
 FALSE_M = 0.5
 
@@ -42,6 +44,7 @@ class Robot:
         self.random = np.random.default_rng(seed)
         self.drive = DiffDrive(plan, plan.start)
         self.odometry = Odometry(plan.start, OdometryNoise(0.03, 0.05), self.random)
+        self.belief = begun_at(CONFIG, plan.start)
         self.lidar = Lidar(plan.walls)
         self.sensors = Sensors(self.lidar.config)
         self.beams = beam_table(self.lidar.config.angle_min_rad, self.lidar.config.angle_increment_rad, 1080)
@@ -50,12 +53,13 @@ class Robot:
     def experience(self, t_s):
         # What an auditor would get.
         scan = self.sensors.scan_of(self.sensors.raw_of(self.lidar.sweep(self.drive.pose, self.random)))
-        seen = extract(scan).landmarks(*self.odometry.pose)
-        return Experience(t_s, *self.odometry.pose, self.odometry.travelled_m, seen)
+        seen = extract(scan).landmarks(*self.belief.pose)
+        travelled_m = self.odometry.travelled_m
+        return Experience(t_s, *self.belief.pose, travelled_m, seen, spread=self.belief.doubt)
 
     @property
     def error_m(self):
-        return math.hypot(self.odometry.pose[0] - self.drive.pose[0], self.odometry.pose[1] - self.drive.pose[1])
+        return math.dist(self.belief.pose[:2], self.drive.pose[:2])
 
     def free(self, turn, reach):
         """How far a lane as wide as the robot is free in a direction."""
@@ -73,7 +77,7 @@ class Robot:
         return float(turns[np.argmin(costs)])
 
     def follow(self, order):
-        x, y, heading = self.odometry.pose
+        x, y, heading = self.belief.pose
         goal_x, goal_y = order.place_m
         if self.leg != (order.target, order.place_m):
             self.leg, self.arrived = (order.target, order.place_m), False
@@ -86,8 +90,8 @@ class Robot:
             wanted = math.atan2(goal_y - y, goal_x - x)
         error = self.around(math.remainder(wanted - heading, math.tau), math.hypot(goal_x - x, goal_y - y))
         speed = SPEED_MPS if abs(error) < 0.6 and self.free(0.0, 1.0) > 0.25 else 0.0
-        moved = self.drive.step(*self.drive.wheels(speed, max(-1.5, min(1.5, error / DT_S))), DT_S)
-        self.odometry.step(*moved)
+        motion = self.drive.step(*self.drive.wheels(speed, max(-1.5, min(1.5, error / DT_S))), DT_S)
+        self.belief = moved(CONFIG, self.belief, self.odometry.pose, self.odometry.step(*motion))
 
 
 def walk(plan, profile, seed, steps):
@@ -97,7 +101,7 @@ def walk(plan, profile, seed, steps):
     for i in range(steps):
         state, outcome = walker.step(state, robot.experience(DT_S * i))
         if outcome.fix:
-            robot.odometry.correct((outcome.fix.x_m, outcome.fix.y_m, outcome.fix.heading_rad))
+            robot.belief = fixed(CONFIG, robot.belief, outcome.fix)
             errors.append(robot.error_m)
         if outcome.order.kind is Kind.DONE:
             break

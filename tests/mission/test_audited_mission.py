@@ -70,8 +70,8 @@ def test_who_audits_holds_no_key(profile):
     for rob_id in range(1, ROBOTS + 1):
         make = run.robots[rob_id - 1].cnode.make_controller
         other = make(rob_id % ROBOTS + 1)
-        _, claims, _ = other.walker.look(other.memory.walk, Experience(1.0, *PLAN.start))
-        assert (claims == ()) == (profile is Profile.SEALED), "in the paper profile there are no keys"
+        _, claim, _ = other.walker.look(other.memory.walk, Experience(1.0, *PLAN.start))
+        assert (claim is None) == (profile is Profile.SEALED), "in the paper profile there are no keys"
     if profile is Profile.SEALED:
         with pytest.raises(UsageError, match="without its start key"):
             run_of((Part(errand(profile).mission, None, PLAN.start),))

@@ -10,10 +10,13 @@ import pytest
 from worlds import BOTH, built, cheap
 
 from phalanx.cli.mission.files import read_plain
+from phalanx.config.mission import MissionConfig
 from phalanx.mission import Experience, Kind, Landmark, Phase, State, Walker
 from phalanx.mission.landmarks.sites import landmarks_of
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.sim.building.floorplan import load_floorplan
 
+CONFIG = MissionConfig()
 RANGE_M = 12.0
 STEP_M, TURN_RAD = 0.05, 0.15
 NOISE_M, NOISE_RAD, NOISE_M2 = 0.02, 0.015, 0.3
@@ -27,7 +30,7 @@ class Robot:
         self.plan, self.rng = plan, random.Random(seed)
         self.landmarks = [alias for site in landmarks_of(plan) for alias in site.aliases]
         self.x, self.y, self.heading = plan.start
-        self.est_x, self.est_y, self.est_heading = plan.start
+        self.belief, self.wheels = begun_at(CONFIG, plan.start), plan.start
         self.scale, self.turn_scale = (self.rng.uniform(-sigma / 2, sigma / 2) for sigma in (0.03, 0.05))
         self.travelled = 0.0
         self.leg, self.arrived = None, False
@@ -44,50 +47,53 @@ class Robot:
                 continue
             if self.plan.sees((self.x, self.y), (truth.x_m - 0.02 * dx, truth.y_m - 0.02 * dy)):
                 seen.append(self._measured(truth, ahead, left))
-        return Experience(t_s, self.est_x, self.est_y, self.est_heading, self.travelled, tuple(seen))
+        return Experience(t_s, *self.belief.pose, self.travelled, tuple(seen), spread=self.belief.doubt)
 
     def _measured(self, truth: Landmark, ahead: float, left: float) -> Landmark:
         gauss = self.rng.gauss
         ahead, left = ahead + gauss(0, NOISE_M), left + gauss(0, NOISE_M)
-        cosine, sine = math.cos(self.est_heading), math.sin(self.est_heading)
+        x, y, heading = self.belief.pose
+        cosine, sine = math.cos(heading), math.sin(heading)
         orientation, area = truth.orientation_rad, truth.area_m2
         if orientation is not None:
-            orientation += self.est_heading - self.heading + gauss(0, NOISE_RAD)
+            orientation += heading - self.heading + gauss(0, NOISE_RAD)
         return replace(
             truth,
-            x_m=self.est_x + cosine * ahead - sine * left,
-            y_m=self.est_y + sine * ahead + cosine * left,
+            x_m=x + cosine * ahead - sine * left,
+            y_m=y + sine * ahead + cosine * left,
             orientation_rad=orientation,
             area_m2=None if area is None else area + gauss(0, NOISE_M2),
         )
 
     def believe(self, fix) -> None:
-        self.est_x, self.est_y, self.est_heading = fix.x_m, fix.y_m, fix.heading_rad
+        self.belief = fixed(CONFIG, self.belief, fix)
 
     @property
     def error_m(self) -> float:
-        return math.hypot(self.est_x - self.x, self.est_y - self.y)
+        return math.dist(self.belief.pose[:2], (self.x, self.y))
 
     def drive(self, order) -> None:
-        x, y = order.place_m
+        (x, y), (est_x, est_y, est_heading) = order.place_m, self.belief.pose
         if self.leg != (order.target, order.place_m):
             self.leg, self.arrived = (order.target, order.place_m), False
-        self.arrived = self.arrived or math.hypot(x - self.est_x, y - self.est_y) < 0.4
+        self.arrived = self.arrived or math.hypot(x - est_x, y - est_y) < 0.4
         if order.toward_m:
             x, y = order.toward_m
-        wanted = math.atan2(y - self.est_y, x - self.est_x)
+        wanted = math.atan2(y - est_y, x - est_x)
         if self.arrived and not order.toward_m:
             along = order.direction_rad
-            off = (self.est_y - y) * math.cos(along) - (self.est_x - x) * math.sin(along)
+            off = (est_y - y) * math.cos(along) - (est_x - x) * math.sin(along)
             wanted = along - max(-0.8, min(0.8, off))
-        error = (wanted - self.est_heading + math.pi) % (2 * math.pi) - math.pi
+        error = (wanted - est_heading + math.pi) % (2 * math.pi) - math.pi
         turn, step = max(-TURN_RAD, min(TURN_RAD, error)), STEP_M if abs(error) < 0.6 else 0.0
         self.heading += turn
         self.x, self.y = self.x + step * math.cos(self.heading), self.y + step * math.sin(self.heading)
-        self.est_heading += turn * (1 + self.turn_scale)
         step *= 1 + self.scale
-        self.est_x += step * math.cos(self.est_heading)
-        self.est_y += step * math.sin(self.est_heading)
+        x, y, heading = self.wheels
+        heading += turn * (1 + self.turn_scale)
+        after = x + step * math.cos(heading), y + step * math.sin(heading), heading
+        self.belief = moved(CONFIG, self.belief, self.wheels, after)
+        self.wheels = after
         self.travelled += step
 
 
