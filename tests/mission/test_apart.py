@@ -122,11 +122,11 @@ def test_a_door_is_not_believed_where_another_in_sight_fits_as_well(profile):
     draft.way("start", "door")
     walker = walker_for(draft, profile)
     begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
-    seen = Experience(1.0, 2.0, 0, 0, 5.0, (DOOR, replace(DOOR, y_m=0.6)))
+    seen = Experience(1.0, 2.0, 0, 0, 5.0, (DOOR, replace(DOOR, y_m=0.45)))
     _, outcome = walker.step(begun, seen)
     assert outcome.decoded is None
     assert outcome.reason is Reason.AMBIGUOUS
-    for other in (replace(DOOR, y_m=0.1), replace(DOOR, y_m=6.0), Landmark("corner_convex", 5.0, 0.6, 0.2)):
+    for other in (replace(DOOR, y_m=0.1), replace(DOOR, y_m=6.0), Landmark("corner_convex", 5.0, 0.45, 0.2)):
         _, outcome = until_decoded(walker, begun, replace(seen, landmarks=(DOOR, other)))
         assert outcome.decoded, "the same thing twice, one far off, and one of another kind are no rivals"
 

@@ -131,7 +131,7 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
     # Two doors are known; a third is seen where only a shift that the two contradict would put it.
     draft = Draft("contradiction")
     draft.node("start", Position(0, 0), start=True)
-    doors = [Landmark("doorway", 3, 2, 0.0), Landmark("doorway", 5, -2, 0.3), Landmark("doorway", 8, 1, 0.6)]
+    doors = [Landmark("doorway", 3, 2, 0.0), Landmark("doorway", 5, -2, 0.3), Landmark("doorway", 6.5, 1, 0.6)]
     names = ["start"]
     for i, door in enumerate(doors):
         draft.node(f"d{i}", door)
@@ -142,7 +142,7 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
     for i in (0, 1):
         state, outcome = walker.step(state, Experience(1.0 + i, 2, 0, 0, 2.0, tuple(doors[: i + 1])))
         assert outcome.decoded.node == i + 1
-    moved = replace(doors[2], x_m=8.45)
+    moved = replace(doors[2], x_m=6.95)
     _, outcome = walker.step(state, Experience(3.0, 2, 0, 0, 5.0, (doors[0], doors[1], moved)))
     assert outcome.decoded is None
     assert outcome.reason is Reason.CONTRADICTED
@@ -190,6 +190,21 @@ def test_who_does_not_know_where_it_is_is_at_no_place(profile):
 
 
 @both
+def test_what_is_too_far_off_is_not_decoded(profile):
+    """A degree of heading makes of it what may be the next one."""
+    draft = Draft("far")
+    draft.node("start", Position(0, 0), start=True)
+    draft.node("door", DOOR, final=True)
+    draft.way("start", "door")
+    walker = walker_for(draft, profile)
+    begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
+    for away_m, well in ((walker.config.decode_m + 0.1, False), (walker.config.decode_m - 0.1, True)):
+        seen = Experience(1.0, DOOR.x_m - away_m, DOOR.y_m, 0, 5.0, (DOOR,), spread=spread_of(0.05, 0.01))
+        _, outcome = until_decoded(walker, begun, seen)
+        assert (outcome.decoded is not None) is well, away_m
+
+
+@both
 def test_a_heading_that_cannot_be_is_refused_like_a_place(profile):
     draft = Draft("turned")
     draft.node("start", Position(0, 0), start=True)
@@ -207,7 +222,7 @@ def test_a_heading_that_cannot_be_is_refused_like_a_place(profile):
 def test_what_is_known_and_in_sight_has_its_say_in_a_fix():
     """A corner far off tells little of a heading without its orientation; with another to the side it tells all."""
     turn = math.radians(4.0)
-    corners = [Landmark("concave_left", 8, 3), Landmark("concave_right", 2, -3)]
+    corners = [Landmark("concave_left", 5, 3), Landmark("concave_right", 2, -3)]
 
     def seen_by(t_s: float, robot_turn: float, *landmarks: Landmark) -> Experience:
         cosine, sine = math.cos(-robot_turn), math.sin(-robot_turn)
