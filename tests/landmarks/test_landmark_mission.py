@@ -13,7 +13,8 @@ import pytest
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import BuildOptions, Experience, Kind, Phase, Profile, State, Walker, build
-from phalanx.mission.authoring.survey import survey
+from phalanx.mission.authoring.survey import begun_at as begun_in
+from phalanx.mission.authoring.survey import roomiest, survey
 from phalanx.mission.landmarks import extract, landmarks_of
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.landmarks.scan import beam_table
@@ -22,7 +23,6 @@ from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.building.odometry import Odometry, OdometryNoise
-from phalanx.sim.building.walkers import free_place
 
 OTHERS = Path(__file__).parent.parent / "data" / "maps"
 # The format's, at a cost of scrypt that a test can pay.
@@ -129,7 +129,7 @@ def test_a_robot_with_a_lidar_decodes_node_after_node_and_no_fix_is_false(profil
 def test_every_map_of_ros_compiles_to_a_mission(path):
     plan = load_floorplan(path)
     if plan.start is None:
-        plan = replace(plan, start=(*free_place(plan, 0.3, np.random.default_rng(1)), 0.0))
+        plan = begun_in(plan, roomiest(plan))
     if len(plan.walls) > 3000:
         # A whole floor of an institute: compiled here without its thousand corners.
         plan = replace(plan, outlines=plan.outlines[:3])
