@@ -25,9 +25,11 @@ from phalanx.mission import (
     parse_start_key,
     plain_mission,
 )
+from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import not_yaml
 from phalanx.mission.refused import MalformedMission
+from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.builtin import built_in
 from phalanx.sim.missions.orders import File
 
@@ -86,7 +88,11 @@ def read_plain(source: str) -> Mission:
     if isinstance(words, dict) and "nodes" not in words and words.keys() & {"walls", "image"}:
         hint = f"--map {source} is for build, and --world {source} where a mission runs"
         raise UsageError(f"{source} is a map, not a mission", hint)
-    return plain_mission(words)
+    mission = plain_mission(words)
+    try:
+        return apart_in(load_floorplan(mission.floor_plan), mission) if mission.floor_plan else mission
+    except UsageError:
+        return mission  # whoever needs the map says that it is not there
 
 
 def read_encoded(path: Path) -> EncodedMission:

@@ -24,6 +24,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.experiments.plot import banded, draw_walls
 from phalanx.experiments.table import Rows, Table
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
+from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.walk.fix import begun_at, fixed, moved
@@ -106,7 +107,7 @@ def record(seed: int = 0, duration_s: float = DURATION_S) -> Drive:
 def office() -> Mission:
     """The built-in mission of our floor plan's 32 landmarks."""
     text = (importlib.resources.files("phalanx") / "data" / "missions" / "office.yaml").read_text()
-    return plain_mission(yaml.safe_load(text))
+    return apart_in(load_floorplan(DEFAULT), plain_mission(yaml.safe_load(text)))
 
 
 @lru_cache(maxsize=16)

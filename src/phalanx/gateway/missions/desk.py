@@ -19,6 +19,7 @@ from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
 from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build, plain_mission
+from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.landmarks import Site, landmarks_of
 from phalanx.mission.landmarks.floorplan import read_yaml
 from phalanx.mission.worth.audit import Rates, audit
@@ -134,7 +135,7 @@ class MissionDesk:
                         raise _Replaced
                     yield answer
 
-            built = build(plain, BuildOptions(profile=profile), os.urandom, spread)
+            built = build(apart_in(self._swarm.plan, plain), BuildOptions(profile=profile), os.urandom, spread)
         job.begin = self._swarm.prepare(plain, built)
         job.id = built[0].mission.header.mission_id.hex()
         return {

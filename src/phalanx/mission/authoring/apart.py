@@ -27,15 +27,16 @@ def apart_in(plan: FloorPlan, mission: Mission) -> Mission:
     return told_apart(mission, look_alikes_of(plan))
 
 
-def told_apart(mission: Mission, look_alikes: Iterable[Landmark] = ()) -> Mission:
+def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) -> Mission:
     """The mission whose landmarks say how far it is to the next thing that looks the same.
 
     Args:
-        look_alikes: what else there is to be seen in the building; without them the mission's own landmarks count.
+        look_alikes: what else there is to be seen in the building; None: nobody knows, and what the landmarks say
+            already holds, or UNTOLD_M, but for codes, which have a text of their own.
     """
     own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
     others: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}
-    for each in (*own, *look_alikes):
+    for each in (*own, *(look_alikes or ())):
         row = (each.x_m, each.y_m, number_or_nan(each.orientation_rad))
         others.setdefault((each.type, each.text), []).append(row)
     tables = {kind: np.array(rows, np.float64) for kind, rows in others.items()}
@@ -43,7 +44,8 @@ def told_apart(mission: Mission, look_alikes: Iterable[Landmark] = ()) -> Missio
     def seen(thing: Observable) -> Observable:
         if not isinstance(thing, Landmark):
             return thing
-        return replace(thing, apart_m=min(thing.apart_m, _apart_m(thing, tables[thing.type, thing.text])))
+        told = thing.apart_m if look_alikes is None and thing.text is None else math.inf
+        return replace(thing, apart_m=min(told, _apart_m(thing, tables[thing.type, thing.text])))
 
     def of(node: Node) -> Node:
         return replace(node, see=tuple(tuple(seen(thing) for thing in alias) for alias in node.see))

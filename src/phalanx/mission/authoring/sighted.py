@@ -22,10 +22,10 @@ AWAY_M = (0.8, 1.5, 2.5, 4.0, 6.0)
 DIRECTIONS, LOOKS = 12, 24
 ROOM_M = 0.3  # that a robot needs around such a place
 # So far from where the map has it, and so much turned, it is still itself.
-NEAR_M, TURNED_RAD = 0.15, math.radians(10)
+NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 OTHER_M = 0.5
 # Seen from so many of those places, and within so much of its middle place from half of them, it is a landmark.
-SEEN_SHARE, STEADY_M = 0.4, 0.05
+SEEN_SHARE, STEADY_M = 0.3, 0.1
 # The lidar's own noise is the robot's to bear.
 _CLEAR = LidarConfig(noise_m=0.0, drop_out=0.0)
 Pose = tuple[float, float, float]

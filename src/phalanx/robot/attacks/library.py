@@ -240,12 +240,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                against="walls",
                does="hangs a copy of the code of the shelf 5 m before it",
                stopped_by="the copy does not decode where it hangs; the robot goes on to the code itself"),
-        # Half a metre on each axis, and a cell's corner.
-        errand("nudge-code", "missions.walls.NudgeCode", by_defence("harmless", "limited", "limited"), FIX, 0.3,
-               against="walls", limit=0.75,
+        errand("nudge-code", "missions.walls.NudgeCode", HARMLESS, FIX, 0.3,
+               against="walls",
                does="hangs the code of the shelf 0.4 m aside",
-               stopped_by="nothing; the search limits it: what hangs farther off than it reaches does not decode; "
-                          "no landmark misleads a robot in `none`, nor corrects it"),
+               stopped_by="the robot knows how sure it is of its pose; what hangs farther off does not decode"),
         errand("stale-message", "missions.messages.StaleMessage", STOPPED, WRONG, 1, against="messages",
                does="sends the controller's release of yesterday, which the robot waits for and nobody gave today",
                stopped_by="a controller's message is random and made anew for each mission: yesterday's opens "
