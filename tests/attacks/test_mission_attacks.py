@@ -105,7 +105,7 @@ def test_every_attack_bites_somewhere_or_is_a_fault_that_only_who_looks_for_land
     [
         ("move-code", "none", {"stopped", "harmless"}),
         ("move-code", "bound", {"harmless", "bites", "not covered"}),
-        ("nudge-code", "bound", {"stopped", "harmless"}),
+        ("nudge-code", "bound", {"stopped", "bites"}),
         ("freeze-scan", "bound", {"stopped", "harmless"}),
         ("drag-scan", "bound", {"stopped", "harmless", "limited"}),
         ("swap-key", "none", {"stopped", "bites"}),

@@ -15,7 +15,7 @@ from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State, parse_mission, parse_start_key
 from phalanx.mission.authoring.apart import ALIKE_RAD, apart_in, told_apart
 from phalanx.mission.landmarks import look_alikes_of
-from phalanx.mission.observable import APART_MAX, Offset, offset_of
+from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
 from phalanx.sim.building.floorplan import load_floorplan
 
 both = pytest.mark.parametrize("profile", BOTH)
@@ -50,13 +50,15 @@ def aparts(mission) -> list[float]:
     ],
 )
 def test_it_is_as_far_as_the_next_thing_that_looks_the_same(other, apart):
-    assert aparts(told_apart(mission_of(DOOR, other))) == pytest.approx([apart, apart])
+    assert aparts(told_apart(mission_of(DOOR, other), [])) == pytest.approx([apart, apart])
     assert aparts(told_apart(mission_of(DOOR), [other])) == pytest.approx([apart]), "be it a node or not"
+    untold = aparts(told_apart(mission_of(DOOR, other)))
+    assert untold[0] == pytest.approx(min(apart, UNTOLD_M)), "who does not know the building expects more of them"
 
 
 def test_a_concave_corner_is_taken_for_none_of_the_other_hand():
     left, right = Landmark("concave_left", 5, 0, 0.2), Landmark("concave_right", 5.5, 0, 0.2)
-    assert aparts(told_apart(mission_of(left, right))) == [math.inf, math.inf]
+    assert aparts(told_apart(mission_of(left, right), [])) == [math.inf, math.inf]
 
 
 def test_what_the_author_knows_is_kept_where_it_is_nearer():
@@ -69,7 +71,7 @@ def test_a_building_has_more_look_alikes_than_a_mission_has_nodes():
     plan = load_floorplan("office_40x40")
     one = next(thing for thing in look_alikes_of(plan) if thing.type == "doorway")
     (alone,), (among,) = aparts(told_apart(mission_of(one))), aparts(apart_in(plan, mission_of(one)))
-    assert alone == math.inf
+    assert alone == UNTOLD_M
     assert 1.0 < among < 10.0
     # Jambs are no landmarks, and are seen as corners where the doorway's other jamb is not.
     kinds = {thing.type for thing in look_alikes_of(plan)}

@@ -73,10 +73,10 @@ class MissionConfig:
     # How wrong odometry may be: always, of the way, of turns and in degrees per metre; and by chance
     odometry_way: float = within(0.05, 0.0, 1.0)
     odometry_turn: float = within(0.05, 0.0, 1.0)
-    odometry_curve_deg: float = within(0.3, 0.0, 90.0)
+    odometry_curve_deg: float = within(0.1, 0.0, 90.0)
     odometry_way_m: float = within(0.02, 0.0, 1.0)  # with the root of the way in metres
-    odometry_turn_deg: float = within(1.0, 0.0, 90.0)  # with the root of the turn in radians
-    odometry_per_m_deg: float = within(0.3, 0.0, 90.0)  # with the root of the way in metres
+    odometry_turn_deg: float = within(0.8, 0.0, 90.0)  # with the root of the turn in radians
+    odometry_per_m_deg: float = within(0.2, 0.0, 90.0)  # with the root of the way in metres
     kdf_tries: int = within(12, 1, 100_000)  # slow tries in one step (sealed profile): 12 take 0.1 s at N = 2^12
     hash_tries: int = within(200_000, 1, 1 << 30)  # fast tries in one step (paper profile)
     tried_limit: int = within(4096, 16, 1 << 20)  # tries that are remembered, so that they are not made again

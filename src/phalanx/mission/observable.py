@@ -26,7 +26,7 @@ OFFSET_M2 = 1e-2  # unit of an area's offset
 APART_M, APART_MAX = 0.1, 255  # unit, and what stands for "nothing near looks the same"
 VALUE_MAX = 1e6
 # What nobody has told of a landmark: who does not know the building must expect its like so near.
-UNTOLD_M = 1.0
+UNTOLD_M = 3.0
 # The doubt of who says nothing of it: 12 cm and 2.5 degrees. Surer than `place_m`, or such a robot would begin nowhere.
 UNSURE = (0.0144, 0.0, 0.0, 0.0144, 0.0, 0.0019)
 

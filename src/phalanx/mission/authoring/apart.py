@@ -14,7 +14,7 @@ import numpy as np
 
 from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, look_alikes_of
-from phalanx.mission.observable import HALF_TURN_TYPES, Landmark, Observable, number_or_nan
+from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
 
 # Orientations that differ by less may be taken for one another: two bins of headings.
 ALIKE_RAD = math.radians(30)
@@ -44,7 +44,8 @@ def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) 
     def seen(thing: Observable) -> Observable:
         if not isinstance(thing, Landmark):
             return thing
-        told = thing.apart_m if look_alikes is None and thing.text is None else math.inf
+        is_told = look_alikes is not None or thing.text is not None
+        told = math.inf if is_told and thing.apart_m == UNTOLD_M else thing.apart_m
         return replace(thing, apart_m=min(told, _apart_m(thing, tables[thing.type, thing.text])))
 
     def of(node: Node) -> Node:

@@ -27,6 +27,9 @@ MISFIT_2, MISFIT_3 = 9.2, 11.3
 ALIKE_2, ALIKE_3 = 6.0, 7.8
 # A robot that may be turned by more than this takes the sides of a thing for one another.
 LOST_RAD = math.radians(45)
+# So far a robot may be off, of its own doubt, when it takes a thing for the only one: an error of more has to meet
+# a thing that looks the same just there.
+ALONE_SIGMAS = 2.5
 # Of all that is seen again so many landmarks, the nearest, say as much as all.
 AGAIN_MOST = 6
 # A pose whose doubt has grown by so much since it was as sure as it gets is worth a correction.
@@ -149,7 +152,7 @@ def is_alone(config: MissionConfig, seen: Experience, observed: Landmark, truth:
     if config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return False
     away = math.hypot(observed.x_m - truth.x_m, observed.y_m - truth.y_m)
-    return away + config.sigmas * doubt_m(config, seen, observed) < truth.apart_m
+    return away + ALONE_SIGMAS * doubt_m(config, seen, observed) < truth.apart_m
 
 
 def are_alone(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> bool:

@@ -16,6 +16,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
+import numpy as np
+
 from phalanx.config import BtiConfig
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import MissionConfig
@@ -53,8 +55,9 @@ SAID_MAX = 8
 MILLI = 1000
 # Landmarks farther off are left alone: what a robot decodes it must be able to reach.
 SEE_M = 10.0
-# A robot of 0.175 m that sees something nearer than this may stand against it.
-TOUCHES_M = 0.22
+# A robot of 0.175 m that sees something nearer than this ahead of it, and what it drives from one reading to the next,
+# may push against it; not against what is beside it.
+TOUCHES_M, STEP_M, ASIDE = 0.2, 0.06, 0.05
 ACTION_MAX_BYTES = 1024  # an a-node takes no command of more than 2048
 # A fix from a landmark seen again is worth a kilobyte of evidence after so much way, or so much of a turn.
 AGAIN_M, AGAIN_RAD = 1.0, 0.5
@@ -258,7 +261,8 @@ class MissionController(EvidenceController):
 
     def _belief(self, now: Reading) -> Belief:
         """Where the robot believes to be, now that its wheels have said this."""
-        touches = int(now.clear.min()) * CLEAR_STEP_M < TOUCHES_M
+        ahead = self._sectors.cosines
+        touches = bool(np.any((now.clear * CLEAR_STEP_M < TOUCHES_M + STEP_M * ahead) & (ahead > ASIDE)))
         return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose, touches=touches)
 
     def _experience(self, t_ms: int, belief: Belief, now: Reading, scan: bytes) -> Experience:
