@@ -102,7 +102,7 @@ def test_a_door_is_not_believed_where_another_like_it_may_be_meant(profile):
     walker = walker_for(draft, profile)
     begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
     seen = Experience(1.0, 2.0, 0, 0, 5.0, (DOOR,))
-    for deviation_m, well in ((0.05, True), (0.3, True), (0.5, False)):
+    for deviation_m, well in ((0.05, True), (0.4, True), (0.7, False)):
         spread = (deviation_m**2, 0.0, 0.0, deviation_m**2, 0.0, 1e-4)
         _, outcome = until_decoded(walker, begun, replace(seen, spread=spread))
         assert (outcome.decoded is not None) is well, deviation_m
