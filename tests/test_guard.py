@@ -20,6 +20,7 @@ from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
 from phalanx.io.guard import VISITORS, House, Visitor
+from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats, place_of
 from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
@@ -227,6 +228,56 @@ class Wire:
 
     def __getattr__(self, name):
         return lambda *_, **__: 0 if name == "get_write_buffer_size" else None
+
+
+class Ear(Wire):
+    """A broker's end, and what it heard."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: list[bytes] = []
+
+    def write(self, packet: bytes) -> None:
+        self.heard.append(packet)
+
+
+def visitor_of(house: House, name: bytes) -> tuple[Visitor, Ear]:
+    """Somebody who has said hello."""
+    visitor, ear = Visitor(house, browser=False), Ear()
+    visitor.connection_made(Wire())
+    visitor._broker = ear
+    visitor.data_received(connect(4, name))
+    return visitor, ear
+
+
+class TestAPace:
+    @given(st.lists(st.floats(0, 2), max_size=300), st.integers(1, 50), st.integers(1, 50))
+    def test_who_waits_as_told_says_no_more_than_that(self, silences, per_s, at_once):
+        pace, now_s = Pace(per_s, at_once), 0.0
+        for count, silent_s in enumerate(silences, 1):
+            now_s += pace.said(now_s) + silent_s
+            assert count <= at_once + now_s * per_s + 1
+
+    async def test_whoever_says_ten_thousand_things_at_once_waits_and_others_do_not(self):
+        house = House("", 10)
+        (flood, all_of_it), (other, heard) = visitor_of(house, b"flood"), visitor_of(house, b"other")
+        publish = with_length(0x30, b"\x00\x01tx")
+        flood.data_received(publish * 10_000)
+        other.data_received(publish)
+        for _ in range(300):
+            await asyncio.sleep(0)
+        assert heard.heard[-1] == publish
+        assert 150 < len(all_of_it.heard) < 400, "so many at once after a silence"
+
+    async def test_whoever_says_them_and_goes_leaves_nobody_here(self):
+        house = House("", 10)
+        flood, ear = visitor_of(house, b"flood")
+        closed = []
+        ear.close = lambda: closed.append(True)
+        flood.data_received(with_length(0x30, b"\x00\x01tx") * 10_000)
+        flood.connection_lost(None)
+        await eventually(lambda: closed)
+        assert len(ear.heard) < 400
 
 
 def test_nobody_is_hung_up_on_twice():
