@@ -74,7 +74,7 @@ def unreached(plan: FloorPlan) -> list[tuple[float, float]]:
     return missed
 
 
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(names)
 def test_all_of_a_building_can_be_reached_by_a_robot(name: str) -> None:
     assert unreached(drawn(name)) == []

@@ -1,4 +1,4 @@
-"""The table of missions: a row a run, none lived twice, and in our own office nothing that was believed is false."""
+"""The table of missions: a row a run, none lived twice, and in buildings that chance drew nothing believed is false."""
 
 from __future__ import annotations
 
@@ -45,25 +45,30 @@ def row(script: ModuleType, **more: object) -> object:
     return script.Row(**{**empty, "where": "here", "profile": "paper", "noise": "stage", **more})
 
 
-def test_in_the_office_missions_are_whole_and_nothing_is_false(
+def test_in_drawn_buildings_missions_are_whole_and_nothing_is_false(
     script: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, tmp_path: Path
 ) -> None:
     file = tmp_path / "runs" / "missions.csv"
-    words = ("office", "inspection", "--people", "0,3", "--csv", file)
+    words = ("drawn:1", "drawn:21", "--people", "0,3", "--noise", "stage,fixed", "--csv", file)
     assert called(script, monkeypatch, *words) == 0
     with file.open() as lines:
         rows = list(csv.DictReader(lines))
-    assert [(each["where"], each["people"], each["completed"]) for each in rows] == [
-        ("office", "0", "1"), ("office", "3", "1"), ("inspection", "0", "1"), ("inspection", "3", "1"),
-    ]  # fmt: skip
+    assert {(each["where"], each["noise"], each["people"], each["completed"]) for each in rows} == {
+        (where, noise, people, "1")
+        for where in ("drawn:1", "drawn:21")
+        for noise in ("stage", "fixed")
+        for people in ("0", "3")
+    }
     assert {(each["false_fixes"], each["false_decodes"], each["denied"]) for each in rows} == {("0", "0", "")}
     table = capsys.readouterr().out.splitlines()[-4:]
-    assert all("0 in 0" in line and "of  1" in line for line in table)
+    assert all("0 in 0" in line and "of  2" in line for line in table)
     # Nothing is lived twice, and what was not written to its end is lived again.
     before = file.read_text()
     file.write_text(before[:-20])
     assert called(script, monkeypatch, *words) == 0
-    assert capsys.readouterr().out.startswith("1/1  inspection paper stage 3 people")
+    assert capsys.readouterr().out.startswith(
+        f"1/1  {rows[-1]['where']} paper {rows[-1]['noise']} {rows[-1]['people']} people"
+    )
     assert file.read_text().count("\n") == before.count("\n")
     assert called(script, monkeypatch, *words) == 0
     assert capsys.readouterr().out.startswith("\nwhere")
