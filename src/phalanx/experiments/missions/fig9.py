@@ -49,7 +49,7 @@ def compare(table: Table) -> list[Statement]:
             paper="",
             ours=quantiles(errors_m, ".2f"),
             agrees=bool(np.all(errors_m < 0.5)),
-            why="within the search's ±0.5 m at all times; Stage-type noise (0.03, 0.05)",
+            why="within the paper's search of ±0.5 m at all times; Stage-type noise (0.03, 0.05)",
         ),
     ]
 
