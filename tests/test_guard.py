@@ -252,13 +252,14 @@ def visitor_of(house: House, name: bytes) -> tuple[Visitor, Ear]:
 
 class TestAPace:
     @given(st.lists(st.floats(0, 2), max_size=300), st.integers(1, 50), st.integers(1, 50))
-    def test_who_waits_as_told_says_no_more_than_that(self, silences, per_s, at_once):
-        pace, now_s = Pace(per_s, at_once), 0.0
-        for count, silent_s in enumerate(silences, 1):
-            now_s += pace.said(now_s) + silent_s
-            assert count <= at_once + now_s * per_s + 1
+    def test_no_more_is_said_than_that(self, silences, per_s, at_once):
+        pace, now_s, said = Pace(per_s, at_once), 0.0, 0
+        for silent_s in silences:
+            now_s += silent_s
+            said += pace.may(now_s)
+            assert said <= at_once + now_s * per_s
 
-    async def test_whoever_says_ten_thousand_things_at_once_waits_and_others_do_not(self):
+    async def test_of_ten_thousand_things_at_once_most_are_dropped_and_none_waits_and_others_are_heard(self):
         house = House("", 10)
         (flood, all_of_it), (other, heard) = visitor_of(house, b"flood"), visitor_of(house, b"other")
         publish = with_length(0x30, b"\x00\x01tx")
@@ -267,7 +268,8 @@ class TestAPace:
         for _ in range(300):
             await asyncio.sleep(0)
         assert heard.heard[-1] == publish
-        assert 150 < len(all_of_it.heard) < 400, "so many at once after a silence"
+        assert 700 < len(all_of_it.heard) < 1200, "so many at once after a silence"
+        assert flood._packets.next() is None
 
     async def test_whoever_says_them_and_goes_leaves_nobody_here(self):
         house = House("", 10)
@@ -277,7 +279,7 @@ class TestAPace:
         flood.data_received(with_length(0x30, b"\x00\x01tx") * 10_000)
         flood.connection_lost(None)
         await eventually(lambda: closed)
-        assert len(ear.heard) < 400
+        assert len(ear.heard) < 1200
 
 
 def test_nobody_is_hung_up_on_twice():

@@ -36,9 +36,9 @@ WAITING_BYTES, WAITING_IN_ALL_BYTES = 3 * 1024 * 1024, 64 * 1024 * 1024
 STALLED_S = 20.0
 TURN_PACKETS = 64  # of one visitor, before others have their turn
 FULL_BYTES = 64 * 1024  # what waits for the broker
-# Packets a second, and at once after a silence, of one visitor, of an address, and of all: a phone that drives sends
-# 25, and a hall of two hundred phones may share an address. More waits where it comes from.
-PACE, PLACE_PACE, HOUSE_PACE = (100.0, 200.0), (2500.0, 2500.0), (5000.0, 5000.0)
+# Packets a second, and at once after a silence, of one visitor and of all: a phone that drives sends 25. More is
+# dropped: what waited would be a command that comes late.
+PACE, HOUSE_PACE = (400.0, 800.0), (5000.0, 5000.0)
 CHECK_S = 0.25
 
 
@@ -50,13 +50,11 @@ class House(Seats["Visitor"]):
         self.broker = broker
         self.waiting_bytes = 0
         self._pace = Pace(*HOUSE_PACE)
-        self._paces: dict[str, Pace] = {}
 
-    def said(self, visitor: Visitor) -> float:
-        """A visitor said a packet; so many seconds is its next one to wait."""
+    def hears(self, visitor: Visitor) -> bool:
+        """Whether one more packet of a visitor is passed on."""
         now_s = time.monotonic()
-        paces = (visitor.pace, self._paces.setdefault(visitor.place, Pace(*PLACE_PACE)), self._pace)
-        return max([pace.said(now_s) for pace in paces])
+        return visitor.pace.may(now_s) and self._pace.may(now_s)
 
     def make_room(self) -> None:
         """Hang up on those who let the most lie unread, until what waits is a part of what may."""
@@ -77,8 +75,6 @@ class House(Seats["Visitor"]):
             for visitor in [v for v in self if v.is_overdue(now_s)]:
                 visitor.leave()
             self.make_room()
-            here = {visitor.place for visitor in self}
-            self._paces = {place: pace for place, pace in self._paces.items() if place in here}
 
 
 class Visitor(asyncio.Protocol):
@@ -132,29 +128,23 @@ class Visitor(asyncio.Protocol):
         self._has_turn = False
         if self._is_held_up:
             return
-        wait_s = 0.0
         try:
             for _ in range(TURN_PACKETS):
                 packet = self._packets.next()
                 if packet is None:
                     self._heard_out()
                     return
-                self._tell_broker(packet)
-                wait_s = self._house.said(self)
-                if wait_s or self._is_held_up:
+                if self._broker is None or self._house.hears(self):
+                    self._tell_broker(packet)
+                if self._is_held_up:
                     break
         except PeerError:
             self.leave()
             return
-        if wait_s and self._has_left:
-            # Who came to say more than one may, and went, has nobody waiting here on its behalf.
-            self._packets = VisitorPackets()
-            self._heard_out()
-            return
         self._transport.pause_reading()
         if not self._is_held_up:
             self._has_turn = True
-            asyncio.get_running_loop().call_later(wait_s, self._pass_on)
+            asyncio.get_running_loop().call_soon(self._pass_on)
 
     def _heard_out(self) -> None:
         if not self._has_left:

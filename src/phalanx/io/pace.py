@@ -16,8 +16,11 @@ class Pace:
         self._left = at_once
         self._at_s = 0.0
 
-    def said(self, now_s: float) -> float:
-        """A word was said, `now_s` on a clock that never runs backwards; so long is the next one to wait."""
-        self._left = min(self._at_once, self._left + (now_s - self._at_s) * self._per_s) - 1.0
+    def may(self, now_s: float) -> bool:
+        """Whether one more may be said, `now_s` on a clock that never runs backwards; it is counted if so."""
+        self._left = min(self._at_once, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
-        return max(0.0, -self._left / self._per_s)
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True

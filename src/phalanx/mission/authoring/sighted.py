@@ -24,8 +24,8 @@ ROOM_M = 0.3  # that a robot needs around such a place
 # So far from where the map has it, and so much turned, it is still itself.
 NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 OTHER_M = 0.5
-# Seen from so many of those places, and within so much of its middle place from half of them, it is a landmark.
-SEEN_SHARE, STEADY_M = 0.3, 0.1
+# Seen from so many of those places, and from so many of these within so much of its middle place, it is a landmark.
+SEEN_SHARE, STEADY_SHARE, STEADY_M = 0.3, 0.85, 0.1
 # The lidar's own noise is the robot's to bear.
 _CLEAR = LidarConfig(noise_m=0.0, drop_out=0.0)
 Pose = tuple[float, float, float]
@@ -111,7 +111,7 @@ def _as_seen(alias: Landmark, looks: Sequence[Sequence[Landmark]]) -> Landmark |
         return None
     middle = np.median(places, axis=0)
     away = np.hypot(*(places[:, :2] - middle[:2]).T)
-    if np.median(away) > STEADY_M:
+    if np.quantile(away, STEADY_SHARE) > STEADY_M:
         return None
     turn = None if alias.orientation_rad is None else alias.orientation_rad + float(middle[2])
     return replace(alias, x_m=float(middle[0]), y_m=float(middle[1]), orientation_rad=turn)
