@@ -181,12 +181,11 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     kept = list(matches)
     while kept:
         mean, spread, _ = _told_by(config, seen, kept)
-        at = (float(mean[0]), float(mean[1]), float(mean[2]))
         apart = []
-        for observed, truth in kept:
-            match = sighting(observed, truth, *_replaced(seen, observed, at), wrap_rad(at[2] - seen.heading_rad))
+        for pair in kept:
+            match = _from_pose(seen, pair, mean)
             limit = ALIKE_2 if math.isnan(match.turn_rad) else ALIKE_3
-            apart.append(misfit(spread, at[0], at[1], match, sight_of(config)) / limit)
+            apart.append(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config)) / limit)
         if len(kept) == 1 or max(apart) <= 1.0:
             break
         kept.pop(apart.index(max(apart)))
@@ -207,13 +206,19 @@ def _told_by(
     """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
     mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
     sightings = []
-    for observed, truth in matches:
-        at = (float(mean[0]), float(mean[1]), float(mean[2]))
-        match = sighting(observed, truth, *_replaced(seen, observed, at), wrap_rad(at[2] - seen.heading_rad))
+    for pair in matches:
+        match = _from_pose(seen, pair, mean)
         sightings.append(match)
         mean, spread = corrected(mean, spread, match, sight_of(config))
         spread = not_surer(spread, *floor_of(config))
     return mean, spread, sightings
+
+
+def _from_pose(seen: Experience, pair: Match, mean: Floats) -> Sighting:
+    """What a match means to a robot that is at another pose now."""
+    x, y, heading = float(mean[0]), float(mean[1]), float(mean[2])
+    observed, truth = pair
+    return sighting(observed, truth, *_replaced(seen, observed, (x, y, heading)), wrap_rad(heading - seen.heading_rad))
 
 
 def _replaced(seen: Experience, landmark: Landmark, pose: Pose) -> tuple[float, float]:
@@ -239,11 +244,17 @@ def _near(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float,
 
 def explains(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> bool:
     """Whether a landmark is one that is known: near it, and turned the same way."""
+    return bool(_fitting(config, seen, known, landmark))
+
+
+def _fitting(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> list[Landmark]:
+    """The known ones that a landmark in sight may be."""
     spread = pose_spread(seen.spread)
-    return any(
-        fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
+    return [
+        other
         for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
-    )
+        if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
+    ]
 
 
 def is_sure(config: MissionConfig, seen: Experience) -> bool:
@@ -255,14 +266,10 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
 
 def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> list[Match]:
     """The nearest landmarks in sight that may be known ones, each of them one only."""
-    spread, matches = pose_spread(seen.spread), []
+    matches: list[Match] = []
     for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
         # Two known things that may be this one say nothing.
-        fitting = [
-            other
-            for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
-            if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
-        ]
+        fitting = _fitting(config, seen, known, landmark)
         if len(fitting) == 1 and not has_rival(config, seen, landmark, fitting[0]):
             matches.append((landmark, fitting[0]))
         if len(matches) == AGAIN_MOST:

@@ -158,15 +158,20 @@ def _halved(site: Site, box: Box) -> list[Box]:
     return []
 
 
+def _one_room_or_two(site: Site, two: float) -> None:
+    """All of a building as one room, or with that chance a wall and a door across it."""
+    ends = [0.0, site.width_m]
+    if site.chance(two):
+        ends.insert(1, site.between(0.4 * site.width_m, 0.6 * site.width_m))
+        site.wall((ends[1], 0.0), (ends[1], site.height_m), site.door(0.0, site.height_m))
+    site.rooms += [Box(a, 0.0, b, site.height_m).grown(-site.thick_m / 2) for a, b in pairwise(ends)]
+
+
 def _pillars(random: Random) -> Site:
     """A hall with rows of square pillars, and perhaps a wall across it."""
     site = _site(random, (13, 26), (9, 18))
     edge, step, first = site.between(0.3, 0.9), site.between(2.2, 5.0), site.between(1.5, 3.0)
-    ends = [0.0, site.width_m]
-    if site.chance(0.5):
-        ends.insert(1, site.between(0.4 * site.width_m, 0.6 * site.width_m))
-        site.wall((ends[1], 0.0), (ends[1], site.height_m), site.door(0.0, site.height_m))
-    site.rooms += [Box(a, 0.0, b, site.height_m).grown(-site.thick_m / 2) for a, b in pairwise(ends)]
+    _one_room_or_two(site, 0.5)
     for room in site.rooms:
         for x in np.arange(room.x0 + first, room.x1 - edge, step).round(3).tolist():
             for y in np.arange(room.y0 + first, room.y1 - edge, step).round(3).tolist():
@@ -228,11 +233,7 @@ def _corridor(random: Random) -> Site:
 def _clutter(random: Random) -> Site:
     """One or two rooms full of things that stand askew."""
     site = _site(random, (9, 17), (8, 13))
-    ends = [0.0, site.width_m]
-    if site.chance(0.6):
-        ends.insert(1, site.between(0.4 * site.width_m, 0.6 * site.width_m))
-        site.wall((ends[1], 0.0), (ends[1], site.height_m), site.door(0.0, site.height_m))
-    site.rooms += [Box(a, 0.0, b, site.height_m).grown(-site.thick_m / 2) for a, b in pairwise(ends)]
+    _one_room_or_two(site, 0.6)
     for room in site.rooms:
         site.furnish(room, random.randrange(4))
         for _ in range(random.randint(4, 14)):
