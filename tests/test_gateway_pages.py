@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import resource
 import socket
@@ -123,6 +124,31 @@ class TestPages:
             async with http.get(url, headers=headers) as answer:
                 await answer.content.readline()
             await eventually(lambda: [tell({"cmd": 16}) for tell in watching] == [])
+
+    async def test_whoever_ends_us_while_a_page_begins_is_told_nothing(self, caplog):
+        class Slow:
+            begun, ended = False, False
+
+            async def __aenter__(self):
+                self.begun = True
+                try:
+                    await asyncio.sleep(30)
+                finally:
+                    self.ended = True
+
+        async def serve():
+            async with beside(pages):
+                pass
+
+        pages = Slow()
+        for begin in (lambda: asyncio.sleep(0), lambda: eventually(lambda: pages.begun)):
+            serving = asyncio.ensure_future(serve())
+            await begin()
+            serving.cancel()
+            await asyncio.wait([serving])
+            gc.collect()
+            assert pages.begun == pages.ended
+            assert not caplog.records
 
     async def test_anybody_here_may_ask_whether_it_is_well_and_is_told_nothing_else(self):
         state, asked = {"connected": True}, []

@@ -21,17 +21,21 @@ Twelve robots audit each other; one stops to do what it is told, and is stopped:
     (1, 121, 12, 2) True
 """
 
-from importlib import import_module
-from typing import Any
+# Nothing is imported here: Ctrl-C has a traceback until `__main__.py`, which comes after us, has its say.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.1.0"
 
 __all__ = ["__version__", "bti", "config", "errors", "gateway", "io", "link", "mission", "robot", "sim"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     # `import phalanx` alone is enough for `phalanx.link.Server`, and costs nobody the rooms that are not used.
     if name in __all__:
+        from importlib import import_module  # noqa: PLC0415
+
         return import_module(f"phalanx.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -9,7 +9,6 @@ import errno
 import logging
 import math
 import os
-import signal
 import sys
 from collections import UserDict
 from importlib import import_module
@@ -103,7 +102,6 @@ def main() -> None:
 def run_command(arguments: list[str]) -> int:
     """The exit code of `phalanx ARGUMENTS`."""
     try:
-        _answer_ctrl_c()
         result = phalanx.main(arguments, prog_name="phalanx", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -128,11 +126,6 @@ def run_command(arguments: list[str]) -> int:
         _forget_output()
         return _fail(f"cannot write: {error.strerror}", "", 1)
     return result if isinstance(result, int) else 0
-
-
-def _answer_ctrl_c() -> None:
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _forget_output() -> None:

@@ -199,7 +199,8 @@ class _Connection(asyncio.Protocol):
 @contextlib.asynccontextmanager
 async def beside(pages: Served) -> AsyncIterator[Served]:
     """A page, served by an event loop in a thread of its own while the context lasts."""
-    loop = asyncio.new_event_loop()
+    runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
+    loop = runner.get_loop()
     thread = threading.Thread(target=loop.run_forever, name="pages", daemon=True)
     thread.start()
 
@@ -215,4 +216,4 @@ async def beside(pages: Served) -> AsyncIterator[Served]:
     finally:
         loop.call_soon_threadsafe(loop.stop)
         await asyncio.to_thread(thread.join)
-        loop.close()
+        await asyncio.to_thread(runner.close)  # what is under way there ends with it

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import signal
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -27,6 +28,7 @@ def runs(module: str, function: str) -> Callable[[Callable[[], None]], Callable[
         def run(**said: Any) -> Any:
             body = getattr(_imported(f"phalanx.cli.{module}"), function)
             tell_of_compiling()
+            _answer_ctrl_c()
             return body(**said)
 
         run.runs = module, function  # type: ignore[attr-defined]
@@ -43,6 +45,11 @@ def _imported(name: str) -> ModuleType:
         gc.freeze()
         gc.enable()
     return sys.modules[name]
+
+
+def _answer_ctrl_c() -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as __main__.py leaves it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def tell_of_compiling() -> None:
