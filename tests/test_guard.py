@@ -8,8 +8,11 @@ import contextlib
 import errno
 import os
 import resource
+import selectors
 import signal
 import socket
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -19,7 +22,7 @@ from hypothesis import strategies as st
 from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
-from phalanx.io.guard import VISITORS, House, Visitor
+from phalanx.io.guard import LATE_S, LOUD, VISITORS, House, Visitor
 from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats, place_of
 from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
@@ -263,20 +266,65 @@ class TestAPace:
         house = House("", 10)
         (flood, all_of_it), (other, heard) = visitor_of(house, b"flood"), visitor_of(house, b"other")
         publish = with_length(0x30, b"\x00\x01tx")
-        flood.data_received(publish * 10_000)
+        flood.data_received(publish * 2_000)
         other.data_received(publish)
         for _ in range(300):
             await asyncio.sleep(0)
         assert heard.heard[-1] == publish
-        assert 700 < len(all_of_it.heard) < 1200, "so many at once after a silence"
+        assert 200 < len(all_of_it.heard) < 500, "so many at first"
         assert flood._packets.next() is None
+        assert not flood._transport.aborted
+        flood.data_received(publish * 2_000)
+        for _ in range(300):
+            await asyncio.sleep(0)
+        assert flood._transport.aborted == 1, "nobody has so much to say"
+        assert not other._transport.aborted
+
+    async def test_what_waited_while_too_many_spoke_is_dropped_and_what_waited_for_another_reason_is_not(self):
+        house, publish = House("", 100), with_length(0x30, b"\x00\x01tx")
+        other, heard = visitor_of(house, b"other")
+        other.pace = Pace(400, 800)  # it has been here for a while
+
+        async def a_turn() -> None:
+            await asyncio.sleep(0)
+            other.data_received(publish)  # so that somebody spoke in the turn before
+            time.sleep(1.1 * LATE_S)
+            await asyncio.sleep(0)
+
+        await a_turn()
+        other.data_received(publish)
+        assert heard.heard == [connect(4, b"other"), publish, publish]
+        for name in range(20):
+            visitor_of(house, b"%d" % name)[0].data_received(publish * 800)
+        for _ in range(20):
+            await asyncio.sleep(0)
+        await asyncio.sleep(0.05)
+        heard.heard.clear()
+        await a_turn()
+        other.data_received(publish + subscribe(b"x"))
+        assert heard.heard == [publish, subscribe(b"x")], "the second is late; a subscription is not a command"
+        await asyncio.sleep(3 * LATE_S)
+        other.data_received(publish)
+        assert heard.heard[-1] == publish
+
+    async def test_those_who_make_the_most_work_are_hung_up_on_and_nobody_who_makes_little(self):
+        house = House("", 10)
+        visitors = [visitor_of(house, b"%d" % name)[0] for name in range(6)]
+        for visitor, work in zip(visitors, (LOUD, 5 * LOUD, 40, 4 * LOUD, 0, LOUD - 1), strict=True):
+            visitor.work = work
+        house.quiet()
+        assert [visitor._transport.aborted for visitor in visitors] == [0, 1, 0, 1, 0, 0], "half of it"
+        for visitor in visitors:
+            visitor.work = LOUD - 1
+        house.quiet()
+        assert len(house) == 4
 
     async def test_whoever_says_them_and_goes_leaves_nobody_here(self):
         house = House("", 10)
         flood, ear = visitor_of(house, b"flood")
         closed = []
         ear.close = lambda: closed.append(True)
-        flood.data_received(with_length(0x30, b"\x00\x01tx") * 10_000)
+        flood.data_received(with_length(0x30, b"\x00\x01tx") * 2_000)
         flood.connection_lost(None)
         await eventually(lambda: closed)
         assert len(ear.heard) < 1200
@@ -390,6 +438,36 @@ class TestNothingIsFilled:
                 assert memory_mb(guard) < 200
             assert the_process(broker.url.port) == pid
             assert not server.reconnects
+
+    async def test_four_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers(self):
+        packet = with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20
+        async with a_broker() as broker, a_server(broker) as server:
+            await server.wait_connected(10)
+            with contextlib.ExitStack() as crowd:
+                flooding = selectors.DefaultSelector()
+                for name in range(400):
+                    one = crowd.enter_context(Stranger(broker.url.port, 4, name=b"flood%d" % name)).socket
+                    one.setblocking(False)
+                    flooding.register(one, selectors.EVENT_WRITE)
+
+                def flood() -> None:
+                    while flooding.get_map() and not over.is_set():
+                        for key, _ in flooding.select(1):
+                            try:
+                                key.fileobj.send(packet)
+                            except BlockingIOError:
+                                pass
+                            except OSError:
+                                flooding.unregister(key.fileobj)
+
+                over = threading.Event()
+                crowd.callback(over.set)
+                hung_up = asyncio.create_task(asyncio.to_thread(flood))
+                async with Client(server.qr()) as client:
+                    for _ in range(20):
+                        assert await client.request(0)
+                        await asyncio.sleep(0.05)
+                await asyncio.wait_for(hung_up, 60)
 
     async def test_who_says_nothing_at_first_is_hung_up_on(self, broker):
         with socket.create_connection(("127.0.0.1", broker.url.port), 10) as silent:

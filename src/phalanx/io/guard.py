@@ -24,7 +24,7 @@ from phalanx.errors import PeerError
 from .files import allow_files
 from .pace import Pace
 from .seats import Seats, place_of
-from .visitor_packets import VisitorPackets
+from .visitor_packets import PUBLISH, NotForVisitorsError, VisitorPackets
 from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
 
 VISITORS = 1000
@@ -36,10 +36,16 @@ WAITING_BYTES, WAITING_IN_ALL_BYTES = 3 * 1024 * 1024, 64 * 1024 * 1024
 STALLED_S = 20.0
 TURN_PACKETS = 64  # of one visitor, before others have their turn
 FULL_BYTES = 64 * 1024  # what waits for the broker
-# Packets a second, and at once after a silence, of one visitor and of all: a phone that drives sends 25. More is
-# dropped: what waited would be a command that comes late.
-PACE, HOUSE_PACE = (400.0, 800.0), (5000.0, 5000.0)
+# Packets a second, at once after a silence and at first, of one visitor; and of all who said much lately or have just
+# come, and of all others: a phone that drives sends 25. More is dropped, and so is what waited, while more is said than
+# is heard: it would be a command that comes late.
+PACE, HOUSE_PACE = (400.0, 800.0, 200.0), (2500.0, 2500.0)
+LATE_S = 0.3
 CHECK_S = 0.25
+DROPPED = 2000  # of one visitor between two checks, who is then hung up on
+# What is work to us is a read, and so many bytes. While we cannot keep up, those go who made the most between two
+# checks, if it was more than four phones make.
+BYTES_A_UNIT, LOUD = 64, 200
 
 
 class House(Seats["Visitor"]):
@@ -49,12 +55,57 @@ class House(Seats["Visitor"]):
         super().__init__(most)
         self.broker = broker
         self.waiting_bytes = 0
-        self._pace = Pace(*HOUSE_PACE)
+        self._busy_pace, self._rested_pace = Pace(*HOUSE_PACE), Pace(*HOUSE_PACE)
+        self._dropped_at_s = -LATE_S
+        # Turns of the loop: what we read in one may have come when the one before began.
+        self._began_s: float | None = None
+        self._before_s: float | None = None
 
-    def hears(self, visitor: Visitor) -> bool:
-        """Whether one more packet of a visitor is passed on."""
+    def hears(self, visitor: Visitor, packet: bytes) -> bool:
+        """Whether one more packet of a visitor is passed on.
+
+        Raises: NotForVisitorsError.
+        """
         now_s = time.monotonic()
-        return visitor.pace.may(now_s) and self._pace.may(now_s)
+        if not visitor.pace.may(now_s):
+            visitor.dropped += 1
+            if visitor.dropped > DROPPED:
+                raise NotForVisitorsError("more than anybody has to say")
+            return False
+        if not (self._rested_pace if visitor.pace.is_rested else self._busy_pace).may(now_s):
+            self._dropped_at_s = now_s
+            return False
+        waited_s = self._waited_s(now_s)
+        is_flooded = now_s - self._dropped_at_s < LATE_S + waited_s
+        return not (is_flooded and packet[0] & 0xF0 == PUBLISH and waited_s > LATE_S)
+
+    def _waited_s(self, now_s: float) -> float:
+        """How long what is read now may have waited."""
+        return now_s - (self._before_s or self._began_s or now_s)
+
+    def has_work(self) -> None:
+        """Somebody said something in this turn of the loop."""
+        if self._began_s is None:
+            self._began_s = time.monotonic()
+            asyncio.get_running_loop().call_soon(self._next_turn)
+
+    def _next_turn(self) -> None:
+        self._before_s, self._began_s = self._began_s, None
+        asyncio.get_running_loop().call_soon(self._after_next)
+
+    def _after_next(self) -> None:
+        if self._began_s is None:  # nobody said anything in between
+            self._before_s = None
+
+    def quiet(self) -> None:
+        """Hang up on those who make the most work, until half of it is gone."""
+        work = sum(visitor.work for visitor in self)
+        aim = work / 2
+        for visitor in sorted(self, key=lambda each: each.work, reverse=True):
+            if work <= aim or visitor.work < LOUD:
+                return
+            work -= visitor.work
+            visitor.leave()
 
     def make_room(self) -> None:
         """Hang up on those who let the most lie unread, until what waits is a part of what may."""
@@ -70,11 +121,16 @@ class House(Seats["Visitor"]):
     async def watch(self) -> None:
         """Hang up on who says nothing at first or reads nothing, until cancelled."""
         while True:
+            due_s = time.monotonic() + CHECK_S
             await asyncio.sleep(CHECK_S)
             now_s = time.monotonic()
             for visitor in [v for v in self if v.is_overdue(now_s)]:
                 visitor.leave()
             self.make_room()
+            if now_s - due_s > LATE_S / 2 or now_s - self._dropped_at_s < CHECK_S:
+                self.quiet()
+            for visitor in self:
+                visitor.work = visitor.dropped = 0
 
 
 class Visitor(asyncio.Protocol):
@@ -83,6 +139,7 @@ class Visitor(asyncio.Protocol):
     def __init__(self, house: House, *, browser: bool) -> None:
         self.place = ""
         self.pace = Pace(*PACE)
+        self.work = self.dropped = 0  # since the last check
         self.heard_at_s = self._came_at_s = time.monotonic()
         self._house = house
         self._websocket = Websocket() if browser else None
@@ -104,6 +161,8 @@ class Visitor(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """It said something."""
         self.heard_at_s = time.monotonic()
+        self.work += 1 + len(data) // BYTES_A_UNIT
+        self._house.has_work()
         if self._packets.connected:
             self._house.heard(self)
         try:
@@ -128,13 +187,14 @@ class Visitor(asyncio.Protocol):
         self._has_turn = False
         if self._is_held_up:
             return
+        self._house.has_work()
         try:
             for _ in range(TURN_PACKETS):
                 packet = self._packets.next()
                 if packet is None:
                     self._heard_out()
                     return
-                if self._broker is None or self._house.hears(self):
+                if self._broker is None or self._house.hears(self, packet):
                     self._tell_broker(packet)
                 if self._is_held_up:
                     break
