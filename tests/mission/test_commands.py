@@ -37,6 +37,14 @@ ways:
   - [start, door]
   - [start, side]
 """
+TWO = """
+mission: two
+coding: {delta_mm: 400, kdf_log2_n: 1, kdf_r: 1}
+nodes:
+  start: {start: true, see: {position: [3.0, 1.5]}}
+  lobby: {see: {doorway: [9, 12], facing: 90}, final: true}
+ways: [[start, lobby]]
+"""
 
 
 @pytest.fixture
@@ -140,6 +148,24 @@ def test_the_audit_prints_what_it_assumes(folder):
     assert len(told["nodes"]) == 33
     assert told["core_s"] > 0
     assert told["rates"]["hash_core"] > 0
+
+
+def test_who_has_the_floor_plan_is_counted_beside_who_has_not(folder):
+    told = js("audit", "office", "--open-start")
+    assert told["plan_core_s"] < 1 < 1000 < told["core_s"]
+    assert told["nodes"][5]["by_plan"] < 10 < told["nodes"][5]["candidates"]
+    assert js("audit", "office")["plan_core_s"] is None, "nothing can be begun"
+    assert "likewise with the map" in run("audit", "office", "--open-start", "--offset-mm", "200")
+
+
+def test_a_floor_plan_is_tried_first(folder):
+    (folder / "two.yaml").write_text(TWO)
+    run("build", "two.yaml", "--open-start", "--out", "two.phxm", "--offset-mm", "50")
+    told = js("crack", "two.phxm", "--map", "office_40x40", "--offset-mm", "50")
+    assert ({node["node"] for node in told["found"]}, told["tries"] < 10) == ({0, 1}, True)
+    run("build", "two.yaml", "--profile", "paper", "--out", "paper.phxm")
+    with pytest.raises(UsageError, match="--map for the paper profile"):
+        run("crack", "paper.phxm", "--map", "office_40x40")
 
 
 def test_a_paper_mission_is_cracked_and_a_sealed_one_wants_its_key(folder):

@@ -6,13 +6,20 @@ import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from worlds import CHEAP, built, corridor
+from worlds import BOTH, CHEAP, built, cheap, corridor, decoded_of, walk, walker_of
 
+from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.mission import Draft, Landmark, Position, Profile, Sensor
-from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
+from phalanx.mission import Draft, Landmark, Mission, Position, Profile, Sensor
+from phalanx.mission.authoring.making import alias_offset
+from phalanx.mission.observable import cell_of, middle_of
+from phalanx.mission.worth.audit import Rates, audit
 from phalanx.mission.worth.cracking import crack_paper, crack_sealed
+from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.shown import shown_by
+from phalanx.sim.building.floorplan import load_floorplan
 
 BOX = (0.0, 0.0, 12.0, 10.0)
 
@@ -154,3 +161,71 @@ class TestCrack:
         one = built(mission, Profile.PAPER)
         found = {node.node for batch in crack_paper(one.mission, (-1, -1, 10, 3)) for node in batch.found}
         assert found == {0}
+
+
+OFFICE = load_floorplan("office_40x40")
+
+
+def office() -> Mission:
+    return replace(read_plain("office"), coding=CHEAP)
+
+
+def tries_by_plan(mission: Mission, offset_mm: int = 1) -> int:
+    """KDFs until all is read."""
+    one = built(mission, Profile.SEALED, offset_mm=offset_mm)
+    nodes, tries = set(), 0
+    for batch in crack_sealed(one.mission, one.key, mission.box_m, plan=shown_by(OFFICE, offset_mm)):
+        tries += batch.tries
+        nodes |= {node.node for node in batch.found}
+        if len(nodes) == len(mission.nodes):
+            return tries
+    raise AssertionError(f"{len(nodes)} nodes read")
+
+
+class TestFloorPlan:
+    def test_who_has_it_and_the_start_key_reads_the_office_in_about_a_try_a_node(self):
+        tries = tries_by_plan(office())
+        assert 33 <= tries <= 40
+        report = audit(office(), Profile.SEALED, open_start=True, plan=shown_by(OFFICE, 1))
+        assert sum(row.by_plan for row in report.nodes) == pytest.approx(tries, abs=3)
+        assert report.plan_core_s < report.core_s / 1000
+        assert audit(office(), Profile.SEALED, open_start=True).plan_core_s is None
+
+    def test_rounded_offsets_hold_him_up_by_a_few_tries_and_no_more(self):
+        tries = [tries_by_plan(office(), offset_mm) for offset_mm in (1, 200, 400)]
+        assert tries[0] < tries[1] < tries[2] < 33 * 10
+        report = audit(office(), Profile.SEALED, open_start=True, plan=shown_by(OFFICE, 400))
+        assert sum(row.by_plan for row in report.nodes) == pytest.approx(tries[2], rel=0.3)
+
+    def test_without_the_start_key_it_is_worth_nothing(self):
+        report = audit(office(), Profile.SEALED, plan=shown_by(OFFICE, 1))
+        assert report.plan_core_s == math.inf
+        assert report.nodes[0].by_plan >= OUT_OF_REACH
+
+    def test_what_it_does_not_show_is_looked_for_everywhere_when_the_rest_is_read(self):
+        plain = replace(office(), area_m=(0.0, 0.0, 6.0, 3.0))
+        start = replace(plain.nodes[0], see=((Position(5.1, 2.7),),))
+        door = replace(plain.nodes[1], start=True)
+        mission = replace(plain, nodes=(start, door), ways=())
+        one = built(mission, Profile.SEALED)
+        batches = crack_sealed(one.mission, one.key, mission.box_m, plan=shown_by(OFFICE, 1))
+        found = [(node.node, batch.tries) for batch in batches for node in batch.found]
+        assert [node for node, _ in found] == [1, 0], "what is shown first"
+        assert found[0][1] == 1 < found[1][1]
+
+
+@pytest.mark.parametrize("rounded_mm", [1, 30, 100, 200, 400, 10_000])
+def test_a_rounded_offset_is_a_multiple_within_half_a_cell_and_names_the_same_cell(rounded_mm):
+    for x_m in np.linspace(-1.0, 1.0, 401):
+        offset = alias_offset(CHEAP, (Position(x_m, 0.3),), rounded_mm)
+        assert offset.x % rounded_mm == 0
+        assert abs(offset.x) <= CHEAP.delta_mm / 2
+        middle_m = middle_of(CHEAP, offset, cell_of(CHEAP, offset, x_m, 0.3))[0]
+        assert abs(middle_m - x_m) <= min(rounded_mm, CHEAP.delta_mm / 2) / 1000 + 1e-9
+
+
+def test_a_mission_with_rounded_offsets_is_walked_to_its_end():
+    for profile in BOTH:
+        mission = cheap(corridor(), profile)
+        walker = walker_of(built(mission, profile, offset_mm=50))
+        assert [node for node, *_ in decoded_of(walk(mission, walker))] == list(range(6))

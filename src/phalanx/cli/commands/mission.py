@@ -22,6 +22,12 @@ start_option = option(
     help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
     metavar="X,Y[,DEGREES]",
 )
+offset_option = option(
+    "--offset-mm",
+    help="Round offsets of cells to so much: they tell less, and robots know places less exactly.",
+    type=click.IntRange(1, 10_000),
+    default=1,
+)
 source_argument = click.argument("source", required=False, shell_complete=a_mission, metavar="[MISSION.yaml|BUILTIN]")
 file_argument = click.argument("file", type=FILE, shell_complete=an_encoded_mission)
 
@@ -53,6 +59,7 @@ def mission() -> None:
     "--valid", help="When: seconds or dates; either may be empty.", metavar="FROM/TO", default="/", show_default=False
 )
 @option("--open-start", help="Put the start key into the file: anybody may begin.", is_flag=True)
+@offset_option
 @option("--seed", help="Same bytes again; the secrets can be guessed, so never in earnest.", type=int)
 @json_option
 @runs("mission.author", "build_files")
@@ -91,6 +98,7 @@ def verify() -> None:
 @map_option("The mission that build makes of this map, or what to check against.")
 @start_option
 @option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
+@offset_option
 @json_option
 @runs("mission.author", "tell_worth")
 def audit() -> None:
@@ -116,6 +124,8 @@ def draw() -> None:
 @file_argument
 @option("--key", help="The start key, captured too (sealed profile).", type=FILE)
 @option("--box", help="Where to look, metres.", metavar="X0,Y0,X1,Y1", default="0,0,40,40")
+@map_option("The building's floor plan: what it shows is tried first (sealed profile).")
+@offset_option
 @option("--budget", help="Seconds to go on.", type=click.FloatRange(min=0.1), default=30.0)
 @json_option
 @runs("mission.crack", "crack")

@@ -21,7 +21,9 @@ from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.observable import Landmark
-from phalanx.mission.worth.audit import OUT_OF_REACH, Rates, audit
+from phalanx.mission.worth.audit import Rates, audit
+from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.shown import shown_by
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.builtin import built_in
 
@@ -58,6 +60,7 @@ def build_files(
     robots: str,
     valid: str,
     open_start: bool,
+    offset_mm: int,
     seed: int | None,
     as_json: bool,
 ) -> None:
@@ -70,6 +73,7 @@ def build_files(
         valid_from_s=begin,
         valid_to_s=end,
         open_start=open_start,
+        offset_mm=offset_mm,
     )
     key = read_signing_key(sign_key) if sign_key else None
     told = _explored(plan, start, "build") if source is None else _mission(source, plan, start)
@@ -245,23 +249,36 @@ def _for_anybody(encoded: EncodedMission) -> EncodedMission:
 
 
 def tell_worth(
-    source: str | None, profile: str, plan: str | None, start: str | None, open_start: bool, as_json: bool
+    source: str | None,
+    profile: str,
+    plan: str | None,
+    start: str | None,
+    open_start: bool,
+    offset_mm: int,
+    as_json: bool,
 ) -> None:
     """Prints what an attacker must try, what the robot must, and what looks wrong."""
     rates = Rates()
     told = _explored(plan, start, "audit") if source is None else _mission(source, plan, start)
-    report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates)
+    name = plan or told.floor_plan
+    shown = shown_by(load_floorplan(name), offset_mm) if name else None
+    report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates, plan=shown)
     if as_json:
         print_json({**report.told(), "rates": asdict(rates)})
         return
-    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'robot':>10}")
+    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'with map':>12}{'robot':>10}")
     for row in report.nodes:
         far = row.candidates >= OUT_OF_REACH
         cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
+        cells.append("-" if far or row.by_plan is None else f"{row.by_plan:.3g}")
         problems = f"   {'; '.join(row.problems)}" if row.problems else ""
-        click.echo(f"{row.name:16}{cells[0]:>12}{cells[1]:>12}{cells[2]:>12}{row.robot_ms:>7.1f} ms{problems}")
-    whole = [span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in (report.core_s, report.gpu_s)]
-    click.echo(f"{'all that can be guessed':28}{whole[0]:>12}{whole[1]:>12}")
+        click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
+    for who, costs_s in (
+        ("all that can be guessed", (report.core_s, report.gpu_s)),
+        ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
+    ):
+        cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in costs_s]
+        click.echo(f"{who:28}{cells[0]:>12}{cells[1]:>12}")
     for problem in report.problems:
         click.echo(f"note: {problem}")
     click.echo(

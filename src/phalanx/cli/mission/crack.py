@@ -17,6 +17,8 @@ from phalanx.errors import UsageError
 from phalanx.mission import EncodedMission, Profile, parse_start_key
 from phalanx.mission.file.records import OPEN_START
 from phalanx.mission.worth.cracking import Cracked, Tried, can_guess, crack_paper, crack_sealed
+from phalanx.mission.worth.shown import Shown, shown_by
+from phalanx.sim.building.floorplan import load_floorplan
 
 from .files import parse_box, read_encoded, read_start_key
 
@@ -29,14 +31,19 @@ def span(seconds: float) -> str:
     return f"{seconds * 1e6:.3g} µs"
 
 
-def crack(file: Path, key: Path | None, box: str, budget: float, as_json: bool) -> int:
+def crack(
+    file: Path, key: Path | None, box: str, plan: str | None, offset_mm: int, budget: float, as_json: bool
+) -> int:
     """Tries to read a captured mission by brute force, for `budget` seconds; 1 if nothing gave."""
     encoded, area = read_encoded(file), parse_box(box)
+    if plan and encoded.header.profile is Profile.PAPER:
+        raise UsageError("--map for the paper profile", "every place is tried in seconds there")
+    shown = shown_by(load_floorplan(plan), offset_mm) if plan else None
     started = time.perf_counter()
     tries, of = 0, 0
     found: list[tuple[Cracked, float]] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for batch in _attack(encoded, key, area, pool):
+        for batch in _attack(encoded, key, area, pool, shown):
             tries, of = tries + batch.tries, batch.of
             spent = time.perf_counter() - started
             found += [(node, spent) for node in batch.found]
@@ -52,7 +59,11 @@ def crack(file: Path, key: Path | None, box: str, budget: float, as_json: bool) 
 
 
 def _attack(
-    encoded: EncodedMission, key: Path | None, area: tuple[float, float, float, float], pool: ThreadPoolExecutor
+    encoded: EncodedMission,
+    key: Path | None,
+    area: tuple[float, float, float, float],
+    pool: ThreadPoolExecutor,
+    shown: Shown | None,
 ) -> Iterator[Tried]:
     if encoded.header.profile is Profile.PAPER:
         return crack_paper(encoded, area)
@@ -67,7 +78,7 @@ def _attack(
             "a sealed mission without its start key: 2^256 gates stand before the first try",
             "--key FILE, if that was captured too",
         )
-    return crack_sealed(encoded, start, area, pool.map)
+    return crack_sealed(encoded, start, area, pool.map, shown)
 
 
 def _show_cracked(

@@ -21,7 +21,7 @@ from phalanx.robot.attacks.missions.guesses import Guess
 from phalanx.robot.attacks.missions.harm import FALSE_FIX_M, Guessed, Walked
 
 from .attacked import ROBOT, Operator, honest_errand, plan_of, walk
-from .errand import AREA_M, errand, shelf_alone
+from .errand import AREA_M, building, errand, shelf_alone
 
 LATEST_S = 3600.0
 SEALED = CodingConfig(delta_mm=400)
@@ -99,11 +99,11 @@ def try_guess(
     profile = parse_mission(sent.file).header.profile
     most = attack.tries_max[profile] if tries is None else tries
     if profile is Profile.PAPER:
-        next(attack.guess(sent, AREA_M))  # compiles what hashes, before the clock runs
+        next(attack.guess(sent, AREA_M, building()))  # compiles what hashes, before the clock runs
     read: set[int] = set()
     made, of = 0, 0
     began = time.perf_counter()
-    for batch in attack.guess(sent, AREA_M):
+    for batch in attack.guess(sent, AREA_M, building()):
         made, of = made + batch.tries, batch.of
         read |= {found.node for found in batch.found}
         if made >= most:

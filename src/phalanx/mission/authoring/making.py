@@ -44,6 +44,7 @@ Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 PAPER_CODING = CodingConfig()
 # Sealed cells are large, for every try costs 10 ms: 9 of them cover +-0.6 m.
 SEALED_CODING = CodingConfig(delta_mm=400)
+OFFSET_LIMIT_MM = 10_000  # the largest cell
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +56,7 @@ class BuildOptions:
     valid_from_s: int = 0  # on the mission's clock
     valid_to_s: int = FOREVER_S  # likewise
     open_start: bool = False  # put the start key into the file (sealed profile): anybody may begin
+    offset_mm: int = 1  # offsets of places are rounded to multiples of so much
 
     def __post_init__(self) -> None:
         if not 0 <= self.valid_from_s < self.valid_to_s <= FOREVER_S:
@@ -63,6 +65,8 @@ class BuildOptions:
             raise UsageError(f"robots {self.robots}", "at most 255 ids of 0 to 65535")
         if self.open_start and self.profile is Profile.PAPER:
             raise UsageError("an open start in the paper profile", "it has no start key: every node can be tried")
+        if not 1 <= self.offset_mm <= OFFSET_LIMIT_MM:
+            raise UsageError(f"offsets rounded to {self.offset_mm} mm", f"1 to {OFFSET_LIMIT_MM}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +126,10 @@ class Maker(ABC):
             ways.sort(key=lambda way: number[way.target])
         return nodes, number, out
 
+    def offset(self, alias: tuple[Observable, ...]) -> Offset:
+        """Where the cells of an alias are counted from."""
+        return alias_offset(self.coding, alias, self.options.offset_mm)
+
     @staticmethod
     def flags(node: Node) -> int:
         """As stored."""
@@ -169,10 +177,15 @@ def observed_bytes(
     )
 
 
-def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...]) -> Offset:
-    """Where the cells of an alias are counted from."""
+def alias_offset(coding: CodingConfig, alias: tuple[Observable, ...], rounded_mm: int = 1) -> Offset:
+    """Where the cells of an alias are counted from, rounded to multiples within half a cell."""
     place = place_of(alias)
-    return Offset() if place is None else offset_of(coding, place)
+    if place is None:
+        return Offset()
+    exact = offset_of(coding, place)
+    most = (coding.delta_mm + 1) // 2 // rounded_mm * rounded_mm
+    x, y = (max(-most, min(most, round(value / rounded_mm) * rounded_mm)) for value in exact[:2])
+    return exact._replace(x=x, y=y)
 
 
 def direction_of(way: PlainWay, source: tuple[float, float] | None, target: tuple[float, float] | None) -> float | None:

@@ -13,7 +13,7 @@ from phalanx.mission.graph import Node, PlainWay
 from phalanx.mission.observable import Observable, Offset, sector_of
 from phalanx.mission.walk.gate import StartKey
 
-from .making import Built, Maker, Spread, alias_offset, direction_of, observed_bytes, place_of
+from .making import Built, Maker, Spread, direction_of, observed_bytes, place_of
 
 Seen = tuple[Offset, bytes, tuple[Observable, ...]]  # an alias: its offset, canonical bytes, and what they are of
 
@@ -33,7 +33,7 @@ class PaperMaker(Maker):
             )
             previous: list[bytes | None] = [*before] or [None]
             by_name[node.name] = [
-                (offset := alias_offset(self.coding, alias), self._bytes(node, alias, offset, mark), alias)
+                (offset := self.offset(alias), self._bytes(node, alias, offset, mark), alias)
                 for alias in node.see
                 for mark in previous
             ]
@@ -82,7 +82,7 @@ class PaperMaker(Maker):
                     f"node {sender.name!r} sends {name!r} and can be experienced in several ways",
                     "in the paper profile a message is made of the one thing sensed; or seal it",
                 )
-            offset = alias_offset(self.coding, sender.see[0])
+            offset = self.offset(sender.see[0])
             observed = self._bytes(sender, sender.see[0], offset, None)
             out.append(paper.message_of(observed, sender.send.index(name)))
         return out

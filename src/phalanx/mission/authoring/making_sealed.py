@@ -12,7 +12,7 @@ from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.observable import Observable, sector_of
 from phalanx.mission.walk.gate import Gate, Hint, StartKey, join_shares
 
-from .making import BuildOptions, Built, Maker, Random, Spread, alias_offset, direction_of, observed_bytes
+from .making import BuildOptions, Built, Maker, Random, Spread, direction_of, observed_bytes
 
 
 class SealedMaker(Maker):
@@ -80,7 +80,7 @@ class SealedMaker(Maker):
         if shape.messages:
             raise UsageError(f"node {node.name!r} sees a message of given bytes", "name it under wait")
         shape = shape._replace(messages=len(node.wait), previous=0)
-        return Hint(shape, alias_offset(self.coding, alias))
+        return Hint(shape, self.offset(alias))
 
     def _way(self, way: PlainWay, secret: bytes, source: Node, target: Node, number: dict[str, int]) -> Way:
         direction = direction_of(way, source.place, target.place)

@@ -14,17 +14,17 @@ from typing import Any
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.mission.angles import TWO_PI
-from phalanx.mission.authoring.document import TOKEN
-from phalanx.mission.authoring.making import PAPER_CODING, SEALED_CODING, alias_offset, direction_of, place_of
+from phalanx.mission.authoring.making import PAPER_CODING, SEALED_CODING, alias_offset, place_of
 from phalanx.mission.file.canonical import Shape, shape_of
 from phalanx.mission.file.records import Profile
-from phalanx.mission.graph import Mission, Node, PlainWay
-from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, cell_of, sector_of
+from phalanx.mission.graph import Mission, Node
+from phalanx.mission.observable import MM_PER_M, Landmark, Observable, cell_of
 from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
-OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
+from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
+from .shown import Shown
+
 PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for
 
 
@@ -44,7 +44,8 @@ class NodeAudit:
 
     name: str
     candidates: float  # to try in the worst case, for the alias that has fewest
-    core_s: float  # what that takes
+    by_plan: float | None  # likewise by who has the floor plan, which is tried best first; None: nobody has asked
+    core_s: float  # what the candidates take
     gpu_s: float  # likewise
     robot_ms: float  # the robot's own worst search for one landmark in view, on one core
     problems: tuple[str, ...]  # what the author should look at
@@ -57,6 +58,8 @@ class Audit:
     nodes: tuple[NodeAudit, ...]
     core_s: float
     gpu_s: float
+    plan_core_s: float | None  # by who has the floor plan
+    plan_gpu_s: float | None  # likewise
     robot_ms: float
     out_of_reach: int
     problems: tuple[str, ...]
@@ -65,8 +68,9 @@ class Audit:
         """As JSON has it."""
         rows = [{**asdict(row), "out_of_reach": row.candidates >= OUT_OF_REACH} for row in self.nodes]
         # JSON knows no infinity, and 0 would read as free to crack.
-        costs = {} if math.isfinite(self.core_s) else {"core_s": None, "gpu_s": None}
-        return {**asdict(self), **costs, "nodes": rows}
+        costs = {name: cost_s for name, cost_s in asdict(self).items() if name.endswith("_s")}
+        endless = {name: None for name, cost_s in costs.items() if cost_s is not None and math.isinf(cost_s)}
+        return {**asdict(self), **endless, "nodes": rows}
 
 
 def audit(
@@ -76,11 +80,13 @@ def audit(
     open_start: bool = False,
     config: MissionConfig | None = None,
     rates: Rates | None = None,
+    plan: Shown | None = None,
 ) -> Audit:
     """What a captured file of this mission is worth, and what the author should look at.
 
     Args:
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
+        plan: what the building's floor plan shows, for an attacker who has it too.
     Source: docs/spec/mission.md; Encoded graphs §VI-G.
     """
     config, rates = config or MissionConfig(), rates or Rates()
@@ -89,19 +95,20 @@ def audit(
     paper = profile is Profile.PAPER
     core = rates.hash_core if paper else rates.kdf_core * scale
     gpu = rates.hash_gpu if paper else rates.kdf_gpu * scale
-    guess = _Guess(mission, coding, profile, open_start)
+    guess = Guess(mission, coding, profile, open_start, plan)
     problems = _problems(mission, coding, config)
     rows = []
     for node in mission.nodes:
         count = guess.candidates(node)
-        tries = max(_robot_tries(coding, config, alias, node, len(guess.actions)) for alias in node.see)
+        own = max(_robot_tries(coding, config, alias, node, len(guess.actions)) for alias in node.see)
         rows.append(
             NodeAudit(
                 node.name,
                 count,
+                guess.by_plan(node),
                 count / core,
                 count / gpu,
-                1000 * tries / core,
+                1000 * own / core,
                 tuple(problems.get(node.name, ())),
             )
         )
@@ -109,6 +116,8 @@ def audit(
     shut = {row.name for row in rows if row.candidates >= OUT_OF_REACH}
     open_to_guess = {row.name for row in rows} - shut if paper else _reachable(mission, shut)
     within = [row for row in rows if row.name in open_to_guess]
+    tries = sum(row.candidates for row in within) or math.inf
+    planned = None if plan is None else sum(row.by_plan or 0.0 for row in within) or math.inf
     general = []
     if paper:
         general.append("paper profile: fast unsalted hashes commit to the mission and do not hide it")
@@ -118,91 +127,14 @@ def audit(
         general.append("without the start key nothing can be tried; each row supposes that the node before is open")
     return Audit(
         tuple(rows),
-        sum(row.core_s for row in within) if within else math.inf,
-        sum(row.gpu_s for row in within) if within else math.inf,
+        tries / core,
+        tries / gpu,
+        None if planned is None else planned / core,
+        None if planned is None else planned / gpu,
         max(row.robot_ms for row in rows),
         len(rows) - len(within),
         tuple(general),
     )
-
-
-class _Guess:
-    """The attacker's candidates."""
-
-    def __init__(self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool) -> None:
-        self.coding, self.profile, self.open_start = coding, profile, open_start
-        self.box = mission.box_m
-        self.nodes = {node.name: node for node in mission.nodes}
-        self.before: dict[str, list[PlainWay]] = {}
-        for way in mission.ways:
-            self.before.setdefault(way.target, []).append(way)
-        self.sent = {name for node in mission.nodes for name in node.send}
-        done = [node.do for node in mission.nodes if node.do] + [way.do for way in mission.ways if way.do]
-        self.actions = set(done)
-        self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
-
-    def candidates(self, node: Node) -> float:
-        """For the node's weakest alias, from the predecessor that says most."""
-        if self.profile is Profile.SEALED and node.start and not self.open_start:
-            return OUT_OF_REACH
-        before: list[PlainWay | None] = [] if node.start else [*self.before.get(node.name, [])]
-        return min([OUT_OF_REACH] + [self._alias(alias, node, way) for alias in node.see for way in before or [None]])
-
-    def _alias(self, alias: tuple[Observable, ...], node: Node, way: PlainWay | None) -> float:
-        shape = shape_of(alias)
-        count = 1.0
-        if shape.place:
-            count *= self._cells(node, way)
-            count *= bins_of(self.coding, thing.type) if shape.oriented and (thing := _landmark(alias)) else 1
-            x0, y0, x1, y1 = self.box
-            count *= max(1.0, (x1 - x0) * (y1 - y0) / 2 / self.coding.area_m2) if shape.area else 1
-            count *= _token_candidates(_landmark(alias))
-        if self.profile is Profile.PAPER:
-            count *= len(self.shapes)  # the file says which kinds occur, not where
-            count *= max(1, len(self.actions)) if node.do else 1
-        count *= len(WINDOWS) if shape.time else 1
-        # A message is 32 bytes from a controller, or from a robot whose half was not captured.
-        return count * (OUT_OF_REACH if node.wait else 1)
-
-    def _cells(self, node: Node, way: PlainWay | None) -> float:
-        """Cells that the node can be in, given the direction that the node before reveals."""
-        x0, y0, x1, y1 = self.box
-        delta_m = self.coding.delta_mm / MM_PER_M
-        everywhere = max(1.0, (x1 - x0) * (y1 - y0) / delta_m**2)
-        if way is None or way.do is not None:
-            return everywhere
-        source = self.nodes[way.source].place
-        direction = direction_of(way, source, node.place)
-        if direction is None or source is None:
-            return everywhere
-        sectors = self.coding.sectors
-        middle = sector_of(direction, sectors) * TWO_PI / sectors
-        # The wedge of one sector out to the edge of the map, and at least one cell wide.
-        reaches = [_to_edge(self.box, source, middle + k * math.pi / sectors) for k in (-1.0, 0.0, 1.0)]
-        wedge = (reaches[0] ** 2 + 4 * reaches[1] ** 2 + reaches[2] ** 2) / 6 * math.pi / sectors
-        return min(everywhere, max(1.0, wedge / delta_m**2 + reaches[1] / delta_m))
-
-
-def _landmark(alias: tuple[Observable, ...]) -> Landmark | None:
-    place = place_of(alias)
-    return place if isinstance(place, Landmark) else None
-
-
-def _token_candidates(landmark: Landmark | None) -> float:
-    if landmark is None or landmark.text is None or not TOKEN.fullmatch(landmark.text):
-        return 1.0  # a text that hangs on a wall is public
-    return float(16 ** min(32, len(landmark.text)))
-
-
-def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], direction_rad: float) -> float:
-    """Metres from a place to the edge of the map."""
-    x0, y0, x1, y1 = box
-    dx, dy = math.cos(direction_rad), math.sin(direction_rad)
-    out = math.hypot(x1 - x0, y1 - y0)
-    for position, low, high, step in ((at[0], x0, x1, dx), (at[1], y0, y1, dy)):
-        if abs(step) > 1e-9:
-            out = min(out, max(0.0, ((high if step > 0 else low) - position) / step))
-    return out
 
 
 def _robot_tries(
@@ -262,9 +194,6 @@ def _reachable(mission: Mission, shut: Collection[str] = ()) -> set[str]:
     return reached
 
 
-Alias = tuple[Observable, ...]
-
-
 def _near_pairs(
     mission: Mission, coding: CodingConfig, radius_m: float
 ) -> list[tuple[Node, Alias, Node, Alias, float]]:
@@ -298,7 +227,7 @@ def _same(mine: Alias, theirs: Alias, a: Node, b: Node) -> bool:
         ({thing for thing in alias if not hasattr(thing, "x_m")}, node.wait, node.do)
         for alias, node in ((mine, a), (theirs, b))
     ]
-    one, two = _landmark(mine), _landmark(theirs)
+    one, two = landmark_of(mine), landmark_of(theirs)
     return rest[0] == rest[1] and (one is None or two is None or one.text == two.text)
 
 

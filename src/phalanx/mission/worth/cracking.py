@@ -1,4 +1,4 @@
-"""The brute force of a captured graph, really run: what somebody does who has the file and a floor plan's size.
+"""The brute force of a captured graph, really run: by somebody who has the file, and a floor plan or only its size.
 
 Each generator yields after every batch, so that the caller decides how long to go on; nothing here reads a clock.
 """
@@ -25,12 +25,15 @@ from phalanx.mission.observable import LANDMARK_TYPES, MM_PER_M, Cell, Experienc
 from phalanx.mission.walk.claims import unlock
 from phalanx.mission.walk.found import Claim, Found
 from phalanx.mission.walk.gate import Gate, StartKey
-from phalanx.mission.walk.opening import Opened, open_found
+from phalanx.mission.walk.opening import Opened, OpenWay, open_found
+
+from .shown import Before, Shown
 
 BATCH = 1 << 16  # cells of one batch of fast hashes
 KDF_BATCH = 64
 Box = tuple[float, float, float, float]
 Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+_Held = tuple[int, Gate, Before | None]  # a node, its gate, and what the node before tells
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,24 +135,32 @@ def _cracked(coding: CodingConfig, node: int, shape: Shape, offset: Offset, cell
     return Cracked(node, kind, x_m, y_m, orientation)
 
 
-def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map) -> Iterator[Tried]:
+def crack_sealed(
+    mission: EncodedMission, key: StartKey, box: Box, spread: Spread = map, plan: Shown | None = None
+) -> Iterator[Tried]:
     """Every place in a box behind every gate that is held; each opened node hands out the next gates.
 
     Args:
         key: captured with the robot, or open in the file; without one there is nothing to try.
+        plan: what a floor plan shows is tried first, one by one; and every place only when no gate is left for that.
     """
-    waiting: list[tuple[int, Gate, Opened | None]] = [(node, gate, None) for node, gate in key.gates.items()]
     # A key that was tampered with could name nodes or aliases that are not in the file.
-    waiting = [job for job in waiting if job[0] < len(mission.nodes)]
+    waiting: list[_Held] = [(node, gate, None) for node, gate in key.gates.items() if node < len(mission.nodes)]
+    later: list[_Held] = []  # what the plan does not show
     seen = set(key.gates)
-    known = 0
-    while waiting:
-        node, gate, before = waiting.pop(0)
+    coding, known = mission.header.coding, 0
+    while waiting or later:
+        shown = plan if waiting else None
+        node, gate, before = (waiting or later).pop(0)
         gate = replace(gate, hints=gate.hints[: len(mission.nodes[node].aliases)])
-        left = _count(mission.header.coding, gate, box)
+        if shown is None:
+            left, size = _count(coding, gate, box), KDF_BATCH
+            jobs = _jobs(mission, node, gate, partial(_everywhere, coding, box, before))
+        else:
+            claims = list(_jobs(mission, node, gate, partial(shown.cells, coding, before)))
+            left, size, jobs = len(claims), 1, iter(claims)
         known += left
-        jobs = _jobs(mission, node, gate, box, before)
-        while batch := list(islice(jobs, KDF_BATCH)):
+        while batch := list(islice(jobs, size)):
             left -= len(batch)
             keys = spread(partial(unlock, mission), batch)
             hit = next(((claim, key) for claim, key in zip(batch, list(keys), strict=True) if key is not None), None)
@@ -158,15 +169,18 @@ def crack_sealed(mission: EncodedMission, key: StartKey, box: Box, spread: Sprea
                 continue
             claim, secret_key = hit
             known -= left
-            cracked = _cracked(mission.header.coding, node, claim.shape, claim.offset, claim.cell)
+            cracked = _cracked(coding, node, claim.shape, claim.offset, claim.cell)
             yield Tried(len(batch), known, (cracked,))
             opened = _open(mission, claim, cracked, secret_key)
             for way in opened.ways:
                 if way.target not in seen and way.gate is not None:
                     seen.add(way.target)
                     share = sealed.onward(gate.share, way.gate.share, mission.header, node, way.target)
-                    waiting.append((way.target, replace(way.gate, share=share), opened))
+                    waiting.append((way.target, replace(way.gate, share=share), _before(opened, way, coding)))
             break
+        else:
+            if shown is not None:
+                later.append((node, gate, before))
 
 
 def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
@@ -174,37 +188,38 @@ def _count(coding: CodingConfig, gate: Gate, box: Box) -> int:
     return sum(len(_patches(coding, hint.offset, box)) * len(_bins(coding, hint.shape, box)) for hint in hints)
 
 
-def _jobs(mission: EncodedMission, node: int, gate: Gate, box: Box, before: Opened | None) -> Iterator[Claim]:
-    """Every candidate, those in the direction from the node before first."""
-    coding = mission.header.coding
+def _before(opened: Opened, way: OpenWay, coding: CodingConfig) -> Before | None:
+    if opened.place_m is None or way.direction_rad is None:
+        return None
+    return Before(*opened.place_m, way.direction_rad, coding.sectors)
+
+
+def _jobs(
+    mission: EncodedMission, node: int, gate: Gate, cells: Callable[[Shape, Offset], Iterable[Cell]]
+) -> Iterator[Claim]:
+    """Every candidate, alias by alias."""
     for alias, hint in enumerate(gate.hints):
         if not can_guess(hint.shape):
             continue
         salt = sealed.node_salt(gate.share, (), mission.header, node, alias)
-        cells = _patches(coding, hint.offset, box)
-        xs = (cells & np.uint64(0xFFFFFFFF)).astype(np.uint32).astype(np.int32)
-        ys = (cells >> np.uint64(32)).astype(np.uint32).astype(np.int32)
-        for i in _likeliest(coding, hint.offset, xs, ys, before, node):
-            for turn, area in _bins(coding, hint.shape, box):
-                cell = Cell(int(xs[i]), int(ys[i]), turn, area)
-                observed = canonical(place_bytes(hint.shape, cell))
-                yield Claim(node, alias, hint.shape, hint.offset, cell, observed, salt)
+        for cell in cells(hint.shape, hint.offset):
+            yield Claim(node, alias, hint.shape, hint.offset, cell, canonical(place_bytes(hint.shape, cell)), salt)
 
 
-def _likeliest(
-    coding: CodingConfig, offset: Offset, xs: NDArray[np.int32], ys: NDArray[np.int32], before: Opened | None, node: int
-) -> NDArray[np.int64]:
-    """Indices of the cells, sorted by how far they lie off the direction that the node before reveals."""
-    direction = None
+def _everywhere(coding: CodingConfig, box: Box, before: Before | None, shape: Shape, offset: Offset) -> Iterator[Cell]:
+    """All cells of a box, those in the direction from the node before first."""
+    cells = _patches(coding, offset, box)
+    xs = (cells & np.uint64(0xFFFFFFFF)).astype(np.uint32).astype(np.int32)
+    ys = (cells >> np.uint64(32)).astype(np.uint32).astype(np.int32)
+    order = np.arange(len(xs))
     if before is not None:
-        direction = next((way.direction_rad for way in before.ways if way.target == node), None)
-    if before is None or before.place_m is None or direction is None:
-        return np.arange(len(xs))
-    delta = coding.delta_mm / MM_PER_M
-    dx = xs * delta + offset.x / MM_PER_M - before.place_m[0]
-    dy = ys * delta + offset.y / MM_PER_M - before.place_m[1]
-    off = np.abs((np.arctan2(dy, dx) - direction + math.pi) % TWO_PI - math.pi)
-    return np.argsort(off, kind="stable")
+        delta = coding.delta_mm / MM_PER_M
+        dx, dy = xs * delta + offset.x / MM_PER_M - before.x_m, ys * delta + offset.y / MM_PER_M - before.y_m
+        off = np.abs((np.arctan2(dy, dx) - before.direction_rad + math.pi) % TWO_PI - math.pi)
+        order = np.argsort(off, kind="stable")
+    for i in order:
+        for turn, area in _bins(coding, shape, box):
+            yield Cell(int(xs[i]), int(ys[i]), turn, area)
 
 
 def _open(mission: EncodedMission, claim: Claim, cracked: Cracked, key: bytes) -> Opened:

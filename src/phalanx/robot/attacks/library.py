@@ -10,6 +10,7 @@ from .missions.harm import FALSE, FIX, READ, WRONG
 
 HARMLESS = by_defence("harmless", "harmless", "harmless")
 NOT_COVERED = by_defence("not covered", "not covered", "not covered")
+BITES = by_defence("bites", "bites", "bites")
 LIMITED = by_defence("bites", "bites", "limited")
 
 CHECKED = {"unchecked": Option((0, 1))}
@@ -267,6 +268,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="tries every place in an area of 40 m x 40 m against a captured mission and its start key",
                stopped_by="in `bound` each try is an scrypt, which limits how fast; `paper` is a commitment and "
                           "hides no place"),
+        guess("guess-plan", "missions.guesses.GuessPlan", BITES, READ, 1,
+               does="tries what the building's floor plan shows against a captured mission and its start key",
+               stopped_by="nothing: a floor plan shows all places; what it does not show is a token or a message, "
+                          "and a start key that was not captured"),
         guess("guess-gate", "missions.guesses.GuessGate", by_defence("bites", "bites", "harmless"), READ, 1,
                does="tries to read a captured mission without its start key, with gates that it draws",
                stopped_by="in `bound` 2^256 gates stand before the first place; `paper` has no start key"),

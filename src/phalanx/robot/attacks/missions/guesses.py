@@ -8,13 +8,16 @@ from dataclasses import replace
 from typing import ClassVar
 
 from phalanx.crypto.sha3 import sha3_256
-from phalanx.mission import Landmark, Mission, Profile, parse_mission, parse_start_key
+from phalanx.mission import BuildOptions, Landmark, Mission, Profile, parse_mission, parse_start_key
 from phalanx.mission.authoring.making import alias_offset, observed_bytes
 from phalanx.mission.file.records import SECRET_BYTES
 from phalanx.mission.file.sealed import node_salt, try_observation
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.gate import StartKey
-from phalanx.mission.worth.audit import OUT_OF_REACH, audit
+from phalanx.mission.worth.audit import audit
 from phalanx.mission.worth.cracking import Box, Cracked, Tried, crack_paper, crack_sealed
+from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.shown import shown_by
 from phalanx.robot.attacks.attack import Scene
 
 from .between import Between, Sent
@@ -38,11 +41,12 @@ class Guess(Between, ABC):
     one_node: ClassVar[bool] = False
 
     @abstractmethod
-    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
         """Batches of tries, for as long as the caller asks for more.
 
         Args:
             box: where the places are, metres.
+            building: of which some have the floor plan.
         """
 
     def in_all(self, plain: Mission, known: int) -> float:
@@ -54,8 +58,9 @@ class Guess(Between, ABC):
 class GuessGraph(Guess):
     """The file and its start key, if it has one, were captured with the robot."""
 
-    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
         """Every place."""
+        del building
         mission = parse_mission(sent.file)
         if mission.header.profile is Profile.PAPER:
             return crack_paper(mission, box)
@@ -69,11 +74,23 @@ class GuessGraph(Guess):
         return max(float(known), sum(row.candidates for row in rows if row.candidates < OUT_OF_REACH))
 
 
+class GuessPlan(Guess):
+    """File, start key and the building's floor plan were captured, or the building was walked through."""
+
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
+        """What the plan shows, first."""
+        mission = parse_mission(sent.file)
+        if mission.header.profile is Profile.PAPER:
+            return crack_paper(mission, box)
+        return crack_sealed(mission, parse_start_key(sent.key), box, plan=shown_by(building, BuildOptions().offset_mm))
+
+
 class GuessGate(GuessGraph):
     """The file alone was captured: the start key came over the link, and is not in it."""
 
-    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
         """Every place, behind one gate after the other."""
+        del building
         mission = parse_mission(sent.file)
         if mission.header.profile is Profile.PAPER:
             yield from crack_paper(mission, box)
@@ -93,9 +110,9 @@ class GuessToken(Guess):
     tries_max: ClassVar[Mapping[Profile, int]] = {Profile.PAPER: 4096, Profile.SEALED: 64}
     one_node = True
 
-    def guess(self, sent: Sent, box: Box) -> Iterator[Tried]:
+    def guess(self, sent: Sent, box: Box, building: FloorPlan) -> Iterator[Tried]:
         """One token after the other, against the first node."""
-        del box
+        del box, building
         mission, node = parse_mission(sent.file), sent.plain.nodes[0]
         header, mark = mission.header, mission.nodes[0].aliases[0].mark
         (place,) = node.see[0]

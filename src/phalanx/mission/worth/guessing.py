@@ -1,0 +1,134 @@
+"""How many candidates an attacker has for each node of a mission: with a floor plan, and with nothing but its size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from phalanx.config.mission import CodingConfig
+from phalanx.mission.angles import TWO_PI
+from phalanx.mission.authoring.document import TOKEN
+from phalanx.mission.authoring.making import alias_offset, direction_of, place_of
+from phalanx.mission.file.canonical import shape_of
+from phalanx.mission.file.records import Profile
+from phalanx.mission.graph import Mission, Node, PlainWay
+from phalanx.mission.observable import MM_PER_M, Landmark, Observable, bins_of, sector_of
+from phalanx.mission.walk.search import WINDOWS
+
+from .shown import Before, Shown, cell_in
+
+OUT_OF_REACH = float(1 << 128)  # candidates; whatever is at least this is not counted further
+Alias = tuple[Observable, ...]
+
+
+class Guess:
+    """The attacker's candidates."""
+
+    def __init__(
+        self, mission: Mission, coding: CodingConfig, profile: Profile, open_start: bool, plan: Shown | None
+    ) -> None:
+        self.coding, self.profile, self.open_start = coding, profile, open_start
+        self.plan = plan
+        self.box = mission.box_m
+        self.nodes = {node.name: node for node in mission.nodes}
+        self.before: dict[str, list[PlainWay]] = {}
+        for way in mission.ways:
+            self.before.setdefault(way.target, []).append(way)
+        done = [node.do for node in mission.nodes if node.do] + [way.do for way in mission.ways if way.do]
+        self.actions = set(done)
+        self.shapes = {shape_of(alias) for node in mission.nodes for alias in node.see}
+
+    def candidates(self, node: Node) -> float:
+        """With a map's size alone: for the node's weakest alias, from the predecessor that says most."""
+        ways = self._ways(node)
+        counts = [self._places(alias, node, way) * self._rest(alias, node) for alias in node.see for way in ways]
+        return min([OUT_OF_REACH, *counts])
+
+    def by_plan(self, node: Node) -> float | None:
+        """With the floor plan, in the order of `crack_sealed`: by alias, best first; what it does not show, last."""
+        if self.plan is None:
+            return None
+        return min([OUT_OF_REACH] + [self._by_plan(self.plan, node, way) for way in self._ways(node)])
+
+    def _ways(self, node: Node) -> Sequence[PlainWay | None]:
+        """Those from which it may be looked for; none if there is nothing to try it with."""
+        if self.profile is Profile.SEALED and node.start and not self.open_start:
+            return ()
+        return [None] if node.start else self.before.get(node.name, [None])
+
+    def _by_plan(self, plan: Shown, node: Node, way: PlainWay | None) -> float:
+        before, tried = self._before(node, way), 0.0
+        for alias in node.see:
+            place, shape, rest = place_of(alias), shape_of(alias), self._rest(alias, node)
+            if place is None:
+                return tried + rest
+            offset = alias_offset(self.coding, alias, plan.rounded_mm)
+            wanted = cell_in(self.coding, shape, offset, place)
+            for cell in plan.cells(self.coding, before, shape, offset):
+                tried += rest
+                if cell == wanted:
+                    return tried
+        return tried + min(self._places(alias, node, way) * self._rest(alias, node) for alias in node.see)
+
+    def _rest(self, alias: Alias, node: Node) -> float:
+        """How often each place has to be tried, for what else goes into the hash."""
+        shape = shape_of(alias)
+        count = _token_candidates(landmark_of(alias))
+        if self.profile is Profile.PAPER:
+            count *= len(self.shapes)  # the file says which kinds occur, not where
+            count *= max(1, len(self.actions)) if node.do else 1
+        count *= len(WINDOWS) if shape.time else 1
+        # A message is 32 bytes from a controller, or from a robot whose half was not captured.
+        return count * (OUT_OF_REACH if node.wait else 1)
+
+    def _places(self, alias: Alias, node: Node, way: PlainWay | None) -> float:
+        """Cells that the alias can be in, with their bins, given the direction that the node before reveals."""
+        shape = shape_of(alias)
+        if not shape.place:
+            return 1.0
+        x0, y0, x1, y1 = self.box
+        delta_m = self.coding.delta_mm / MM_PER_M
+        bins = bins_of(self.coding, thing.type) if shape.oriented and (thing := landmark_of(alias)) else 1
+        areas = max(1.0, (x1 - x0) * (y1 - y0) / 2 / self.coding.area_m2) if shape.area else 1
+        everywhere = max(1.0, (x1 - x0) * (y1 - y0) / delta_m**2)
+        before = self._before(node, way)
+        if before is None:
+            return everywhere * bins * areas
+        # The wedge of one sector out to the edge of the map, and at least one cell wide.
+        half = math.pi / before.sectors
+        reaches = [_to_edge(self.box, before[:2], before.direction_rad + k * half) for k in (-1.0, 0.0, 1.0)]
+        wedge = (reaches[0] ** 2 + 4 * reaches[1] ** 2 + reaches[2] ** 2) / 6 * half
+        return min(everywhere, max(1.0, wedge / delta_m**2 + reaches[1] / delta_m)) * bins * areas
+
+    def _before(self, node: Node, way: PlainWay | None) -> Before | None:
+        """What the node before reveals."""
+        if way is None or way.do is not None:
+            return None
+        source, sectors = self.nodes[way.source].place, self.coding.sectors
+        direction = direction_of(way, source, node.place)
+        if direction is None or source is None:
+            return None
+        return Before(*source, sector_of(direction, sectors) * TWO_PI / sectors, sectors)
+
+
+def landmark_of(alias: Alias) -> Landmark | None:
+    """The one landmark in a conjunction, if it has one."""
+    place = place_of(alias)
+    return place if isinstance(place, Landmark) else None
+
+
+def _token_candidates(landmark: Landmark | None) -> float:
+    if landmark is None or landmark.text is None or not TOKEN.fullmatch(landmark.text):
+        return 1.0  # a text that hangs on a wall is public
+    return float(16 ** min(32, len(landmark.text)))
+
+
+def _to_edge(box: tuple[float, float, float, float], at: tuple[float, float], direction_rad: float) -> float:
+    """Metres from a place to the edge of the map."""
+    x0, y0, x1, y1 = box
+    dx, dy = math.cos(direction_rad), math.sin(direction_rad)
+    out = math.hypot(x1 - x0, y1 - y0)
+    for position, low, high, step in ((at[0], x0, x1, dx), (at[1], y0, y1, dy)):
+        if abs(step) > 1e-9:
+            out = min(out, max(0.0, ((high if step > 0 else low) - position) / step))
+    return out

@@ -1,0 +1,149 @@
+"""What a floor plan tells whoever guesses: where landmarks are that what is known of a node may mean, likeliest first.
+
+The attack and the audit both ask here, so that the audit counts what the attack tries.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.mission import CodingConfig
+from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.sighted import sighted
+from phalanx.mission.authoring.survey import roomiest
+from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
+from phalanx.mission.graph import Draft
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.sites import landmarks_of
+from phalanx.mission.observable import (
+    APART_M,
+    APART_MAX,
+    MM_PER_M,
+    OFFSET_RAD,
+    Cell,
+    Landmark,
+    Offset,
+    Position,
+    cell_of,
+    number_or_nan,
+)
+
+# So far what a plan shows may be from where the mission's author has it; his offsets may be rounded by more.
+DRAWN_M, DRAWN_RAD = 0.05, math.radians(2.5)
+# What does not fit in one way may still be meant: the plan is another edition, or a direction was given by hand.
+MOST = 16.0
+
+
+class Before(NamedTuple):
+    """What the open node before tells: where it is, and in which direction of how many the next one lies."""
+
+    x_m: float
+    y_m: float
+    direction_rad: float
+    sectors: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """All that may be meant, as a floor plan shows it.
+
+    Args:
+        things: landmarks, and the places where a robot may have to be: its start first.
+        rows: (n, 4) x, y, orientation or NaN, and how far it is to the next that looks the same, in steps of APART_M.
+        rounded_mm: the compiler's offsets are rounded to multiples of so much.
+    """
+
+    things: tuple[Landmark | Position, ...]
+    rows: NDArray[np.float64]
+    rounded_mm: int
+
+    def cells(self, coding: CodingConfig, before: Before | None, shape: Shape, offset: Offset) -> Iterator[Cell]:
+        """The cells of an alias in which it may be, each once.
+
+        Args:
+            shape, offset: the alias's, as its gate tells them.
+        """
+        among = np.array([i for i, thing in enumerate(self.things) if _has(thing, shape)], np.int64)
+        rows = self.rows[among]
+        misfit = _off_cells(coding, offset, rows, DRAWN_M + self.rounded_mm / MM_PER_M / 2)
+        if shape.oriented:
+            misfit += _square(_rest(rows[:, 2] - offset.orientation * OFFSET_RAD, coding.bin_rad), DRAWN_RAD)
+        if shape.place != AT_POSITION:
+            misfit += _square(rows[:, 3] - offset.apart, 1.0)
+        if before is not None:
+            misfit += _off_way(before, rows)
+        tried: set[Cell] = set()
+        for i in among[np.argsort(misfit, kind="stable")]:
+            cell = cell_in(coding, shape, offset, self.things[i])
+            if cell not in tried:
+                tried.add(cell)
+                yield cell
+
+
+def cell_in(coding: CodingConfig, shape: Shape, offset: Offset, thing: Landmark | Position) -> Cell:
+    """The cell of a thing, of which a node tells no more than its shape says."""
+    cell = cell_of(coding, offset, thing.x_m, thing.y_m, thing if isinstance(thing, Landmark) else None)
+    return cell._replace(bin=cell.bin if shape.oriented else -1, area=cell.area if shape.area else -1)
+
+
+def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
+    """What an attacker makes of a floor plan with the compiler's own means: landmarks as drawn, and as lidars see them.
+
+    Args:
+        rounded_mm: as the mission was built (`BuildOptions.offset_mm`).
+    Raises: UsageError: the plan says not where robots begin, and has no one space to choose from.
+    """
+    sites = landmarks_of(plan)
+    seen, _ = sighted(plan, sites)
+    start = plan.start or roomiest(plan)
+    draft = Draft("plan")
+    draft.node("start", Position(start[0], start[1]), start=True)
+    for i, alias in enumerate(dict.fromkeys(alias for site in (*sites, *seen) for alias in site.aliases)):
+        draft.node(str(i), alias)
+    nodes = apart_in(plan, draft.mission()).nodes
+    known = [thing for node in nodes for thing in node.see[0] if isinstance(thing, Landmark | Position)]
+    known += [Position(thing.x_m, thing.y_m) for thing in known if isinstance(thing, Landmark)]
+    return Shown(tuple(known), np.array([_row(thing) for thing in known], np.float64), rounded_mm)
+
+
+def _row(thing: Landmark | Position) -> tuple[float, float, float, float]:
+    if isinstance(thing, Position):
+        return thing.x_m, thing.y_m, math.nan, float(APART_MAX)
+    apart = math.floor(min(thing.apart_m / APART_M + 1e-9, APART_MAX))
+    return thing.x_m, thing.y_m, number_or_nan(thing.orientation_rad), float(apart)
+
+
+def _has(thing: Landmark | Position, shape: Shape) -> bool:
+    has = shape_of((thing,))
+    return has.place == shape.place and has.oriented >= shape.oriented and has.area >= shape.area
+
+
+def _rest(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """How far values are from the nearest multiple of a step."""
+    return values - step * np.round(values / step)
+
+
+def _square(off: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    return np.minimum(np.square(off / scale), MOST)
+
+
+def _off_cells(coding: CodingConfig, offset: Offset, rows: NDArray[np.float64], scale_m: float) -> NDArray[np.float64]:
+    """How badly places fit the middle of any cell."""
+    delta_m = coding.delta_mm / MM_PER_M
+    x, y, *_ = offset.natural
+    return _square(_rest(rows[:, 0] - x, delta_m), scale_m) + _square(_rest(rows[:, 1] - y, delta_m), scale_m)
+
+
+def _off_way(before: Before, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How badly places fit the direction of the way."""
+    dx, dy = rows[:, 0] - before.x_m, rows[:, 1] - before.y_m
+    off = _rest(np.arctan2(dy, dx) - before.direction_rad, math.tau)
+    return np.minimum(
+        np.square(off / (math.pi / before.sectors + DRAWN_M / np.maximum(np.hypot(dx, dy), DRAWN_M))), MOST
+    )
