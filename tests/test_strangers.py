@@ -9,6 +9,8 @@ import re
 import signal
 import socket
 import stat
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -358,6 +360,12 @@ class TestTheRest:
         for folder in (left, young):
             folder.mkdir()
             (folder / ".lock").touch()
+        older, used, cache = (tmp_path / f"phalanx-{name}" for name in ("abcd1234", "served", "kernels-0"))
+        for folder in (older, used, cache):
+            folder.mkdir()
+            (folder / ("mosquitto.conf" if folder != cache else "kernel.nbi")).touch()
+            os.utime(folder, (1, 1))
+        started = subprocess.Popen([sys.executable, "-c", "input()", used / "mosquitto.conf"], stdin=subprocess.PIPE)
         (tmp_path / "precious").mkdir()
         (tmp_path / "precious" / ".lock").touch()
         elsewhere.symlink_to(tmp_path / "precious")
@@ -366,9 +374,12 @@ class TestTheRest:
                 os.utime(folder, (1, 1))
             with private_folder():
                 assert not left.exists()
+                assert (older.exists(), used.exists(), cache.exists()) == (False, True, True)
                 assert young.exists()
                 assert alive.exists()
                 assert (tmp_path / "precious" / ".lock").exists()
+        started.kill()
+        started.communicate()
 
     def test_a_reader_of_events_that_stalls_costs_a_bounded_number_of_bytes(self, monkeypatch):
         reading = threading.Event()

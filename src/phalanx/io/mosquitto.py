@@ -22,7 +22,7 @@ from .children import a_child, answer, kept
 from .guarding import guarded
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
-from .private_folder import private_folder
+from .private_folder import CONFIG, private_folder
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
 EMBEDDED_PACKET_BYTES = 512 * 1024
@@ -30,7 +30,6 @@ MEMORY_BYTES = 256 * 1024 * 1024
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
 MAX_KEEPALIVE_S = 120
 ROUNDS = 101
-CONFIG = "mosquitto.conf"
 SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
