@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import paho.mqtt.publish as publish
 import pytest
@@ -164,6 +166,32 @@ class TestUp:
             assert (ready["broker_port"], ready["broker_ws_port"]) == (tcp, ws)
             assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
             assert up.stop() == 0
+
+    def test_a_broker_that_never_comes_is_one_line_and_a_hint(self):
+        ended = run("up", "--wait", "2", "--port", "0", "--defence", "none", "--broker", "mqtt://127.0.0.1:1")
+        assert ended.returncode == 1
+        error, hint = ended.stderr.splitlines()
+        assert error == "phalanx: error: no broker at mqtt://127.0.0.1:1 within 2 s (connection refused)"
+        assert hint.startswith("phalanx: hint: phalanx doctor")
+
+    @pytest.mark.parametrize(("held", "connected"), [(False, True), (True, True), (True, False)])
+    async def test_the_status_line_fits_a_small_terminal(self, monkeypatch, held, connected):
+        shown = []
+        monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+        monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, 24)))
+        monkeypatch.setattr("click.echo", lambda words, **_: shown.append(words.removeprefix("\r\x1b[2K")))
+        counts = dict.fromkeys(("visitors", "refused", "robots", "commands"), 12345)
+        now = {"held": held, "connected": connected, "compiling": held, "rotates_in_s": 899.0, **counts}
+        status = asyncio.ensure_future(command._keep_status(SimpleNamespace(summary=lambda: now)))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        status.cancel()
+        (line,) = shown
+        assert len(line) <= 79
+        assert ("ALL STOPPED: go and Enter" if held else "Enter: stop all") in line
+        assert ("no shields yet" in line, "broker away" in line) == (held, not connected)
+        for count in re.findall("12345.*", line.replace("  ", "\n")):
+            assert count.removeprefix("12345 ") in counts, "whole words only"
 
     def test_a_guess_of_the_brokers_websockets_that_is_wrong_is_told_once(self, tmp_path):
         tcp, ws = free_port(), free_port()

@@ -24,11 +24,15 @@ from phalanx.experiments.figure import MATPLOTLIB_HINT
 EVERY_S = 5.0  # between two lines of progress where there is no terminal
 
 
-def status_line(text: str) -> None:
-    """Put `text` in the place of the last status line; only in a terminal."""
+def status_line(text: str, *more: str) -> None:
+    """Put `text` in the place of the last status line; only in a terminal. Of `more`, what comes first fits first."""
     if sys.stderr.isatty():
-        width = shutil.get_terminal_size().columns
-        click.echo(f"\r\x1b[2K{text[: width - 1]}", nl=False, err=True)
+        width = shutil.get_terminal_size().columns - 1
+        for part in more:
+            if len(text) + 2 + len(part) > width:
+                break
+            text += f"  {part}"
+        click.echo(f"\r\x1b[2K{text[:width]}", nl=False, err=True)
 
 
 def end_status_line() -> None:

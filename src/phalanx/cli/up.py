@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from phalanx.demo.simulated import mission_swarm, simulated_swarm
-from phalanx.errors import UsageError
+from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
@@ -104,22 +104,6 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
     watch: list[asyncio.Task[None]] = []
     late: list[Running] = []  # its robots have no shields yet
 
-    def say(event: dict[str, Any]) -> None:
-        match event["event"]:
-            case "ready":
-                click.echo(f"operator  {event['operator_url']}")
-                alone = options.host in ("127.0.0.1", "localhost")
-                _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
-            case "rotation":
-                end_status_line()
-                click.echo("a new code; the old one works for a while yet")
-                _show_code("visitors", event["qr_url"])
-            case "shielded" if late:
-                talk("shields are up: robots audit each other from now on")
-            case "mission" if event["what"] != "decoded":
-                end_status_line()
-                click.echo(_mission_line(event))
-
     def started(running: Running) -> None:
         watch.append(asyncio.ensure_future(_keep_status(running)))
         if sys.stdin.isatty():  # what else is there was not typed for us
@@ -127,8 +111,32 @@ def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
         if running.summary()["compiling"]:
             late.append(running)
 
-    run(run_gateway(options, say, started, swarm=swarm))
+    try:
+        run(run_gateway(options, partial(_tell, options, late), started, swarm=swarm))
+    except PhalanxError:
+        status_line("")  # the error says what it said
+        raise
     end_status_line()
+
+
+def _tell(options: UpOptions, late: list[Running], event: dict[str, Any]) -> None:
+    match event["event"]:
+        case "waiting":
+            status_line(f"no broker at {event['broker']} yet ({event['trouble'] or 'no answer'}); waiting for it")
+        case "ready":
+            status_line("")
+            click.echo(f"operator  {event['operator_url']}")
+            alone = options.host in ("127.0.0.1", "localhost")
+            _show_code("visitors (phones need --host 0.0.0.0)" if alone else "visitors", event["qr_url"])
+        case "rotation":
+            end_status_line()
+            click.echo("a new code; the old one works for a while yet")
+            _show_code("visitors", event["qr_url"])
+        case "shielded" if late:
+            talk("shields are up: robots audit each other from now on")
+        case "mission" if event["what"] != "decoded":
+            end_status_line()
+            click.echo(_mission_line(event))
 
 
 def _mission_line(event: dict[str, Any]) -> str:
@@ -151,10 +159,10 @@ async def _keep_status(running: Running) -> None:
         now = running.summary()
         minutes, seconds = divmod(int(now["rotates_in_s"]), 60)
         status_line(
-            f"{now['robots']} robots   {now['visitors']} visitors   {now['commands']} commands   "
-            f"{now['rejected']} refused   new code in {minutes}:{seconds:02d}"
-            + ("   ALL STOPPED, go and Enter lets them go" if now["held"] else "   Enter: stop all")
-            + ("   compiling, no shields yet" if now["compiling"] else "")
-            + ("" if now["connected"] else "   broker away, trying again")
+            "ALL STOPPED: go and Enter frees them" if now["held"] else "Enter: stop all",
+            *([] if now["connected"] else ["broker away, trying again"]),
+            *(["no shields yet"] if now["compiling"] else []),
+            f"new code {minutes}:{seconds:02d}",
+            *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
         )
         await asyncio.sleep(1)

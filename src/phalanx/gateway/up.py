@@ -118,7 +118,7 @@ class Running:
             "robots": len(self.gateway.swarm.robots()),
             "visitors": len(self.gateway.visitors.present(time.monotonic())),
             "commands": self._server.counters["commands"],
-            "rejected": sum(self._server.rejected.values()),
+            "refused": sum(self._server.rejected.values()),
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
             "compiling": isinstance(self.gateway.swarm, SoonShielded),
@@ -331,11 +331,15 @@ async def up(
 
 
 async def _until_connected(server: Server, say: Say, wait_s: float) -> None:
-    try:
-        await server.wait_connected(min(wait_s, WAIT_QUIETLY_S))
-    except TimeoutError:
+    async def tell() -> None:
+        await asyncio.sleep(WAIT_QUIETLY_S)
         say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
+
+    telling = asyncio.ensure_future(tell())
+    try:
         await connected_within(server, wait_s)
+    finally:
+        telling.cancel()
 
 
 async def connected_within(server: Server, wait_s: float) -> None:

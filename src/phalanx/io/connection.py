@@ -135,6 +135,7 @@ class Connection:
         self._cut: BaseException | None = None
         self._lifetime = asyncio.timeout(None)
         self._ever = False
+        self._told_later = 0  # who waits for a time only, and is told then what is wrong
 
     def start(self) -> asyncio.Task[None]:
         """Stay connected until the task that this returns is cancelled.
@@ -152,12 +153,14 @@ class Connection:
         """
         assert self._running is not None, "start() comes first"
         connected = asyncio.create_task(self.connected.wait())
+        self._told_later += timeout_s is not None
         try:
             done, _ = await asyncio.wait(
                 (connected, self._running), timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
             connected.cancel()
+            self._told_later -= timeout_s is not None
         if self._running in done:
             self._running.result()
         if not done:
@@ -289,7 +292,7 @@ class Connection:
             self._not_yet(error, words)
             told = f"no broker at {self.broker} yet ({words}); waiting for it"
         if words != self.trouble:  # once, not at every try
-            log.warning("%s", told)
+            log.log(logging.WARNING if self._ever or not self._told_later else logging.INFO, "%s", told)
         self.trouble = words
 
     def _not_yet(self, error: BaseException, words: str) -> None:
