@@ -13,10 +13,11 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from conftest import a_gateway, bare_mosquitto, eventually
+from conftest import a_gateway, bare_mosquitto, eventually, run
 from phalanx.errors import Held
 from phalanx.gateway import Gateway, OperatorPages
 from phalanx.gateway.brakes import Brakes
+from phalanx.gateway.kept_stop import KeptStop
 from phalanx.gateway.site import beside
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Client, Server
@@ -261,3 +262,49 @@ class TestBrakes:
             brakes.release()
             asyncio.run(eventually(lambda: not swarm._held))
             brakes.drive(swarm.robots()[0].address, 1, 1)
+
+
+def test_a_stop_outlives_a_gateway_that_is_killed(tmp_path):
+    token = tmp_path / "token"
+    options = ("--operator-port", str(free_port()), "--operator-token-file", str(token), "--robots", "2")
+    stopped = tmp_path / "token.stopped"
+
+    def operator(ready: dict) -> tuple[str, str]:
+        url, _, said = ready["operator_url"].partition("/#token=")
+        return url, said
+
+    with a_gateway(*options) as (gateway, ready):
+        url, said = operator(ready)
+        assert not say(url, "state", said)["held"]
+        say(url, "stop", said)
+        gateway.wait_for("held")
+        assert stopped.stat().st_mode & 0o777 == 0o600
+        gateway.process.kill()
+        gateway.wait()
+    with a_gateway(*options) as (gateway, ready):
+        gateway.wait_for("held")
+        assert [line for line in gateway.err if "all robots stay stopped" in line]
+        assert say(url, "state", said)["held"]
+        robot = say(url, "state", said)["robots"][0]["address"]
+        run("link", "connect", ready["qr_url"], "--drive", robot, "--left", "30", "--for", "0.5")
+        assert gateway.wait_for("rejected")["reason"] == "held"
+        say(url, "go", said)
+        gateway.wait_for("released")
+        gateway.process.kill()
+        gateway.wait()
+    assert not stopped.exists()
+    with a_gateway(*options):
+        assert not say(url, "state", said)["held"]
+
+
+def test_a_stop_that_cannot_be_kept_is_a_stop_and_is_told(tmp_path, caplog):
+    brakes, kept = Brakes(Dotbots(2, 1, time.time)), KeptStop(tmp_path / "no" / "folder")
+    brakes.hold()
+    kept.keep(lambda: brakes.held)
+    assert "a restart forgets" in caplog.text
+    # A link that somebody laid there is not followed, and holds.
+    (tmp_path / "stopped").symlink_to(tmp_path / "elsewhere")
+    laid = KeptStop(tmp_path / "stopped")
+    assert laid.was_held()
+    laid.keep(lambda: True)
+    assert not (tmp_path / "elsewhere").exists()

@@ -61,6 +61,7 @@ def up(
         login=read_login(broker_login),
         visitors_login=login_in(visitors_login),
         operator_token=token,
+        stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,
     )
     if not pages_are_built():

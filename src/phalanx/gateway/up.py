@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -34,6 +35,7 @@ from phalanx.robot.swarm import Stepped
 from . import vocabulary
 from .events import tell_event
 from .gateway import Gateway
+from .kept_stop import KeptStop
 from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
 from .site import beside
@@ -65,6 +67,7 @@ class UpOptions:
     wait_s: float = 30.0  # for the broker
     operator_port: int = 0  # of the operator's page; 0 for any free one
     operator_token: str = field(default="", repr=False)  # of the operator's page; "" for a new one
+    stop_file: Path | None = None  # is there while the operator has stopped all robots: a restart does not free them
     duration_s: float | None = None  # end by itself after so long
     link: LinkConfig = field(default_factory=LinkConfig)  # the link's parameters
 
@@ -90,6 +93,10 @@ class Running:
         self._started_at_s = time.monotonic()
         self._told: Counter[str] = Counter()
         self._qr: tuple[str, str] = ("", "")
+        self._kept_stop = KeptStop(options.stop_file)
+        if self._kept_stop.was_held():
+            self.gateway.brakes.hold()
+            log.warning("all robots stay stopped, as before this start; hint: go and Enter, or the operator's page")
         server.on_event = self._on_event
 
     @property
@@ -187,6 +194,7 @@ class Running:
             self.gateway.brakes.hold()
         else:
             self.gateway.brakes.release()
+        self._kept_stop.keep(lambda: self.gateway.brakes.held)  # last: a disk may take its time
         with contextlib.suppress(RuntimeError):  # it has ended
             self._loop.call_soon_threadsafe(self._say, {"event": "held" if held else "released"})
 
@@ -326,6 +334,8 @@ async def up(
         async with for_at_most(options.duration_s):
             await warn_if_phones_are_locked_out(broker)
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
+            if running.gateway.brakes.held:
+                say({"event": "held"})
             started(running)
             await running.run()
 

@@ -60,7 +60,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option("--operator-port", help="Of the operator's page; 0 is any free one.", type=click.IntRange(0, 65535), default=0)
 @option(
     "--operator-token-file",
-    help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful.",
+    help="Keeps the operator's token, for its owner alone: with --operator-port a restart leaves an open page useful."
+    " Beside it, FILE.stopped keeps the operator's stop: robots that were stopped stay so.",
     type=FILE,
 )
 @option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
