@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from itertools import product
 
 import pytest
 from worlds import built, corridor, walk, walker_of
@@ -12,7 +13,7 @@ from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.search import cells_around, doubt_in, spiral
+from phalanx.mission.walk.search import cells_around, doubt_in, is_around, spiral
 
 
 def test_the_compiled_and_the_plain_search_walk_alike(monkeypatch):
@@ -67,3 +68,25 @@ def test_the_search_goes_as_far_as_the_robot_is_unsure_and_never_beyond_its_tole
     near, far = (cells(config, 100, known(0.04, 3.0), x_m, LANDMARK) for x_m in (1.0, 6.0))
     assert near < far == 441, "a heading that is off moves what is far away, and little of what is near"
     assert cells(config, 100, known(0.04, 3.0)) == cells(config, 100, known(0.04)), "nor the robot itself"
+
+
+@pytest.mark.parametrize(
+    "shape, turn_rad, centre",
+    [
+        (Shape(0), None, Cell(0, 0)),
+        (HERE, None, Cell(3, -2)),
+        (LANDMARK, 0.3, Cell(1, 2, -1, 4)),
+        (Shape(1, oriented=True), 0.3, Cell(1, 2, 0)),
+        (Shape(1, oriented=True), 0.3, Cell(1, 2, 2)),
+    ],
+)
+def test_a_cell_is_around_another_if_it_is_tried(shape, turn_rad, centre):
+    seen = Experience(0.0, 0.0, 0.0, 0.0, spread=(0.04, 0.0, 0.0, 0.04, 0.0, 0.02))
+    door = Landmark("doorway", 1.5, 0.7, turn_rad) if shape.place == 1 else None
+    asked = shape, CodingConfig(delta_mm=200), doubt_in(MissionConfig(), seen), door, centre, Offset(30, -20, 5)
+    tried = set(cells_around(*asked))
+    assert len(tried) > (8 if shape.place else 0)
+    bins = CodingConfig().heading_bins
+    near = {Cell(*at) for at in product(range(-12, 13), range(-12, 13), range(-1, bins), (-1, 4, 5))}
+    assert tried <= near
+    assert {cell for cell in near if is_around(*asked, cell)} == tried

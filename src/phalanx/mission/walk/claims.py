@@ -15,7 +15,7 @@ from phalanx.mission.observable import OFFSET_M2, OFFSET_RAD, Experience, Offset
 
 from .found import Claim, Found
 from .gate import Hint
-from .search import cells_around, doubt_in, placed
+from .search import doubt_in, is_around, placed
 
 
 class Unshown(PeerError):
@@ -64,7 +64,7 @@ def shows(
     said = heard if is_paper else (b"",) * shape.messages
     reach_dm = mission.nodes[claim.node].reach_dm
     for variant, at in placed(shape, coding, seen, said, claim.offset, reach_dm):
-        if shape.place and claim.cell not in cells_around(shape, coding, doubt, variant.landmark, at, claim.offset):
+        if shape.place and not is_around(shape, coding, doubt, variant.landmark, at, claim.offset, claim.cell):
             continue
         previous = released if shape.previous else None
         if variant.canonical(shape, claim.cell, variant.messages if is_paper else (), previous) == claim.observed:

@@ -115,21 +115,46 @@ def cells_around(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, centre: Cell, offset: Offset
 ) -> list[Cell]:
     """The cells in which the thing may truly be that was seen in `centre`: ring after ring, likely bins first."""
-    if not shape.place:
-        return [centre]
-    x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
-    turn = number_or_nan(landmark.orientation_rad if landmark and shape.oriented else None)
-    thing, group = np.array([x, y, turn, math.nan]), np.array([*offset.natural, 0.0])
-    _, rings, up, down = region_of(thing, landmark is None, group, steps_of(coding), doubt)
-    bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if landmark else 1
-    turns = [step for step, is_meant in zip(BIN_STEPS, (True, up, down), strict=True) if is_meant]
+    rings, steps, bins = _region(shape, coding, doubt, landmark, offset)
     return [
         centre._replace(
             x=centre.x + dx, y=centre.y + dy, bin=centre.bin if centre.bin < 0 else (centre.bin + step) % bins
         )
         for dx, dy in spiral(rings)
-        for step in turns
+        for step in steps
     ]
+
+
+def is_around(
+    shape: Shape,
+    coding: CodingConfig,
+    doubt: Doubt,
+    landmark: Landmark | None,
+    centre: Cell,
+    offset: Offset,
+    cell: Cell,
+) -> bool:
+    """Whether `cell` is one of `cells_around`, of which there may be a thousand."""
+    rings, steps, bins = _region(shape, coding, doubt, landmark, offset)
+    return (
+        max(abs(cell.x - centre.x), abs(cell.y - centre.y)) <= rings
+        and cell.bin in {centre.bin if centre.bin < 0 else (centre.bin + step) % bins for step in steps}
+        and cell.area == centre.area
+    )
+
+
+def _region(
+    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, offset: Offset
+) -> tuple[int, list[int], int]:
+    """How many rings of cells, by how many bins to either side, and how many bins there are."""
+    if not shape.place:
+        return 0, [0], 1
+    x, y = (landmark.x_m, landmark.y_m) if landmark else (doubt.x_m, doubt.y_m)
+    turn = number_or_nan(landmark.orientation_rad if landmark and shape.oriented else None)
+    thing, group = np.array([x, y, turn, math.nan]), np.array([*offset.natural, 0.0])
+    _, rings, up, down = region_of(thing, landmark is None, group, steps_of(coding), doubt)
+    bins = bins_of(coding, LANDMARK_TYPES[shape.place - 1]) if landmark else 1
+    return rings, [step for step, is_meant in zip(BIN_STEPS, (True, up, down), strict=True) if is_meant], bins
 
 
 def fits(shape: Shape, landmark: Landmark) -> bool:
