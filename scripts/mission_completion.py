@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 import os
 import random
 import re
@@ -32,8 +31,9 @@ from pathlib import Path
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
-from phalanx.mission import BuildOptions, Mission, Profile, build
+from phalanx.mission import BuildOptions, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
+from phalanx.mission.worth.feasible import time_for_s
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.builtin import built_in
@@ -47,10 +47,6 @@ MAPS = (
 )  # fmt: skip
 DRAWN = "drawn:0-199"
 SIGMAS = "0.03,0.05"
-# A robot drives 0.6 m/s, goes around what stands there, turns, and waits for people. It may take each way of the
-# shortest net of ways there and back, that many times as long as it need be, and so long at each node.
-SPEED_MPS, SLACK, NODE_S, LEAST_S = 0.6, 3.0, 6.0, 120.0
-UNPLACED_M = 5.0
 DENIED_KEPT = 6
 
 
@@ -138,30 +134,7 @@ def orders(where: str, profile: str) -> tuple[Orders, float]:
         plan = plan if plan.start is not None else begun_at(plan, roomiest(plan))
         plain = survey(plan)
     built = build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(0).randbytes)  # noqa: S311
-    return orders_of(plain, built, plan), limit_s(plain)
-
-
-def limit_s(plain: Mission) -> float:
-    """So long may it take to drive to all places of a mission, by the length of the shortest net of its ways."""
-    places = {node.name: node.place for node in plain.nodes}
-    net = {name: name for name in places}
-
-    def root(name: str) -> str:
-        while net[name] != name:
-            name = net[name]
-        return name
-
-    def length_m(source: str, target: str) -> float:
-        a, b = places[source], places[target]
-        return UNPLACED_M if a is None or b is None else math.dist(a, b)
-
-    whole_m = 0.0
-    lengths = ((length_m(way.source, way.target), way.source, way.target) for way in plain.ways)
-    for way_m, source, target in sorted(lengths):
-        if root(source) != root(target):
-            net[root(source)] = root(target)
-            whole_m += way_m
-    return round(LEAST_S + NODE_S * len(places) + SLACK * 2 * whole_m / SPEED_MPS)
+    return orders_of(plain, built, plan), time_for_s(plain)
 
 
 def lived(case: Case) -> Row:

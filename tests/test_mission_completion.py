@@ -10,9 +10,7 @@ from types import ModuleType
 import pytest
 
 from conftest import ROOT
-from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
-from phalanx.mission import Draft, Position
 
 
 @pytest.fixture
@@ -130,21 +128,6 @@ def test_a_building_without_a_mission_is_a_row_that_says_so(script: ModuleType) 
     told = script.lived(script.Case("no_such_map", "paper", "stage", 0, 0))
     assert told.end.startswith("no mission: there is no map 'no_such_map'")
     assert not told.completed
-
-
-def test_a_mission_has_as_long_as_its_ways_are(script: ModuleType) -> None:
-    def limit_s(length_m: float) -> float:
-        draft = Draft("there")
-        draft.node("a", Position(0, 0), start=True)
-        draft.node("b", Position(length_m, 0), final=True)
-        draft.node("c", Position(length_m / 2, 0))
-        draft.way("a", "b")
-        draft.way("a", "c", both=True)
-        draft.way("c", "b")
-        return script.limit_s(draft.mission())
-
-    assert limit_s(12) - limit_s(6) == pytest.approx(script.SLACK * 2 * 6 / script.SPEED_MPS, abs=1)
-    assert script.limit_s(read_plain("office")) > 3 * 600, "which takes 570 s"
 
 
 def test_the_long_form_is_what_was_asked_for(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

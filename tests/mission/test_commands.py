@@ -158,6 +158,26 @@ def test_who_has_the_floor_plan_is_counted_beside_who_has_not(folder):
     assert "likewise with the map" in run("audit", "office", "--open-start", "--offset-mm", "200")
 
 
+def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
+    (folder / "two.yaml").write_text(f"map: office_40x40{TWO}")
+    told = js("audit", "two.yaml", "--trial", "2", "--profile", "paper")
+    assert told["feasible"] is True
+    trial = told["trial"]
+    assert (trial["times"], trial["completed"], trial["false_fixes"], trial["false_decodes"]) == (2, 2, 0, 0)
+    assert 0 < trial["pose_error_m_max"] < 0.5
+    assert [(row["seed"], row["decoded"], row["nodes"], row["end"]) for row in trial["runs"]] == [
+        (0, 2, 2, ""),
+        (1, 2, 2, ""),
+    ]
+    (folder / "far.yaml").write_text(f"map: office_40x40{TWO}".replace("[9, 12], facing: 90", "[9, 39], facing: 0"))
+    text = run("audit", "far.yaml", "--trial", "1", "--profile", "paper")
+    assert "infeasible from start: 38.0 m, and before its time-out" in text
+    assert "lived 1 times: 0 completed" in text
+    assert "seed 0    1 of 2 nodes   " in text
+    with pytest.raises(UsageError, match="no map to live the mission in"):
+        run("audit", "small.yaml", "--trial", "1")
+
+
 def test_a_floor_plan_is_tried_first(folder):
     (folder / "two.yaml").write_text(TWO)
     run("build", "two.yaml", "--open-start", "--out", "two.phxm", "--offset-mm", "50")

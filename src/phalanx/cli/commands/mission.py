@@ -99,10 +99,15 @@ def verify() -> None:
 @start_option
 @option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
 @offset_option
+@option("--trial", help="Live it so often in its map, from as many seeds, and report.", type=click.IntRange(1, 1000))
 @json_option
-@runs("mission.author", "tell_worth")
+@runs("mission.worth", "tell_worth")
 def audit() -> None:
-    """Tell what a captured file is worth: what an attacker must try, what the robot must, and what looks wrong."""
+    """Tell what a mission is worth: what who captures it must try, what looks wrong, and what no robot can live.
+
+    By candidates and time, without a floor plan and with it. A robot's belief is run ahead along each way: too long for
+    its time-out, nothing in sight, or too unsure to tell a landmark from the next that looks the same.
+    """
 
 
 @mission.command(epilog="Example: phalanx mission draw office --out office.svg --run")

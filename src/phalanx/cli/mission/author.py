@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -21,13 +20,10 @@ from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.observable import Landmark
-from phalanx.mission.worth.audit import Rates, audit
-from phalanx.mission.worth.guessing import OUT_OF_REACH
-from phalanx.mission.worth.shown import shown_by
+from phalanx.mission.worth.audit import audit
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.builtin import built_in
 
-from .crack import span
 from .draw import check_drawable, draw_mission, lived
 from .files import (
     check_folder,
@@ -76,7 +72,7 @@ def build_files(
         offset_mm=offset_mm,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    told = _explored(plan, start, "build") if source is None else _mission(source, plan, start)
+    told = explored(plan, start, "build") if source is None else checked(source, plan, start)
     _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
@@ -102,8 +98,8 @@ def build_files(
             click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
 
 
-def _explored(name: str | None, start: str | None, what: str) -> Mission:
-    """The mission to find every landmark of a map."""
+def explored(name: str | None, start: str | None, what: str) -> Mission:
+    """The mission to find every landmark of a map, which `what` is done with. Raises: UsageError: none can be made."""
     if name is None:
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
     plan = load_floorplan(name)
@@ -120,7 +116,8 @@ def _explored(name: str | None, start: str | None, what: str) -> Mission:
         end_status_line()
 
 
-def _mission(source: str, plan: str | None, start: str | None) -> Mission:
+def checked(source: str, plan: str | None, start: str | None) -> Mission:
+    """A plain mission; warns of landmarks that a floor plan does not show. Raises: UsageError: it cannot be read."""
     if start is not None:
         raise UsageError("--start is for missions made from a map", "the mission's start node says where it begins")
     floor = load_floorplan(plan) if plan else None
@@ -248,49 +245,10 @@ def _for_anybody(encoded: EncodedMission) -> EncodedMission:
     return replace(encoded, header=replace(encoded.header, robots=()))
 
 
-def tell_worth(
-    source: str | None,
-    profile: str,
-    plan: str | None,
-    start: str | None,
-    open_start: bool,
-    offset_mm: int,
-    as_json: bool,
-) -> None:
-    """Prints what an attacker must try, what the robot must, and what looks wrong."""
-    rates = Rates()
-    told = _explored(plan, start, "audit") if source is None else _mission(source, plan, start)
-    name = plan or told.floor_plan
-    shown = shown_by(load_floorplan(name), offset_mm) if name else None
-    report = audit(told, Profile[profile.upper()], open_start=open_start, rates=rates, plan=shown)
-    if as_json:
-        print_json({**report.told(), "rates": asdict(rates)})
-        return
-    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'with map':>12}{'robot':>10}")
-    for row in report.nodes:
-        far = row.candidates >= OUT_OF_REACH
-        cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
-        cells.append("-" if far or row.by_plan is None else f"{row.by_plan:.3g}")
-        problems = f"   {'; '.join(row.problems)}" if row.problems else ""
-        click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
-    for who, costs_s in (
-        ("all that can be guessed", (report.core_s, report.gpu_s)),
-        ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
-    ):
-        cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in costs_s]
-        click.echo(f"{who:28}{cells[0]:>12}{cells[1]:>12}")
-    for problem in report.problems:
-        click.echo(f"note: {problem}")
-    click.echo(
-        f"assumed: {rates.hash_core:.2g} hashes/s on a core, {rates.hash_gpu:.2g} on a GPU; "
-        f"{rates.kdf_core:.3g} KDFs/s (N = 2^12, r = 8) on a core, {rates.kdf_gpu:.3g} on a GPU"
-    )
-
-
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
     """Writes a picture of a mission; also of a run of it, if `simulate`."""
     check_drawable(out)
-    told = _explored(plan, start, "draw") if source is None else _mission(source, None, start)
+    told = explored(plan, start, "draw") if source is None else checked(source, None, start)
     name = plan or told.floor_plan
     floor = load_floorplan(name) if name else None
     if simulate and floor is None:

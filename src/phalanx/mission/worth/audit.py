@@ -22,6 +22,7 @@ from phalanx.mission.observable import MM_PER_M, Landmark, Observable, cell_of
 from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
+from .feasible import Outlook
 from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
 from .shown import Shown
 
@@ -49,6 +50,7 @@ class NodeAudit:
     gpu_s: float  # likewise
     robot_ms: float  # the robot's own worst search for one landmark in view, on one core
     problems: tuple[str, ...]  # what the author should look at
+    infeasible: tuple[str, ...]  # why no robot can be expected to decode it; empty if one can
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,7 @@ class Audit:
     robot_ms: float
     out_of_reach: int
     problems: tuple[str, ...]
+    feasible: bool | None  # whether robots can be expected to live it to its end; None: nobody has looked ahead
 
     def told(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -81,12 +84,14 @@ def audit(
     config: MissionConfig | None = None,
     rates: Rates | None = None,
     plan: Shown | None = None,
+    outlook: Outlook | None = None,
 ) -> Audit:
     """What a captured file of this mission is worth, and what the author should look at.
 
     Args:
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
         plan: what the building's floor plan shows, for an attacker who has it too.
+        outlook: what is to be expected of robots that live it.
     Source: docs/spec/mission.md; Encoded graphs §VI-G.
     """
     config, rates = config or MissionConfig(), rates or Rates()
@@ -97,6 +102,7 @@ def audit(
     gpu = rates.hash_gpu if paper else rates.kdf_gpu * scale
     guess = Guess(mission, coding, profile, open_start, plan)
     problems = _problems(mission, coding, config)
+    outlook, feasible = (Outlook({}, {}), None) if outlook is None else (outlook, outlook.completes(mission))
     rows = []
     for node in mission.nodes:
         count = guess.candidates(node)
@@ -109,7 +115,8 @@ def audit(
                 count / core,
                 count / gpu,
                 1000 * own / core,
-                tuple(problems.get(node.name, ())),
+                (*problems.get(node.name, ()), *filter(None, [outlook.doubtful.get(node.name)])),
+                outlook.infeasible.get(node.name, ()),
             )
         )
     # In the paper profile every node can be tried at once; in sealed a way has to be guessed from a start.
@@ -125,6 +132,8 @@ def audit(
         general.append("with the start key in hand, whoever captures the file can begin to guess")
     else:
         general.append("without the start key nothing can be tried; each row supposes that the node before is open")
+    if feasible is False:
+        general.append("no robot can be expected to live it to its end")
     return Audit(
         tuple(rows),
         tries / core,
@@ -134,6 +143,7 @@ def audit(
         max(row.robot_ms for row in rows),
         len(rows) - len(within),
         tuple(general),
+        feasible,
     )
 
 

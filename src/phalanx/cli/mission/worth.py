@@ -1,0 +1,116 @@
+"""`phalanx mission audit`: what a mission is worth to who captures it, and whether robots can live it."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from phalanx.cli.terminal import Progress, end_status_line, print_json
+from phalanx.errors import UsageError
+from phalanx.mission import BuildOptions, Mission, Profile, build
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.worth.audit import Audit, Rates, audit
+from phalanx.mission.worth.feasible import look_ahead, time_for_s
+from phalanx.mission.worth.guessing import OUT_OF_REACH
+from phalanx.mission.worth.shown import shown_by
+from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.missions.run import run_mission, summary
+
+from .author import checked, explored
+from .crack import span
+from .draw import NOISE
+
+# Of a run, as `phalanx mission run --json` names it.
+LIVED = ("decoded", "nodes", "false_fixes", "false_decodes", "pose_error_m_max", "t_s")
+
+
+def tell_worth(
+    source: str | None,
+    profile: str,
+    plan: str | None,
+    start: str | None,
+    open_start: bool,
+    offset_mm: int,
+    trial: int | None,
+    as_json: bool,
+) -> None:
+    """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
+    rates, form = Rates(), Profile[profile.upper()]
+    told = explored(plan, start, "audit") if source is None else checked(source, plan, start)
+    name = plan or told.floor_plan
+    floor = load_floorplan(name) if name else None
+    if trial and floor is None:
+        raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
+    shown = shown_by(floor, offset_mm) if floor else None
+    outlook = look_ahead(told, None, floor)
+    report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook)
+    lived = _lived(told, BuildOptions(profile=form, offset_mm=offset_mm), floor, trial) if trial and floor else None
+    if as_json:
+        print_json({**report.told(), "rates": asdict(rates), "trial": lived})
+        return
+    _show(report, rates)
+    if lived is not None:
+        click.echo(
+            f"lived {lived['times']} times: {lived['completed']} completed   {lived['false_fixes']} false fixes   "
+            f"{lived['false_decodes']} false decodes   worst pose error {lived['pose_error_m_max']:.2f} m"
+        )
+        for row in lived["runs"]:
+            if row["end"]:
+                click.echo(f"seed {row['seed']:<4} {row['decoded']} of {row['nodes']} nodes   {row['end']}")
+
+
+def _show(report: Audit, rates: Rates) -> None:
+    click.echo(f"{'node':16}{'candidates':>12}{'one core':>12}{'one GPU':>12}{'with map':>12}{'robot':>10}")
+    for row in report.nodes:
+        far = row.candidates >= OUT_OF_REACH
+        cells = ["> 2^128", "-", "-"] if far else [f"{row.candidates:.3g}", span(row.core_s), span(row.gpu_s)]
+        cells.append("-" if far or row.by_plan is None else f"{row.by_plan:.3g}")
+        looks = [*(f"infeasible {reason}" for reason in row.infeasible), *row.problems]
+        problems = f"   {'; '.join(looks)}" if looks else ""
+        click.echo(f"{row.name:16}{''.join(f'{cell:>12}' for cell in cells)}{row.robot_ms:>7.1f} ms{problems}")
+    for who, costs_s in (
+        ("all that can be guessed", (report.core_s, report.gpu_s)),
+        ("likewise with the map", (report.plan_core_s, report.plan_gpu_s)),
+    ):
+        cells = ["-" if cost_s is None else span(cost_s) if math.isfinite(cost_s) else "nothing" for cost_s in costs_s]
+        click.echo(f"{who:28}{cells[0]:>12}{cells[1]:>12}")
+    for problem in report.problems:
+        click.echo(f"note: {problem}")
+    click.echo(
+        f"assumed: {rates.hash_core:.2g} hashes/s on a core, {rates.hash_gpu:.2g} on a GPU; "
+        f"{rates.kdf_core:.3g} KDFs/s (N = 2^12, r = 8) on a core, {rates.kdf_gpu:.3g} on a GPU"
+    )
+
+
+def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, times: int) -> dict[str, Any]:
+    """What became of a mission that was lived so often, by a robot for each of its parts."""
+    draws = random.Random(0).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
+    orders = orders_of(told, build(told, options, draws), plan)
+    limit_s = time_for_s(told)
+    rows: list[dict[str, Any]] = []
+    progress = Progress()
+    for seed in range(times):
+        run = orders.run(noise=NOISE, seed=seed, duration_s=limit_s)
+        reports = run_mission(
+            run,
+            on_progress=lambda share: progress.tell(f"lived {len(rows)} of {times} times", (len(rows) + share) / times),
+        )
+        figures = summary(run, reports)
+        undone = [report for report in reports if not report.done]
+        end = next((report.not_validated[-1][1] for report in undone if report.not_validated), "out of time")
+        rows.append({"seed": seed, "end": end if undone else "", **{name: figures[name] for name in LIVED}})
+    end_status_line()
+    return {
+        "times": times,
+        "completed": sum(not row["end"] for row in rows),
+        "false_fixes": sum(row["false_fixes"] for row in rows),
+        "false_decodes": sum(row["false_decodes"] for row in rows),
+        "pose_error_m_max": max(row["pose_error_m_max"] for row in rows),
+        "limit_s": limit_s,
+        "runs": rows,
+    }

@@ -1,0 +1,297 @@
+"""Which nodes no robot can be expected to decode, told before anybody drives: a robot's belief, run ahead of it.
+
+Each way is driven in thought, straight, by odometry that may err as `MissionConfig` says, past what is known by then.
+All else is as good as can be: what stands in the way is gone around at no cost, and each landmark in sight is seen. So
+what is called infeasible is; what is not may still fail by chance.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+from phalanx.config.lidar import LidarConfig
+from phalanx.config.mission import MissionConfig
+from phalanx.mission.angles import wrap_rad
+from phalanx.mission.authoring.making import direction_of
+from phalanx.mission.authoring.survey import STAND_M
+from phalanx.mission.graph import Mission, Node, PlainWay
+from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.observable import Experience, Landmark, Position
+from phalanx.mission.pose.belief import Belief
+from phalanx.mission.walk.fix import (
+    AGAIN_MOST,
+    are_alone,
+    begun_at,
+    distance_m,
+    doubt_m,
+    fix_from,
+    fixed,
+    is_sure,
+    pose_doubt_m,
+    wheels_of,
+)
+
+# It goes around what stands there, turns, and waits for people. It may take each way of the shortest net of ways there
+# and back, that many times as long as it need be, and so long at each node.
+SLACK, NODE_S, LEAST_S = 3.0, 6.0, 120.0
+UNPLACED_M = 5.0
+GRID_M = 0.2  # of where robots can be
+# As the pilot drives: so fast at most, and along one direction for so much of its time-out.
+SPEED_MPS, LINE = 0.6, 0.75
+STEP_M = 0.5
+# Landmarks lie in walls: a place so much before one is looked at.
+BEFORE_M = 0.1
+ROOM_M = 0.5  # a room's middle is told by its corners: it is seen from its midst too
+Match = tuple[Landmark, Landmark]
+
+
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """A robot at a node: what it believes, if the node has a place."""
+
+    belief: Belief | None
+    length_m: float = 0.0  # of the way so far
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """What is to be expected of a mission; nodes by name, each with the reasons."""
+
+    infeasible: dict[str, tuple[str, ...]]  # cannot be decoded: one reason for each way there
+    doubtful: dict[str, str]  # may be looked for in the wrong place
+
+    def completes(self, mission: Mission) -> bool:
+        """Whether each part can be lived to its end: to a final node, or to all of them."""
+        for part in mission.parts:
+            names = {node.name for node in mission.nodes if node.part == part}
+            finals = {node.name for node in mission.nodes if node.part == part and node.final}
+            if finals <= self.infeasible.keys() if finals else names & self.infeasible.keys():
+                return False
+        return True
+
+
+def look_ahead(mission: Mission, config: MissionConfig | None = None, plan: FloorPlan | None = None) -> Outlook:
+    """Which nodes robots cannot be expected to decode, of those that ways lead to.
+
+    Args:
+        plan: the building; without one everything is in sight that is near enough.
+    Source: Encoded graphs §VI-B, §VI-F; docs/adr/0025-a-pose-that-knows-its-doubt.md.
+    """
+    return _Scout(mission, config or MissionConfig(), plan).run()
+
+
+def time_for_s(mission: Mission) -> float:
+    """So long may it take to drive to all places of a mission, by the length of the shortest net of its ways."""
+    places = {node.name: node.place for node in mission.nodes}
+    net = {name: name for name in places}
+
+    def root(name: str) -> str:
+        while net[name] != name:
+            name = net[name]
+        return name
+
+    def length_m(source: str, target: str) -> float:
+        a, b = places[source], places[target]
+        return UNPLACED_M if a is None or b is None else math.dist(a, b)
+
+    whole_m = 0.0
+    lengths = ((length_m(way.source, way.target), way.source, way.target) for way in mission.ways)
+    for way_m, source, target in sorted(lengths):
+        if root(source) != root(target):
+            net[root(source)] = root(target)
+            whole_m += way_m
+    return round(LEAST_S + NODE_S * len(places) + SLACK * 2 * whole_m / SPEED_MPS)
+
+
+class _Scout:
+    """Goes ahead from node to node, the nearest first."""
+
+    def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None) -> None:
+        self.mission, self.config, self.plan = mission, config, plan
+        self.nodes = {node.name: node for node in mission.nodes}
+        self.before: dict[str, set[str]] = {}
+        self.after: dict[str, list[PlainWay]] = {}
+        for way in mission.ways:
+            self.before.setdefault(way.target, set()).add(way.source)
+            self.after.setdefault(way.source, []).append(way)
+        self.at: dict[str, _Stand] = {}  # what was decoded
+        self.known: list[Landmark] = []
+        self.doubtful: dict[str, str] = {}
+        starts = [node.place for node in mission.nodes if node.start and node.place is not None]
+        self.free = None if plan is None else _Free(plan, starts)
+
+    def run(self) -> Outlook:
+        """What `look_ahead` gives."""
+        waiting = [(0.0, node.name, self._begun(node)) for node in self.mission.nodes if node.start]
+        while True:
+            self._decode(waiting)
+            # Where more is known, a way that failed may be found.
+            tried = [(way, self._along(way, self.at[way.source])) for way in self._left()]
+            waiting = [(end.length_m, way.target, end) for way, end in tried if isinstance(end, _Stand)]
+            if not waiting:
+                break
+        why: dict[str, list[str]] = {}
+        for way, end in tried:
+            if isinstance(end, str):
+                why.setdefault(way.target, []).append(f"from {way.source}: {end}")
+        led_to, fresh = set(self.at), list(self.at)
+        while fresh:
+            fresh = [way.target for way in self.after.get(fresh.pop(), ()) if way.target not in led_to] + fresh
+            led_to.update(fresh)
+        behind = ("only by way of what cannot be decoded",)
+        dark = {name: tuple(why.get(name, behind)) for name in self.nodes if name in led_to - self.at.keys()}
+        return Outlook(dark, {name: why for name, why in self.doubtful.items() if name not in dark})
+
+    def _decode(self, waiting: list[tuple[float, str, _Stand]]) -> None:
+        """All that can be from here."""
+        heap = [(length_m, i, name, stand) for i, (length_m, name, stand) in enumerate(waiting)]
+        heapq.heapify(heap)
+        count = len(heap)
+        while heap:
+            _, _, name, stand = heapq.heappop(heap)
+            if name in self.at:
+                continue
+            self.at[name] = stand
+            self.known += [thing for thing in _things(self.nodes[name]) if isinstance(thing, Landmark)]
+            for way in self._left(name):
+                end = self._along(way, self.at[way.source])
+                if isinstance(end, _Stand):
+                    heapq.heappush(heap, (end.length_m, count := count + 1, way.target, end))
+
+    def _left(self, name: str | None = None) -> Iterator[PlainWay]:
+        """Ways to what is still dark and may be entered: all, or out of one node (into a join from any)."""
+        for source in self.at if name is None else (name,):
+            for way in self.after.get(source, ()):
+                is_open = not self.nodes[way.target].join or self.before[way.target] <= self.at.keys()
+                if way.target not in self.at and is_open:
+                    yield way
+
+    def _begun(self, node: Node) -> _Stand:
+        return _Stand(None if node.place is None else begun_at(self.config, (*node.place, 0.0)))
+
+    def _along(self, way: PlainWay, stand: _Stand) -> _Stand | str:
+        """The robot at the end of a way, or why it does not get there."""
+        source, target = self.nodes[way.source], self.nodes[way.target]
+        there, belief = target.place, stand.belief
+        if way.do is not None or there is None or belief is None:
+            return replace(self._begun(target), length_m=stand.length_m)  # nobody here knows how it gets there
+        x, y, heading = belief.pose
+        length_m = math.dist((x, y), there)
+        near_m = self._near_m(target)
+        limit_m = LINE * SPEED_MPS * (source.timeout_s or self.config.timeout_s)
+        if length_m - near_m > limit_m:
+            return f"{length_m:.1f} m, and before its time-out a robot follows a direction for {limit_m:.1f} m"
+        direction = direction_of(way, (x, y), there)
+        if way.direction_rad is not None or direction is None:
+            direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
+        belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
+        whys, is_decoded = ["not in sight from where a robot can be on the straight way"], False
+        steps = math.ceil(length_m / STEP_M)
+        for i in range(steps + 1):
+            seen = self._seen(belief)
+            again = self._again(seen)
+            if not is_decoded:
+                is_decoded = self._decodes(target, seen, again, whys)
+            if is_decoded:
+                again = [*again, *((thing, thing) for thing in self._in_sight(seen, target))]
+            if again and not is_sure(self.config, seen) and are_alone(self.config, seen, again):
+                belief = fixed(self.config, belief, fix_from(self.config, seen, again))
+            if i < steps:
+                belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
+        return _Stand(belief, stand.length_m + length_m) if is_decoded else whys[-1]
+
+    def _near_m(self, target: Node) -> float:
+        """From where a node counts."""
+        if not any(isinstance(thing, Landmark) for thing in _things(target)):
+            return 0.0
+        return min(target.within_m or math.inf, self.config.decode_m)
+
+    def _decodes(self, target: Node, seen: Experience, again: list[Match], whys: list[str]) -> bool:
+        """Whether a node is believed from here; if not, and it might have been, says why."""
+        if any(isinstance(thing, Position) for thing in _things(target)):
+            doubt, place_m = pose_doubt_m(seen), self.config.place_m
+            if self.config.sigmas * doubt > place_m:
+                whys.append(f"unsure of its own place by {doubt:.2f} m, more than {place_m / self.config.sigmas:.2f} m")
+                return False
+            return math.dist((seen.x_m, seen.y_m), target.place or (0.0, 0.0)) <= STEP_M
+        for thing in self._in_sight(seen, target):
+            doubt = doubt_m(self.config, seen, thing)
+            if not are_alone(self.config, seen, [(thing, thing), *again]):
+                whys.append(f"unsure by {doubt:.2f} m, and {thing.apart_m:.1f} m from it something looks the same")
+                continue
+            if doubt > self.config.tolerance_m:
+                told = f"unsure by {doubt:.2f} m there, and looked for within {self.config.tolerance_m:g} m"
+                self.doubtful[target.name] = told
+            return True
+        return False
+
+    @staticmethod
+    def _seen(belief: Belief) -> Experience:
+        return Experience(0.0, *belief.pose, spread=belief.doubt)
+
+    def _again(self, seen: Experience) -> list[Match]:
+        """What the robot knows and sees again."""
+        near = ((distance_m(seen, thing), thing) for thing in self.known)
+        first = sorted(((away, thing) for away, thing in near if away <= self.config.decode_m), key=lambda row: row[0])
+        in_sight = (thing for _, thing in first if self._sees(seen, thing))
+        return [(thing, thing) for thing in islice(in_sight, AGAIN_MOST)]
+
+    def _in_sight(self, seen: Experience, target: Node) -> list[Landmark]:
+        """What counts of a node, from where a robot can be."""
+        if self.free is not None and not self.free.is_near(seen.x_m, seen.y_m):
+            return []
+        return [
+            thing
+            for thing in _things(target)
+            if isinstance(thing, Landmark)
+            and distance_m(seen, thing) <= self._near_m(target)
+            and self._sees(seen, thing)
+        ]
+
+    def _sees(self, seen: Experience, thing: Landmark) -> bool:
+        dx, dy = thing.x_m - seen.x_m, thing.y_m - seen.y_m
+        away = math.hypot(dx, dy)
+        if away <= ROOM_M:
+            return True
+        is_before = abs(wrap_rad(math.atan2(dy, dx) - seen.heading_rad)) <= LidarConfig().fov_rad / 2
+        share = 1 - BEFORE_M / away
+        place = seen.x_m + share * dx, seen.y_m + share * dy
+        return is_before and (self.plan is None or self.plan.sees((seen.x_m, seen.y_m), place))
+
+
+class _Free:
+    """Where robots can be in a building: what is free, and joined to where they begin."""
+
+    def __init__(self, plan: FloorPlan, starts: Sequence[tuple[float, float]]) -> None:
+        self.origin = starts[0] if starts else (0.0, 0.0)
+        waiting = [self._cell(*start) for start in starts]
+        self.cells = set(waiting)
+        while waiting:
+            i, j = waiting.pop()
+            for cell in _around(i, j):
+                if cell not in self.cells and self._is_free(plan, cell):
+                    self.cells.add(cell)
+                    waiting.append(cell)
+
+    def is_near(self, x_m: float, y_m: float) -> bool:
+        """Whether a robot can be there, or a step beside it."""
+        return any(cell in self.cells for cell in _around(*self._cell(x_m, y_m)))
+
+    def _is_free(self, plan: FloorPlan, cell: tuple[int, int]) -> bool:
+        (x, y), (x0, y0, x1, y1) = (self.origin[k] + GRID_M * cell[k] for k in (0, 1)), plan.bounds
+        return x0 <= x <= x1 and y0 <= y <= y1 and plan.clearance_m(x, y) >= STAND_M
+
+    def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        return round((x_m - self.origin[0]) / GRID_M), round((y_m - self.origin[1]) / GRID_M)
+
+
+def _around(i: int, j: int) -> list[tuple[int, int]]:
+    return [(i + dx, j + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+
+
+def _things(node: Node) -> list[Landmark | Position]:
+    return [thing for alias in node.see for thing in alias if isinstance(thing, Landmark | Position)]
