@@ -245,3 +245,30 @@ class TestRobots:
 
 def test_what_setup_installs_can_draw():
     assert re.search(r"^matplotlib==", (ROOT / "requirements.lock").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("words", "says", "hint"),
+    [
+        ("mission run drawn:7", "cannot read drawn:7", "mission build --map drawn:7 --out FILE"),
+        ("mission run drwn:7", "cannot read drwn:7", "mission build --map drawn:7 --out FILE"),
+        ("mission audit office_40x40", "cannot read office_40x40", "mission build --map office_40x40 "),
+        ("mission run ofice", "cannot read ofice", "did you mean office?"),
+        ("mission inspect office", "cannot read office", "phalanx mission build office --out FILE first"),
+        ("up --world drwn:7", "no map 'drwn:7'", "did you mean drawn:7?"),
+        ("up --defence bond", "'bond' is not one of", "did you mean bound? phalanx up --help"),
+        ("mission run office --start 100,100", "no robot can stand at (100, 100) in ", "x 0 to 40, y 0 to 40 m"),
+        ("mission run office --start 0,0", "no robot can stand at (0, 0) in ", "away from walls"),
+    ],
+)
+def test_whoever_errs_is_told_at_once_what_they_may_have_meant(capsys, words, says, hint):
+    assert run_command(words.split()) == 2
+    error, hinted = capsys.readouterr().err.splitlines()[-2:]
+    assert says in error
+    assert hint in hinted
+
+
+def test_a_file_of_nearly_that_name_is_offered(tmp_path, capsys):
+    (tmp_path / "tour.phxm").touch()
+    assert run_command(["mission", "inspect", str(tmp_path / "tuor.phxm")]) == 2
+    assert "did you mean tour.phxm?" in capsys.readouterr().err

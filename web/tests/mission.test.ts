@@ -86,7 +86,7 @@ describe("missions", () => {
     const done = play([frame(2, { walks: [[1, "done", 5, 5, ""]] })], halt);
     expect(words(done).slice(0, 2)).toEqual(["done", "Mission completed: 5 of 5 decoded, all robots have stopped."]);
     expect(walkWords({ phase: "returning", decoded: 2, of: 5, why: "blocked" })).toBe(
-      "not validated (blocked): returning to its last landmark, decoded 2 of 5",
+      "did not find it (blocked): going back to its last landmark, decoded 2 of 5",
     );
   });
 

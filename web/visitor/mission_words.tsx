@@ -26,7 +26,7 @@ export function missionWords(swarm: Swarm, selected: string | undefined): string
   const { missions, robots } = swarm;
   if (!missions) return "none";
   const chosen = selected === undefined ? undefined : robots.get(selected);
-  const driven = "Robots on a mission are not driven: each goes where what it decodes tells it.";
+  const driven = "Nobody drives robots on a mission: each goes where what it finds tells it.";
   const { progress } = missions;
   if (!progress) return ["waiting", "The robots wait for a mission.", driven].join("\n");
   const walks = [...robots.values()].flatMap(({ walk }) => (walk ? [walk] : []));
@@ -56,7 +56,7 @@ export function walkWords({ phase, decoded, of, why }: Walk): string {
     case "seeking":
       return `seeking the next landmark${count}`;
     case "returning":
-      return `not validated${because}: returning to its last landmark${count}`;
+      return `did not find it${because}: going back to its last landmark${count}`;
     case "held":
       return `held: it stopped${because}${count}`;
     case "done":

@@ -16,7 +16,7 @@ from importlib import import_module
 import click
 
 from phalanx import __version__
-from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.errors import PhalanxError, Unavailable, UsageError, did_you_mean
 
 LEVELS = ("debug", "info", "warning", "error")
 LOGGED = "phalanx: %(levelname)s: %(asctime)s %(name)s: %(message)s"
@@ -134,8 +134,12 @@ def _forget_output() -> None:
 
 
 def _help_hint(error: click.ClickException) -> str:
-    context = getattr(error, "ctx", None)
-    return f"{context.command_path} --help" if context else "phalanx --help"
+    context, option = getattr(error, "ctx", None), getattr(error, "param", None)
+    near = ""
+    if option and isinstance(option.type, click.Choice):
+        said = str(error.message).partition("'")[2].partition("'")[0]  # click quotes it
+        near = did_you_mean(said, map(str, option.type.choices))
+    return f"{near}{context.command_path} --help" if context else "phalanx --help"
 
 
 def _fail(message: str, hint: str, code: int) -> int:

@@ -147,7 +147,7 @@ def _mission_line(event: dict[str, Any]) -> str:
         case "completed":
             return f"{event['who']} completed the mission"
         case _:
-            return f"{event['who']}: not validated: {event['reason']}"
+            return f"{event['who']} did not find the next landmark: {event['reason']}"
 
 
 def _show_code(what: str, url: str) -> None:

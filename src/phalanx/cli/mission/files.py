@@ -29,7 +29,7 @@ from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
 from phalanx.mission.landmarks.floorplan import not_yaml
 from phalanx.mission.refused import MalformedMission
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import drawn_like, load_floorplan
 from phalanx.sim.builtin import built_in
 from phalanx.sim.missions.orders import File
 
@@ -75,7 +75,7 @@ def read_bytes(path: Path, limit: int, what: str) -> bytes:
 def read_plain(source: str) -> Mission:
     """A plain mission: a file's, or one that comes with Phalanx. Raises: UsageError."""
     known = built_in("missions")
-    wanted = f"{did_you_mean(source, known)}a mission's YAML file, or one of {', '.join(known)}"
+    wanted = _hint(source, "a mission's YAML file")
     data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
     if data.startswith(MAGIC):
         raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
@@ -97,7 +97,11 @@ def read_plain(source: str) -> Mission:
 
 def read_encoded(path: Path) -> EncodedMission:
     """An encoded mission. Raises: UsageError: it cannot be read. PeerError: it is none."""
-    return _built(path, "a file that phalanx mission build wrote", "an encoded mission", parse_mission)
+    near = did_you_mean(path.name, [each.name for each in path.parent.glob(f"*{ENDING}")])
+    wanted = f"{near}a file that phalanx mission build wrote"
+    if str(path) in built_in("missions"):
+        wanted = f"phalanx mission build {path} --out FILE first, then FILE"
+    return _built(path, wanted, "an encoded mission", parse_mission)
 
 
 def read_start_key(path: Path) -> StartKey:
@@ -202,6 +206,14 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error
 
 
+def _hint(source: str, wanted: str) -> str:
+    """What to say instead of a mission that is not there: it may be a building's name."""
+    if building := source if source in built_in("maps") else drawn_like(source):
+        return f"a building: phalanx mission build --map {building} --out FILE, then FILE with --world {building}"
+    known = built_in("missions")
+    return f"{did_you_mean(source, known)}{wanted}, or one of {', '.join(known)}"
+
+
 def is_encoded(source: str) -> bool:
     """Whether a command's FILE|BUILTIN is an encoded mission's file, or was meant to be one.
 
@@ -210,8 +222,7 @@ def is_encoded(source: str) -> bool:
     known = built_in("missions")
     if source in known:
         return False
-    what = f"{did_you_mean(source, known)}a mission's file, or one of {', '.join(known)}"
-    data = read_bytes(Path(source), FILE_LIMIT, what)
+    data = read_bytes(Path(source), FILE_LIMIT, _hint(source, "a mission's file"))
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 
 

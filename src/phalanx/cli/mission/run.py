@@ -168,9 +168,9 @@ def _show(told: dict[str, Any]) -> None:
     for row in told["drift"]:
         curve = f"{math.degrees(row['curve_radpm']):+.2f}° a metre"
         learnt = f"way {100 * row['way']:+.1f} %   turns {100 * row['turn']:+.1f} %   {curve}"
-        click.echo(f"robot {row['robot']:<4} odometry leaves out   {learnt}")
+        click.echo(f"robot {row['robot']:<4} its wheels err by   {learnt}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")
     for row in told["not_validated"]:
-        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   not validated: {row['reason']}")
+        click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did not find the next landmark: {row['reason']}")
     click.echo(f"digest {told['digest']}")

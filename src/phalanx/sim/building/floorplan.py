@@ -34,7 +34,9 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
         path = MAPS / f"{path.name}.yaml"
         if not path.exists():
             known = built_in("maps")
-            hint = f"{did_you_mean(path.stem, known)}a YAML file, or {', '.join(known)}"
+            like = drawn_like(str(name_or_path))
+            near = f"did you mean {like}? " if like else did_you_mean(path.stem, known)
+            hint = f"{near}a YAML file, {PREFIX}SEED, or {', '.join(known)}"
             raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
     words = _read(path, FILE_MAX_BYTES)
     if "image" not in read_yaml(words, path.name):
@@ -43,6 +45,12 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
     packed = image.with_name(image.name + ".gz")
     picture = _unpack(packed) if packed.exists() and not image.exists() else _read(image, _PICTURE_MAX_BYTES)
     return floorplan_of_map(words, picture, path.stem)
+
+
+def drawn_like(name: str) -> str:
+    """What a name was perhaps meant to be of drawn buildings, as `drawn:7` for `drwn:7`; or nothing."""
+    kind, colon, rest = name.partition(":")
+    return PREFIX + rest if colon and did_you_mean(kind, (PREFIX[:-1],)) else ""
 
 
 def _read(path: Path, limit: int) -> bytes:

@@ -66,6 +66,12 @@ def orders_of_files(
         start: where all robots are put; None is where each part begins, or where the building says.
     Raises: UsageError: robots cannot be put there, lack a sensor, or there are more or fewer files than parts.
     """
+    if start is not None and not _has_room(plan, start[0], start[1]):
+        x0, y0, x1, y1 = plan.bounds
+        raise UsageError(
+            f"no robot can stand at ({start[0]:g}, {start[1]:g}) in {plan.name}",
+            f"a free place away from walls, x {x0:g} to {x1:g}, y {y0:g} to {y1:g} m",
+        )
     messages = tuple(message for _, key in files if key for message in key.messages.values())
     if plain is None:
         begin = start or start_of(plan)
@@ -106,11 +112,15 @@ def _start(plain: Mission, part: str, plan: FloorPlan) -> Pose:
     node = next(node for node in plain.nodes if node.start and node.part == part)
     if node.place is None:
         return start_of(plan)
-    if plan.clearance_m(*node.place) < DiffDriveConfig().radius_m or not plan.inside(*node.place):
+    if not _has_room(plan, *node.place):
         raise UsageError(
             f"no robot can stand at {node.name!r}, where the mission starts", "start at a position away from walls"
         )
     return (*node.place, plan.start[2] if plan.start else NORTH_RAD)
+
+
+def _has_room(plan: FloorPlan, x_m: float, y_m: float) -> bool:
+    return plan.inside(x_m, y_m) and plan.clearance_m(x_m, y_m) >= DiffDriveConfig().radius_m
 
 
 def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
