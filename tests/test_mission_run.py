@@ -22,6 +22,7 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
 from phalanx.mission.landmarks import floorplan_of_yaml
+from phalanx.mission.refused import NotForUs
 from phalanx.robot.controllers.mission.controller import MissionController
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import NoiseModel, OdometryNoise
@@ -269,6 +270,12 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     assert (ran.exit_code, "in office_40x40; --world names another" in ran.stderr) == (0, True)
     assert "--world" not in CliRunner().invoke(group, ["run", str(file), "--world", "office_40x40"]).stderr
     assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
+    wrong = _command(str(file), "--as", "3")[2]
+    assert isinstance(wrong, NotForUs)
+    assert str(wrong) == "the mission is for robots 7, this is 3"
+    assert _command(str(file), "--as", "7", "--duration", "1")[2] is None
+    assert isinstance(_command(str(file), "--as", "3,7")[2], NotForUs)
+    assert isinstance(_command(str(file), "--as", "7", "--robots", "2")[2], UsageError), "who is the other?"
     assert isinstance(_command(str(file), "--trust", "00" * 32)[2], PeerError), "nobody signed it"
     altered = bytearray(built.mission.encode())
     altered[len(altered) // 2] ^= 1

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from worlds import BOTH, built, cheap, draws
 
+from phalanx.cli.mission.files import read_plain
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission import (
@@ -74,6 +75,24 @@ def test_yaml_and_code_are_two_ways_to_write_one_mission():
         draft.way("room", target, direction_rad=math.radians(45))
     draft.way("code", "noon", do=Action("lift", (("floor", 2),)))
     assert plain_mission(yaml.safe_load(EVERYTHING)) == draft.mission()
+
+
+@pytest.mark.parametrize(
+    "change", ["do: {lamp: {on: 1}}", "do: {off: {level: 1}}", "do: {lamp: {~: 1}}", "do: {lamp: {1.5: 1}}"]
+)
+def test_a_name_that_yaml_takes_for_something_else_is_refused_and_not_encoded(change):
+    text = "{mission: m, nodes: {start: {start: true, see: {position: [0, 0]}, %s}}}"
+    with pytest.raises(UsageError, match="a name is read as") as caught:
+        plain_mission(yaml.safe_load(text % change))
+    assert '"on"' in caught.value.hint
+    with pytest.raises(UsageError, match="nodes: a name is read as True"):
+        plain_mission(yaml.safe_load("{mission: m, nodes: {yes: {start: true, see: {position: [0, 0]}}}}"))
+    quoted = plain_mission(yaml.safe_load(text % 'do: {lamp: {"on": 1, 2: x}}'))
+    assert quoted.nodes[0].do == Action("lamp", (("2", "x"), ("on", 1)))
+
+
+def test_the_lamp_of_inspection_is_switched_on():
+    assert Action("lamp", (("on", 1),)) in [node.do for node in read_plain("inspection").nodes]
 
 
 @pytest.mark.parametrize("profile", BOTH)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import stat
 import subprocess
 
@@ -176,6 +177,24 @@ def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
     assert "seed 0    1 of 2 nodes   " in text
     with pytest.raises(UsageError, match="no map to live the mission in"):
         run("audit", "small.yaml", "--trial", "1")
+
+
+def test_a_map_lies_beside_its_mission_wherever_one_stands(folder, monkeypatch):
+    there, elsewhere = folder / "there", folder / "elsewhere"
+    (there / "maps").mkdir(parents=True)
+    elsewhere.mkdir()
+    (there / "two.yaml").write_text(f"map: maps/hall.yaml{TWO}")
+    hall = "size: [20, 20]\nstart_pose: [3, 1.5, 0]\nwalls: [[0, 12, 8, 12], [10, 12, 20, 12]]\n"
+    (there / "maps" / "hall.yaml").write_text(hall)
+    monkeypatch.chdir(elsewhere)
+    for source in ("../there/two.yaml", str(there / "two.yaml")):
+        assert js("audit", source)["feasible"] is True
+        assert read_plain(source).nodes[1].see[0][0].apart_m == math.inf, "the map shows no other door"
+        run("draw", source, "--out", "two.svg")
+    (elsewhere / "maps").mkdir()
+    (there / "maps" / "hall.yaml").rename(elsewhere / "maps" / "hall.yaml")
+    with pytest.raises(UsageError, match=r"cannot read .*there/maps/hall.yaml"):
+        run("draw", "../there/two.yaml", "--out", "two.svg")
 
 
 def test_a_floor_plan_is_tried_first(folder):

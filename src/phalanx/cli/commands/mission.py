@@ -152,6 +152,9 @@ def crack() -> None:
 @furnish_option
 @option("--robots", help="How many; without, one for each part of the mission.", type=int)
 @option(
+    "--as", "named", help="Which they are: 1,2,7 or 1-5; without, those that a FILE is for.", metavar="IDS", default=""
+)
+@option(
     "--noise",
     help="Of the odometry: for way and turns, and where the factor comes from.",
     default="0.03,0.05",

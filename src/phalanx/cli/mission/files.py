@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -73,7 +73,7 @@ def read_bytes(path: Path, limit: int, what: str) -> bytes:
 
 
 def read_plain(source: str) -> Mission:
-    """A plain mission: a file's, or one that comes with Phalanx. Raises: UsageError."""
+    """A plain mission: a file's, or one that comes with Phalanx; a map in a file lies beside it. Raises: UsageError."""
     known = built_in("missions")
     wanted = _hint(source, "a mission's YAML file")
     data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
@@ -89,6 +89,8 @@ def read_plain(source: str) -> Mission:
         hint = f"--map {source} is for build, and --world {source} where a mission runs"
         raise UsageError(f"{source} is a map, not a mission", hint)
     mission = plain_mission(words)
+    if Path(mission.floor_plan).suffix:  # a file, and no map that comes with Phalanx
+        mission = replace(mission, floor_plan=str(Path(source).parent / mission.floor_plan))
     try:
         return apart_in(load_floorplan(mission.floor_plan), mission) if mission.floor_plan else mission
     except UsageError:

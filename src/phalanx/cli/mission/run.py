@@ -25,7 +25,7 @@ from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import check_count
 
-from .files import Wanted
+from .files import Wanted, parse_robots
 
 
 def run(
@@ -33,6 +33,7 @@ def run(
     world: str | None,
     furnish: str | None,
     robots: int | None,
+    named: str,
     noise: str,
     profile: str,
     key: Path | None,
@@ -45,13 +46,13 @@ def run(
 ) -> int:
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
-    count = robots if robots is not None else len(files or (plain.parts if plain else ()))
+    ids, count = _fleet(named, robots, len(files or (plain.parts if plain else ())))
     if how["defence"] != "none":  # before anything is encoded
         check_count(count, how["f_max"])
     start = parse_start(said_start) if said_start else None
-    named = world or (plain.floor_plan if plain else "")
-    plan = _building(named or DEFAULT, told=start is not None)
-    if not named:
+    building = world or (plain.floor_plan if plain else "")
+    plan = _building(building or DEFAULT, told=start is not None)
+    if not building:
         talk(f"in {DEFAULT}; --world names another building")
     if plain is not None and not files:
         files = [(each.mission, each.key) for each in _built(plain, profile, how["seed"])]
@@ -60,7 +61,7 @@ def run(
     if not 0 <= begin_s < LONGEST_S:
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
-        _admit(encoded, len(range(i, count, len(files))), begin_s)
+        _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
     drawn = OdometryNoise.parse(noise)
     setting = orders.run(robots=count, noise=drawn, begin_s=begin_s, keep_trace=record is not None, **how)
     progress = Progress()
@@ -86,6 +87,15 @@ def run(
     return 0 if told["completed"] == told["robots"] else 1
 
 
+def _fleet(named: str, robots: int | None, parts: int) -> tuple[tuple[int, ...], int]:
+    """(ids, if they are said; how many robots: one for each part, if nobody says otherwise)."""
+    ids = parse_robots(named) if named else ()
+    count = robots if robots is not None else len(ids) or parts
+    if ids and len(ids) != count:
+        raise UsageError(f"--as names {counted(len(ids), 'robot')} of {count}", "an id for each, in their order")
+    return ids, count
+
+
 def _building(name: str, *, told: bool) -> FloorPlan:
     """A floor plan; with a place where robots begin, if nobody has told it."""
     plan = load_floorplan(name)
@@ -104,11 +114,17 @@ def _so_far(share: float, duration_s: float) -> str:
     return "simulated to the end" if share >= 1 else f"{100 * share:.0f} % of at most {duration_s:g} s simulated"
 
 
-def _admit(encoded: EncodedMission, robots: int, now_s: float) -> None:
-    """Refuse what a robot would: a mission for others, or for another time."""
-    if encoded.header.robots and robots > len(encoded.header.robots):
-        raise UsageError(f"{robots} robots", f"the mission is for {len(encoded.header.robots)}")
-    admit(encoded, (encoded.header.robots or (1,))[0], now_s, ())
+def _admit(encoded: EncodedMission, ids: tuple[int, ...], robots: int, now_s: float) -> None:
+    """Refuse what a robot would: a mission for others, or for another time.
+
+    Args:
+        ids: of the robots that get it; without, it is given to those that it names.
+    """
+    meant = encoded.header.robots
+    if not ids and meant and robots > len(meant):
+        raise UsageError(f"{robots} robots", f"the mission is for {len(meant)}")
+    for robot in ids or meant[:1] or (1,):
+        admit(encoded, robot, now_s, ())
 
 
 def _built(plain: Mission, profile: str, seed: int) -> list[Built]:

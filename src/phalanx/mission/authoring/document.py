@@ -45,7 +45,7 @@ def plain_mission(words: Any) -> Mission:
         floor_plan=_text(top["map"], "map") if "map" in top else "",
     )
     for name, node in _mapping(top.get("nodes"), "nodes", None).items():
-        _node(draft, str(name), _mapping(node, f"node {name}", NODE))
+        _node(draft, _name(name, "nodes"), _mapping(node, f"node {name}", NODE))
     for i, way in enumerate(_list(top.get("ways", []), "ways")):
         _way(draft, way, f"way {i + 1}")
     return draft.mission()
@@ -160,10 +160,20 @@ def _action(words: Any, where: str) -> Action:
         raise UsageError(f"{where}: an action is a name, or a name with its arguments", "do: {pick: {shelf: 3}}")
     name, args = next(iter(given.items()))
     values = _mapping(args or {}, f"{where}: {name}", None)
+    names = {key: _name(key, f"{where}: {name}") for key in values}
     for key, value in values.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise UsageError(f"{where}: {name}: {key} is {value!r}", "a number or a text")
-    return Action(str(name), tuple(sorted((str(key), value) for key, value in values.items())))
+    return Action(_name(name, where), tuple(sorted((names[key], value) for key, value in values.items())))
+
+
+def _name(word: Any, where: str) -> str:
+    """A name before a colon; refused where YAML took it for something else, for it would be encoded as that."""
+    if isinstance(word, bool) or not isinstance(word, str | int):
+        raise UsageError(
+            f"{where}: a name is read as {_shown(word)}", 'in quotes: "on", "off", "yes" and "no" are names'
+        )
+    return str(word)
 
 
 def _mapping(words: Any, where: str, known: set[str] | None) -> dict[str, Any]:
