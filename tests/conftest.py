@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import os
 import re
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import aiomqtt
@@ -20,6 +21,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from chromium import FLAGS
+from phalanx.cli.main import run_command
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.ports import free_port
@@ -210,6 +212,14 @@ def run(*arguments: str, timeout_s: float = 60, env: dict | None = None, **more)
         check=False,
         **more,
     )
+
+
+def called(*arguments: str) -> subprocess.CompletedProcess:
+    """`run`, in this process: a start takes longer than most of what is asked."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = run_command([*arguments])
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 @contextmanager

@@ -108,7 +108,11 @@ class TestMistakes:
             start()
             time.sleep(0.3)
             login = {"PHALANX_BROKER_USERNAME": "me", "PHALANX_BROKER_PASSWORD": "hunter2"}
-            for arguments in (["up", "--port", "0"], ["link", "serve"], ["link", "connect", "--pin", "123456"]):
+            for arguments in (
+                ["up", "--port", "0", "--defence", "none"],
+                ["link", "serve"],
+                ["link", "connect", "--pin", "123456"],
+            ):
                 done = run(*arguments, "--broker", f"mqtt://127.0.0.1:{tcp}", env=login)
                 assert (done.returncode, "hunter2" in done.stderr) == (1, False)
                 assert "refused the login" in done.stderr
@@ -120,7 +124,8 @@ class TestMistakes:
 
     @pytest.mark.waits
     def test_whoever_reads_our_output_may_leave(self):
-        words = ["up", "--events", "--port", "0", "--rotate-s", "1", "--overlap-s", "0.5", "--duration", "60"]
+        words = ["up", "--events", "--port", "0", "--defence", "none", "--rotate-s", "1", "--overlap-s", "0.5"]
+        words += ["--duration", "60"]
         with subprocess.Popen(
             [*PHALANX, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
         ) as up:

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import paho.mqtt.publish as publish
 import pytest
 
-from conftest import ROOT, a_gateway, bare_mosquitto, child, run, secrets_of
+from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secrets_of
 from phalanx.cli import up as command
 from phalanx.gateway.up import UpOptions, for_at_most
 from phalanx.io.ports import free_port
@@ -73,7 +73,7 @@ class TestUp:
             assert len(robots) == 5
             address = robots[2]["address"]
             drive = ["--drive", address, "--left", "60", "--right", "60", "--for", "1"]
-            drove = json.loads(run("link", "connect", ready["qr_url"], *drive, "--json").stdout)
+            drove = json.loads(called("link", "connect", ready["qr_url"], *drive, "--json").stdout)
             assert drove["from"] != drove["to"]
             assert drove["commands"] == 10
             assert up.wait_for("command") == {
@@ -84,15 +84,15 @@ class TestUp:
             }
             assert up.events("command")[-1]["payload"]["left_y"] == 0, "it ends with a stop"
             name = robots[2]["name"].lower()
-            by_name = run("link", "connect", ready["qr_url"], "--drive", name, "--for", "0.1", "--json")
+            by_name = called("link", "connect", ready["qr_url"], "--drive", name, "--for", "0.1", "--json")
             assert json.loads(by_name.stdout)["address"] == address
-            by_pin = run(
+            by_pin = called(
                 "link", "connect", "--pin", ready["pin"], "--broker", f"localhost:{ready['broker_port']}", "--json"
             )
             assert len(json.loads(by_pin.stdout)["robots"]) == 5
             by_stdin = run("link", "connect", "-", "--json", input=ready["qr_url"] + "\n")
             assert len(json.loads(by_stdin.stdout)["robots"]) == 5
-            table = run("link", "connect", ready["qr_url"])
+            table = called("link", "connect", ready["qr_url"])
             assert len(table.stdout.splitlines()) == 5
 
     @pytest.mark.alone
@@ -132,39 +132,32 @@ class TestUp:
 
     def test_rotations_and_rejections_are_told(self):
         with a_gateway("--rotate-s", "16", "--overlap-s", "1") as (up, ready):
-            wrong = run("link", "connect", ready["qr_url"], "--drive", "FFFF", "--for", "0.1")
+            wrong = called("link", "connect", ready["qr_url"], "--drive", "FFFF", "--for", "0.1")
             assert (wrong.returncode, "Traceback" in wrong.stderr) == (1, False)
             assert "no robot FFFF" in wrong.stderr
             rotated = up.wait_for("rotation", timeout_s=30)
             assert rotated["pin"] != ready["pin"]
             assert rotated["pin"] in rotated["qr_url"]
             # One rotation late: led on by the old epoch (ADR 0004). First, for it is the one that must not be two late.
-            assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
-            assert run("link", "connect", rotated["qr_url"], "--json").returncode == 0
+            assert called("link", "connect", ready["qr_url"], "--json").returncode == 0
+            assert called("link", "connect", rotated["qr_url"], "--json").returncode == 0
             host, port = ready["broker_host"], ready["broker_port"]
             publish.single(f"/qrkey/{up.events('rotation')[-1]['topic']}/request", b"x", hostname=host, port=port)
             assert up.wait_for("rejected") == {"event": "rejected", "reason": "malformed_jwe", "count": 1}
-
-    def test_with_amqtt(self):
-        with a_gateway("--broker", "amqtt") as (up, ready):
-            assert not children_of(up.process.pid)
-            listed = run("link", "connect", ready["qr_url"], "--json")
-            assert len(json.loads(listed.stdout)["robots"]) == 12
-            assert up.stop() == 0
 
     def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path):
         tcp = free_port()
         ws = tcp + 1
         with (
             bare_mosquitto(tcp, ws, tmp_path) as (start, _),
-            child("up", "--events", "--port", "0", "--broker", f"mqtt://127.0.0.1:{tcp}") as up,
+            child("up", "--events", "--port", "0", "--defence", "none", "--broker", f"mqtt://127.0.0.1:{tcp}") as up,
         ):
             waiting = up.wait_for("waiting")
             assert waiting["broker"] == f"mqtt://127.0.0.1:{tcp}"
             start()
             ready = up.wait_for("ready")
             assert (ready["broker_port"], ready["broker_ws_port"]) == (tcp, ws)
-            assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
+            assert called("link", "connect", ready["qr_url"], "--json").returncode == 0
             assert up.stop() == 0
 
     def test_a_broker_that_never_comes_is_one_line_and_a_hint(self):
@@ -224,7 +217,7 @@ class TestUp:
             with a_gateway("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login) as (up, _):
                 assert any("phones are locked out" in line and "without one" in line for line in up.err)
                 assert "secret" not in " ".join(up.err)
-            done = run("doctor", "--broker", there, *login)
+            done = called("doctor", "--broker", there, *login)
             assert done.returncode == 1
             assert any(line.startswith("fix") and "phones are locked out" in line for line in done.stdout.splitlines())
             # The same broker, with a login for them.
@@ -235,12 +228,12 @@ class TestUp:
                 assert ready["qr_url"].endswith("&user=me&password=secret")
                 visit = run("link", "connect", "-", "--json", input=ready["qr_url"])
                 assert len(json.loads(visit.stdout)["robots"]) == 12
-            assert run("doctor", "--broker", there, *login, *theirs).returncode == 0
+            assert called("doctor", "--broker", there, *login, *theirs).returncode == 0
 
     def test_foreign_pages_get_the_published_form(self):
         with a_gateway("--frontend", "https://dotbots.example/PyDotBot", "--root", "/pydotbot") as (_, ready):
             assert ready["qr_url"].startswith("https://dotbots.example/PyDotBot?use_qrkey=true&pin=")
-            listed = run("link", "connect", ready["qr_url"], "--root", "/pydotbot", "--json")
+            listed = called("link", "connect", ready["qr_url"], "--root", "/pydotbot", "--json")
             assert len(json.loads(listed.stdout)["robots"]) == 12
 
     @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
@@ -252,8 +245,11 @@ class TestUp:
     @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
     def test_unless_asked_nothing_is_open_to_other_machines(self, broker):
         with a_gateway("--broker", broker) as (up, ready):
+            assert bool(children_of(up.process.pid)) == (broker == "mosquitto")
             assert not open_to_all(up.process.pid)
-            assert run("link", "connect", ready["qr_url"], "--json").returncode == 0
+            listed = called("link", "connect", ready["qr_url"], "--json")
+            assert len(json.loads(listed.stdout)["robots"]) == 12
+            assert up.stop() == 0
 
     def test_the_operators_api_asks_for_the_token_and_never_shows_it(self):
         with a_gateway() as (_, ready):
@@ -279,7 +275,7 @@ class TestUp:
         ) as up:
             ready = up.wait_for("ready")
             drive = ("--drive", "DECAFBAD00000001", "--left", "33", "--for", "0.3")
-            assert run("link", "connect", ready["qr_url"], *drive).returncode == 0
+            assert called("link", "connect", ready["qr_url"], *drive).returncode == 0
             up.wait_for("rotation")
             up.stop()
             log = "\n".join(up.err)
@@ -287,9 +283,9 @@ class TestUp:
             for secret in [*secrets_of(ready), *(event["pin"] for event in up.events("rotation"))]:
                 assert secret not in log
 
-    @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
-    def test_for_people_it_shows_a_code_and_the_addresses(self, host):
-        with child("up", "--port", "0", "--host", host, "--duration", "4") as up:
+    @pytest.mark.parametrize("host, defence", [("127.0.0.1", "bound"), ("0.0.0.0", "none")])
+    def test_for_people_it_shows_a_code_and_the_addresses(self, host, defence):
+        with child("up", "--port", "0", "--host", host, "--defence", defence, "--duration", "4") as up:
             assert up.wait() == 0
             height = sum(max(1, -(-len(line) // 80)) for line in up.out) + 1  # and the status line
             assert height <= 24, up.out
