@@ -16,6 +16,8 @@ from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, look_alikes_of
 from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
 
+Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+
 # Orientations that differ by less may be taken for one another: two bins of headings.
 ALIKE_RAD = math.radians(30)
 # What is nearer is the same thing, drawn twice.
@@ -35,11 +37,7 @@ def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) 
             already holds, or UNTOLD_M, but for codes, which have a text of their own.
     """
     own = [thing for node in mission.nodes for alias in node.see for thing in alias if isinstance(thing, Landmark)]
-    others: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}
-    for each in (*own, *(look_alikes or ())):
-        row = (each.x_m, each.y_m, number_or_nan(each.orientation_rad))
-        others.setdefault((each.type, each.text), []).append(row)
-    tables = {kind: np.array(rows, np.float64) for kind, rows in others.items()}
+    tables = _tables((*own, *(look_alikes or ())))
 
     def seen(thing: Observable) -> Observable:
         if not isinstance(thing, Landmark):
@@ -54,7 +52,23 @@ def told_apart(mission: Mission, look_alikes: Iterable[Landmark] | None = None) 
     return replace(mission, nodes=tuple(of(node) for node in mission.nodes))
 
 
-def _apart_m(landmark: Landmark, rows: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> float:
+def alone(landmarks: Iterable[Landmark], others: Iterable[Landmark], least_m: float) -> list[Landmark]:
+    """Those of the landmarks that stand at least so far from whatever looks the same, among them or the others."""
+    landmarks = list(landmarks)
+    tables = _tables((*landmarks, *others))
+    return [each for each in landmarks if _apart_m(each, tables[each.type, each.text]) >= least_m]
+
+
+def _tables(landmarks: Iterable[Landmark]) -> dict[tuple[str, str | None], Rows]:
+    """(n, 3) for each kind and text: places and orientations."""
+    rows: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}
+    for each in landmarks:
+        row = (each.x_m, each.y_m, number_or_nan(each.orientation_rad))
+        rows.setdefault((each.type, each.text), []).append(row)
+    return {kind: np.array(table, np.float64) for kind, table in rows.items()}
+
+
+def _apart_m(landmark: Landmark, rows: Rows) -> float:
     away = np.hypot(rows[:, 0] - landmark.x_m, rows[:, 1] - landmark.y_m)
     turn = rows[:, 2] - number_or_nan(landmark.orientation_rad)
     full = math.pi if landmark.type in HALF_TURN_TYPES else math.tau

@@ -16,7 +16,7 @@ from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Position
 
-from .apart import told_apart
+from .apart import alone, told_apart
 from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
@@ -31,6 +31,7 @@ STAND_M = 0.2
 GRID_PLACES = 200
 GRID_M = 0.05
 NORTH_RAD = math.pi / 2
+APART_M = 0.5  # of a landmark from the next thing that looks the same: a robot's doubt is not much less
 START = "start"
 SHORT = {"doorway": "door", "concave_left": "corner", "concave_right": "corner", "room": "room", "qr": "code"}
 
@@ -41,7 +42,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     """The mission to visit all doorways, rooms, concave corners and codes of a floor plan.
 
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
-    warning, what no way leads to from where robots begin: a mission with such nodes is never done.
+    warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
+    something beside it that looks the same: no robot would know one from the other.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
@@ -49,7 +51,12 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     begun_at(plan, plan.start)
-    sites, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT])
+    in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT])
+    all_aliases = [alias for site in in_sight for alias in site.aliases]
+    others = (*look_alikes_of(plan), *beside)
+    told = set(alone(all_aliases, others, APART_M))
+    sites = [replace(site, aliases=tuple(filter(told.__contains__, site.aliases))) for site in in_sight]
+    sites = [site for site in sites if site.aliases]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
     x0, y0, x1, y1 = plan.bounds
@@ -77,7 +84,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
     for source, target in sorted(pairs):
         if source in reached:
             draft.way(source, target, both=True)
-    return told_apart(draft.mission(), (*look_alikes_of(plan), *beside))
+    return told_apart(draft.mission(), (*all_aliases, *others))
 
 
 def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:

@@ -22,7 +22,6 @@ from .fix import (
     Fix,
     agreeing,
     allowed_m,
-    are_alone,
     distance_m,
     explains,
     fits,
@@ -31,6 +30,7 @@ from .fix import (
     known_in,
     pose_doubt_m,
     sighting,
+    told,
 )
 from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
@@ -215,7 +215,8 @@ class Finder:
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED
-        if not are_alone(self.config, seen, matches):
+        matches = told(self.config, seen, matches)
+        if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.AMBIGUOUS
         fix = fix_from(self.config, seen, matches)
         if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, pose_doubt_m(seen)):

@@ -120,12 +120,6 @@ def pose_doubt_m(seen: Experience) -> float:
     return math.sqrt(max(seen.spread[0], seen.spread[3]))
 
 
-def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
-    """Standard deviation of where a landmark is that is seen, along its worst direction."""
-    spread = pose_spread(seen.spread)
-    return doubt_of(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
-
-
 def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
     """What it means that `observed` is `truth`.
 
@@ -144,20 +138,27 @@ def fits(config: MissionConfig, spread: Floats, x_m: float, y_m: float, match: S
     return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= limit)
 
 
-def is_alone(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
+def is_alone(config: MissionConfig, seen: Experience, pair: Match, known: Sequence[Match] = ()) -> bool:
     """Whether nothing else that looks the same can be meant: the robot's doubt does not reach to the next such thing.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
+
+    Args:
+        known: what is certain, and corrects the pose first.
     """
     if config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return False
-    away = math.hypot(observed.x_m - truth.x_m, observed.y_m - truth.y_m)
-    return away + ALONE_SIGMAS * doubt_m(config, seen, observed) < truth.apart_m
+    observed, truth = pair
+    mean, spread, _ = _told_by(config, seen, known)
+    x, y = _replaced(seen, observed, (float(mean[0]), float(mean[1]), float(mean[2])))
+    doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
+    return math.hypot(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
-def are_alone(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> bool:
-    """Whether nothing else can be meant by matches that agree: for all to be others, each would have to be one."""
-    return any(is_alone(config, seen, observed, truth) for observed, truth in matches)
+def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
+    """Those of matches that agree which can mean nothing else: each alone, or with a pose that those correct."""
+    certain = [pair for pair in matches if is_alone(config, seen, pair)]
+    return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, certain))]
 
 
 def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
@@ -281,5 +282,5 @@ def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark
     """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
     if is_sure(config, seen):
         return None
-    matches = agreeing(config, seen, known_in(config, seen, known))
-    return fix_from(config, seen, matches) if are_alone(config, seen, matches) else None
+    matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
+    return fix_from(config, seen, matches) if matches else None

@@ -52,6 +52,7 @@ UNSEEN_COST = 160  # straight on from the edge something is seen to be in the wa
 PASSES = 24
 NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
 ARC_S, ARC_STEPS = 1.0, 8
+CREEP_MPS, ASIDE_STEPS, ON_COURSE_RADPS = 0.1, 3, 0.15
 NEARBY_M = 1.0
 
 
@@ -290,6 +291,14 @@ def command(
         if not touches(points, count, speed, turn):
             return speed, turn, turning
         speed *= 0.5
+    if abs(turn) > ON_COURSE_RADPS:
+        return 0.0, turn, turning
+    # On its course it would touch something beside it: so it creeps away from that first.
+    for step in range(1, ASIDE_STEPS + 1):
+        for way in (1.0, -1.0):
+            aside = way * step * TURN_RADPS / ASIDE_STEPS
+            if not touches(points, count, CREEP_MPS, aside):
+                return CREEP_MPS, aside, turning
     return 0.0, turn, turning
 
 
