@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from worlds import BOTH, built, cheap, until_decoded, walker_for
 
-from phalanx.config.mission import CodingConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.errors import PeerError
 from phalanx.mission import Draft, Experience, Landmark, Position, Reason, State, parse_mission, parse_start_key
-from phalanx.mission.authoring.apart import ALIKE_RAD, apart_in, told_apart
+from phalanx.mission.authoring.apart import ALIKE_RAD, alone, apart_in, told_apart
 from phalanx.mission.landmarks import look_alikes_of
 from phalanx.mission.observable import APART_MAX, UNTOLD_M, Offset, offset_of
+from phalanx.mission.walk.fix import told
 from phalanx.sim.building.floorplan import load_floorplan
 
 both = pytest.mark.parametrize("profile", BOTH)
@@ -59,6 +60,27 @@ def test_it_is_as_far_as_the_next_thing_that_looks_the_same(other, apart):
 def test_a_concave_corner_is_taken_for_none_of_the_other_hand():
     left, right = Landmark("concave_left", 5, 0, 0.2), Landmark("concave_right", 5.5, 0, 0.2)
     assert aparts(told_apart(mission_of(left, right), [])) == [math.inf, math.inf]
+
+
+def test_of_two_that_stand_too_near_each_other_none_is_alone():
+    near, far = replace(DOOR, x_m=5.4), replace(DOOR, x_m=9.0)
+    assert alone([DOOR, near, far], [], 0.5) == [far]
+    assert alone([DOOR, near, far], [], 0.3) == [DOOR, near, far]
+    assert alone([DOOR, far], [near], 0.5) == [far], "be it surveyed or not"
+
+
+def test_a_match_that_may_be_another_thing_counts_only_with_a_pose_that_certain_ones_correct():
+    """A corner 8 m away, the like of which stands a metre from it, and a robot that may be turned by 3 degrees."""
+    config, place = MissionConfig(), (0.05**2, 0.0, 0.0, 0.05**2, 0.0, math.radians(3) ** 2)
+    far = Landmark("concave_left", 8.0, 0.0, math.pi, apart_m=1.0)
+    sure = Landmark("doorway", 6.0, 2.0, 0.2, apart_m=5.0)
+    seen = Experience(0.0, 0.0, 0.0, 0.0, landmarks=(far, sure), spread=place)
+    assert told(config, seen, [(far, far)]) == []
+    assert told(config, seen, [(far, far), (sure, sure)]) == [(far, far), (sure, sure)]
+    near = replace(far, apart_m=0.3)
+    assert told(config, seen, [(near, near), (sure, sure)]) == [(sure, sure)], "nor do they make it so certain"
+    lost = replace(seen, spread=(*place[:-1], math.radians(60) ** 2))
+    assert told(config, lost, [(sure, sure)]) == []
 
 
 def test_what_the_author_knows_is_kept_where_it_is_nearer():

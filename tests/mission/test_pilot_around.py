@@ -113,6 +113,14 @@ CLOSET: list[Wall] = [(10, 4.4, 12, 4.4), (12, 4.4, 12, 5.6), (12, 5.6, 10.6, 5.
 NICHE: list[Wall] = [(9, 4, 9, 6), (9, 4, 11, 4), (9, 6, 10.3, 6), (11, 4, 11, 5)]
 
 
+def test_beside_a_jamb_that_its_course_would_touch_it_creeps_aside_first():
+    start, goal = (9.86, 4.77), (11.0, 5.0)
+    heading = math.atan2(goal[1] - start[1], goal[0] - start[0])
+    told = driven(plan_of(*door(0.8)), to(goal, (5, 5)), (*start, heading), goal, 20, within_m=0.3)
+    assert told.end == "there"
+    assert told.clearance_m > RADIUS_M
+
+
 @pytest.mark.parametrize(
     ("walls", "start", "goal"),
     [(CLOSET, (11.4, 5, 0.3), (14, 5)), (NICHE, (10, 5, 3.1), (5, 5))],
