@@ -13,9 +13,11 @@ from click.testing import CliRunner, Result
 from phalanx.cli import terminal
 from phalanx.cli.commands.mission import mission as group
 from phalanx.errors import UsageError
-from phalanx.mission import Profile
+from phalanx.mission import BuildOptions, Profile
 from phalanx.mission.authoring import survey
 from phalanx.mission.worth.audit import audit
+from phalanx.mission.worth.feasible import look_ahead
+from phalanx.mission.worth.shown import shown_by
 from phalanx.sim.building.floorplan import load_floorplan
 
 CHEAP = """
@@ -63,7 +65,11 @@ def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_
 def test_a_map_alone_is_audited_as_what_build_makes_of_it() -> None:
     plan = load_floorplan("office_30x25")
     report = json.loads(command("audit", "--map", "office_30x25", "--json").stdout)
-    assert report["nodes"] == json.loads(json.dumps(audit(survey.survey(plan), Profile.SEALED).told()))["nodes"]
+    mission = survey.survey(plan)
+    told = audit(
+        mission, Profile.SEALED, plan=shown_by(plan, BuildOptions().offset_mm), outlook=look_ahead(mission, None, plan)
+    ).told()
+    assert report["nodes"] == json.loads(json.dumps(told))["nodes"]
     elsewhere = json.loads(command("audit", "--map", "office_30x25", "--start", "14,8", "--json").stdout)
     assert elsewhere["nodes"] != report["nodes"]
 

@@ -120,6 +120,12 @@ def pose_doubt_m(seen: Experience) -> float:
     return math.sqrt(max(seen.spread[0], seen.spread[3]))
 
 
+def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
+    """Standard deviation of where a landmark is that is seen, along its worst direction."""
+    spread = pose_spread(seen.spread)
+    return doubt_of(spread, landmark.x_m - seen.x_m, landmark.y_m - seen.y_m, sight_of(config))[2]
+
+
 def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned_rad: float = 0.0) -> Sighting:
     """What it means that `observed` is `truth`.
 

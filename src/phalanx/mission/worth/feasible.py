@@ -24,7 +24,6 @@ from phalanx.mission.observable import Experience, Landmark, Position
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.fix import (
     AGAIN_MOST,
-    are_alone,
     begun_at,
     distance_m,
     doubt_m,
@@ -32,6 +31,7 @@ from phalanx.mission.walk.fix import (
     fixed,
     is_sure,
     pose_doubt_m,
+    told,
     wheels_of,
 )
 
@@ -198,8 +198,9 @@ class _Scout:
                 is_decoded = self._decodes(target, seen, again, whys)
             if is_decoded:
                 again = [*again, *((thing, thing) for thing in self._in_sight(seen, target))]
-            if again and not is_sure(self.config, seen) and are_alone(self.config, seen, again):
-                belief = fixed(self.config, belief, fix_from(self.config, seen, again))
+            certain = [] if is_sure(self.config, seen) else told(self.config, seen, again)
+            if certain:
+                belief = fixed(self.config, belief, fix_from(self.config, seen, certain))
             if i < steps:
                 belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
         return _Stand(belief, stand.length_m + length_m) if is_decoded else whys[-1]
@@ -220,12 +221,12 @@ class _Scout:
             return math.dist((seen.x_m, seen.y_m), target.place or (0.0, 0.0)) <= STEP_M
         for thing in self._in_sight(seen, target):
             doubt = doubt_m(self.config, seen, thing)
-            if not are_alone(self.config, seen, [(thing, thing), *again]):
+            if (thing, thing) not in told(self.config, seen, [(thing, thing), *again]):
                 whys.append(f"unsure by {doubt:.2f} m, and {thing.apart_m:.1f} m from it something looks the same")
                 continue
             if doubt > self.config.tolerance_m:
-                told = f"unsure by {doubt:.2f} m there, and looked for within {self.config.tolerance_m:g} m"
-                self.doubtful[target.name] = told
+                unsure = f"unsure by {doubt:.2f} m there, and looked for within {self.config.tolerance_m:g} m"
+                self.doubtful[target.name] = unsure
             return True
         return False
 
