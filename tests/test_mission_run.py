@@ -68,7 +68,7 @@ def live(world: MissionWorld, seconds: float) -> None:
         world.advance(world.now_s + 1.0)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_a_robot_finds_all_landmarks_of_the_office_and_takes_none_for_another(seed: int) -> None:
     run = run_of(read_plain("office"), seed=seed)
     told = summary(run, run_mission(run))

@@ -71,7 +71,7 @@ def test_with_its_hole_opened_it_starves_correct_robots(made, holes, at_least, m
 def test_a_token_request_that_counts_each_time_uses_up_the_6_f_max_of_the_paper(monkeypatch):
     """And not our 12 f_max (docs/adr/0015). Rounds each 3 s, so that honest robots need most of them."""
     monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 6 * bti.f_max))
-    made = crowd("drain", t_audit_ms=3000)
+    made = replace(crowd("drain", t_audit_ms=3000), duration_s=30.0)
     shut, opened = run_with(monkeypatch, made), run_with(monkeypatch, made, *SAME_REQUEST)
     assert starved(shut) == 0
     assert starved(opened) >= 2

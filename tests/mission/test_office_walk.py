@@ -97,8 +97,10 @@ class Robot:
         self.travelled += step
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("profile", BOTH)
+@pytest.mark.parametrize(
+    "profile, seed",
+    [(BOTH[0], 0), (BOTH[1], 1), *(pytest.param(*more, marks=pytest.mark.long) for more in zip(BOTH, (1, 0)))],
+)
 def test_every_node_of_the_office_decodes_and_no_fix_is_false(profile, seed):
     mission = cheap(read_plain("office"), profile)
     one = built(mission, profile)
