@@ -86,7 +86,10 @@ export function MapView({
   }
 
   function step(factor: number, by: Point = STILL) {
-    pinch({ factor, around: painter.current?.middle ?? STILL, by });
+    const middle = painter.current?.middle ?? STILL;
+    // What somebody drives comes into the middle, and does not slip out of the picture.
+    const chosen = factor === 1 || selected === undefined ? undefined : painter.current?.places.get(selected);
+    pinch(chosen ? { factor, around: chosen, by: { x: middle.x - chosen.x, y: middle.y - chosen.y } } : { factor, around: middle, by });
   }
 
   function pointOf(event: PointerEvent<HTMLElement>): Point {

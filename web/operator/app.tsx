@@ -38,7 +38,7 @@ export function App() {
   return (
     <div className="page" data-exhibition={exhibition.on} data-trouble={trouble !== undefined}>
       {!exhibition.on && <Header state={newest?.state} drawing={drawing === true} onDrawing={setDrawing} />}
-      <StopAll token={token} held={newest?.state.held === true} />
+      <StopAll token={token} held={newest?.state.held === true} heardAt_ms={newest?.at_ms ?? 0} />
       <Banner polled={polled} silent_s={silent_ms / 1000} />
       {/* Once opened it stays, hidden: what is drawn must not be lost to a look at the overview. */}
       {drawing !== undefined && newest?.state.mission && (
@@ -145,6 +145,7 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
   else if (trouble === "incomprehensible") text = "Gateway and page are of different versions: reload this page";
   else if (newest && !newest.state.broker.connected)
     text = "The gateway has lost its broker, retrying: no visitor gets through";
+  else if (newest && newest.state.broker.phones !== "") text = `No phone gets in: ${newest.state.broker.phones}`;
   if (text === undefined) return null;
   return (
     <p className="banner" role="alert" data-testid="banner">

@@ -71,6 +71,11 @@ export function Fleet({ robots, shields, mission }: Props) {
   );
 }
 
+/** Published pages say no name. */
+function modeWords({ mode, drivers }: Robot): string {
+  return drivers.length === 0 ? MODE[mode] : `driven by ${drivers.map((name) => name || "a visitor").join(", ")}`;
+}
+
 interface RowProps {
   readonly robot: Robot;
   readonly needed: number | undefined;
@@ -93,7 +98,7 @@ function Row({ robot, needed, shield, walk }: RowProps) {
       <td>
         <Battery volts={robot.battery_v} />
       </td>
-      <td>{walk ? "mission" : MODE[robot.mode]}</td>
+      <td data-testid="mode">{walk ? "mission" : modeWords(robot)}</td>
       <td className="number">{ago(robot.last_seen_s)}</td>
       <td>
         <span className="tag" data-link={robot.link} title={`The robot is ${STATUS[robot.status]}`}>

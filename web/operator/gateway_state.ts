@@ -6,6 +6,8 @@ export interface Broker {
   readonly name: string;
   readonly url: string;
   readonly connected: boolean;
+  /** Why no phone gets in there; "" if they do. */
+  readonly phones: string;
 }
 
 export interface Visitor {
@@ -32,6 +34,8 @@ export interface Robot {
   readonly last_seen_s: number;
   readonly rgb_led: Rgb;
   readonly link: LinkQuality;
+  /** Visitors whose joysticks drive it now, by what their pages call themselves. */
+  readonly drivers: readonly string[];
 }
 
 export const COUNTERS = ["commands", "requests", "notifications", "knocks", "reconnects"] as const;
@@ -155,6 +159,7 @@ export function parseState(json: unknown): GatewayState {
       name: text(broker["name"], "broker.name"),
       url: text(broker["url"], "broker.url"),
       connected: broker["connected"] === true,
+      phones: typeof broker["phones"] === "string" ? broker["phones"] : "",
     },
     visitors: list(state["visitors"], "visitors").map(visitor),
     robots: list(state["robots"], "robots").map(robot),
@@ -192,6 +197,7 @@ function robot(json: unknown): Robot {
       blue: finite(led["blue"], "robot.rgb_led"),
     },
     link: oneOf(it["link"], ["ok", "quiet", "lost"] as const, "robot.link"),
+    drivers: list(it["drivers"] ?? [], "robot.drivers").map((name) => text(name, "robot.drivers")),
   };
 }
 

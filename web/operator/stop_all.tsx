@@ -1,17 +1,28 @@
 // The emergency stop: always in sight, and never waiting for anything that this page knows or does not know.
 
-import { useState } from "react";
+import { useEffect, useState } from "react";
 import { order } from "./orders";
 
 interface Props {
   readonly token: string;
   /** Whether the gateway says that all robots are stopped. */
   readonly held: boolean;
+  /** When the gateway answered last, milliseconds on this page's steady clock. */
+  readonly heardAt_ms: number;
 }
 
-export function StopAll({ token, held }: Props) {
-  const [trouble, setTrouble] = useState<string>();
-  const say = async (what: "stop" | "go") => setTrouble(await order(token, what));
+/** What went wrong can be read for so long, if the gateway answers meanwhile. */
+const SAID_FOR_MS = 5000;
+
+export function StopAll({ token, held, heardAt_ms }: Props) {
+  const [trouble, setTrouble] = useState<{ readonly text: string; readonly at_ms: number }>();
+  const say = async (what: "stop" | "go") => {
+    const text = await order(token, what);
+    setTrouble(text === undefined ? undefined : { text, at_ms: performance.now() });
+  };
+  useEffect(() => {
+    if (trouble && heardAt_ms - trouble.at_ms > SAID_FOR_MS) setTrouble(undefined);
+  }, [trouble, heardAt_ms]);
 
   return (
     <div className="stop-all" data-held={held}>
@@ -23,7 +34,7 @@ export function StopAll({ token, held }: Props) {
           </button>
         </>
       )}
-      {trouble !== undefined && <strong role="alert">{trouble} Use the terminal, or the robots’ switches.</strong>}
+      {trouble && <strong role="alert">{trouble.text} Use the terminal, or the robots’ switches.</strong>}
       <button type="button" className="stop" data-testid="stop-all" onClick={() => void say("stop")}>
         Stop all robots
       </button>

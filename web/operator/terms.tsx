@@ -14,7 +14,7 @@ export const TERMS = {
   audits: "Neighbours check what a robot wrote down by doing the same sums. Whoever cannot explain what it did gets no voucher.",
   fleet: "All robots that the gateway knows.",
   led: "The colour of the robot's light.",
-  drive: "manual: driven by visitors, or standing. route: on its way to points that a visitor tapped. mission: goes where what it finds tells it.",
+  drive: "manual: standing. driven by: the visitors whose joysticks drive it now, each by the last signs of its name in the list of visitors. route: on its way to points that a visitor tapped. mission: goes where what it finds tells it.",
   heard: "How long ago the robot was last heard.",
   link: "ok: heard within 5 s. quiet: within a minute. lost: not for a minute.",
   shield: "How many neighbours vouch for the robot, of how many it needs; and for how long it may go on if none does so anew. Without, it stops: Safe Mode.",

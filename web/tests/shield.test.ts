@@ -88,6 +88,12 @@ describe("shields", () => {
     for (const each of [words(START), words(START, B), words(START, "?"), words(stopped)]) expect(each).toHaveLength(4);
   });
 
+  test("no seconds are told while nothing is heard, and the lines stay as many", () => {
+    const lost = shieldWords(START, A, false).split("\n");
+    expect(lost).toHaveLength(words(START).length);
+    expect(lost.slice(0, 2)).toEqual(["unknown", "Shield not known: no news from the swarm."]);
+  });
+
   test("of a swarm without shields nothing is said", () => {
     const plain = play([told(1, { width: 2000, height: 2000 }), told(0, [{ address: A }])]);
     expect(shieldWords(plain, A)).toBe("none");

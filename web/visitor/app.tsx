@@ -45,7 +45,9 @@ export function App() {
         <>
           <header className="top">
             <p className="brand">Phalanx</p>
-            <Badge state="nocode" text="No code yet" />
+            <div className="status">
+              <Badge state="nocode" text="No code yet" />
+            </div>
           </header>
           <NoCode problem={problem} onFound={(taken) => setFound(join(taken))} />
         </>

@@ -9,8 +9,8 @@ interface Words {
   readonly text: string;
 }
 
-/** Plain words for the health of the link. `host` is the broker's host and port; `held`: the operator stopped all. */
-export function badgeWords(health: Health, host: string, robots: number, held = false): Words {
+/** Plain words for the health of the link. `host` is the broker's; `held`: the operator stopped all; `named`: we said a login. */
+export function badgeWords(health: Health, host: string, robots: number, held = false, named = false): Words {
   switch (health.state) {
     case "connecting":
       return {
@@ -18,7 +18,7 @@ export function badgeWords(health: Health, host: string, robots: number, held = 
         text: health.broker === "away" ? "Connecting to the broker…" : "Looking for the swarm…",
       };
     case "offline":
-      return { state: "offline", text: OFFLINE[health.why](host) };
+      return { state: "offline", text: OFFLINE[health.why](host, named) };
     case "late":
       return { state: "late", text: "No news from the swarm for a moment. Controls are off." };
     case "silent":
@@ -37,7 +37,10 @@ export function badgeWords(health: Health, host: string, robots: number, held = 
 const OFFLINE = {
   network: () => "You are offline: this device has no network. Waiting for it…",
   broker: (host: string) => `Broker unreachable at ${host}. Trying again…`,
-  login: (host: string) => `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
+  login: (host: string, named: boolean) =>
+    named
+      ? `Login refused: name or password is wrong for the broker at ${host}. Tell the operator.`
+      : `Login refused by the broker at ${host}: it wants a password. Tell the operator.`,
 } as const;
 
 /** "31 s behind", "2 min ahead": how our clock differs, given how far the swarm's is ahead of it. */

@@ -76,18 +76,20 @@ export function Cockpit({ to, link, onLeave }: Props) {
     command("waypoints", routePayload(threshold, []));
   }
 
-  const words = badgeWords(health, hostOf(to.broker), roster.length, held);
+  const words = badgeWords(health, hostOf(to.broker), roster.length, held, to.login !== undefined);
   const inTrouble = words.state === "offline" || words.state === "silent";
   return (
     <>
       <header className="top">
         <p className="brand">Phalanx</p>
-        <Badge {...words} />
-        {inTrouble && (
-          <button type="button" className="quiet" data-testid="leave" onClick={onLeave}>
-            Use another code
-          </button>
-        )}
+        <div className="status">
+          <Badge {...words} />
+          {inTrouble && (
+            <button type="button" className="quiet" data-testid="leave" onClick={onLeave}>
+              Use another code
+            </button>
+          )}
+        </div>
       </header>
       <main className="cockpit">
         <h1 className="unseen">{onMission ? "Watch the mission" : "Drive the swarm"}</h1>

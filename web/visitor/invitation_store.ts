@@ -4,7 +4,7 @@
 // this tab's session storage, where the newest pin and the visitors' login are kept so that a reload goes on after
 // rotations.
 
-import { type BrokerLogin, DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
+import { type BrokerLogin, checkedLogin, DEFAULT_ROOT, type Invitation, invitation, type Pin, PUBLISHED_KEYS, parseQrUrl, UsageError } from "../client";
 
 const KEY = "phalanx.invitation";
 // A link that was cut off has no pin, and may have a login all the same.
@@ -52,9 +52,10 @@ export function readLink(text: string, root: string = DEFAULT_ROOT): Found {
 }
 
 /** The invitation in what somebody typed. */
-export function readTyped(pin: string, broker: string, root: string, mqtt: string): Found {
+export function readTyped(pin: string, broker: string, root: string, mqtt: string, user = "", password = ""): Found {
   try {
-    return { to: invitation(pin.replace(/\s/g, ""), broker.trim(), root.trim(), mqtt) };
+    const login = checkedLogin(user.trim(), password);
+    return { to: invitation(pin.replace(/\s/g, ""), broker.trim(), root.trim(), mqtt, login) };
   } catch (error) {
     return { problem: error instanceof UsageError ? error.message : "these words do not make an invitation" };
   }

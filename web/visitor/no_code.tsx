@@ -16,6 +16,8 @@ export function NoCode({ problem, onFound }: Props) {
   const [broker, setBroker] = useState("");
   const [root, setRoot] = useState(DEFAULT_ROOT);
   const [mqtt, setMqtt] = useState("5");
+  const [user, setUser] = useState("");
+  const [password, setPassword] = useState("");
 
   function submitLink(event: SubmitEvent) {
     event.preventDefault();
@@ -24,7 +26,7 @@ export function NoCode({ problem, onFound }: Props) {
 
   function submitTyped(event: SubmitEvent) {
     event.preventDefault();
-    onFound(readTyped(pin, broker, root, mqtt));
+    onFound(readTyped(pin, broker, root, mqtt, user, password));
   }
 
   return (
@@ -110,6 +112,33 @@ export function NoCode({ problem, onFound }: Props) {
                 <option value="5">5</option>
                 <option value="4">3.1.1</option>
               </select>
+            </div>
+          </div>
+          <p className="hint">Only if the broker asks visitors for a login:</p>
+          <div className="row">
+            <div className="grow">
+              <label htmlFor={`${id}user`}>Name</label>
+              <input
+                id={`${id}user`}
+                data-testid="user"
+                type="text"
+                autoComplete="off"
+                autoCapitalize="none"
+                spellCheck={false}
+                value={user}
+                onChange={(event) => setUser(event.target.value)}
+              />
+            </div>
+            <div className="grow">
+              <label htmlFor={`${id}password`}>Password</label>
+              <input
+                id={`${id}password`}
+                data-testid="password"
+                type="password"
+                autoComplete="off"
+                value={password}
+                onChange={(event) => setPassword(event.target.value)}
+              />
             </div>
           </div>
           <button type="submit" className="primary" data-testid="typed-join">

@@ -1,6 +1,6 @@
 // The chosen robot's shield in words: how long it lives without new vouchers, who vouches, how its last audit ended.
 
-import { counting, LOW_MS, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
+import { counting, type Health, LOW_MS, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
 
 const LEGEND = `unknown
 Robots audit each other.
@@ -18,7 +18,7 @@ interface Props {
 
 export function ShieldWords({ link, selected }: Props) {
   // A string: it renders again only when the words change, not at every frame.
-  const words = useSwarm(link, ({ swarm }) => shieldWords(swarm, selected));
+  const words = useSwarm(link, ({ swarm, health }) => shieldWords(swarm, selected, isHeard(health)));
   const [state, ...lines] = words.split("\n");
   if (state === "none") return null;
   return (
@@ -30,14 +30,21 @@ export function ShieldWords({ link, selected }: Props) {
   );
 }
 
+/** Whether what the swarm says arrives now. */
+function isHeard({ state }: Health): boolean {
+  return state === "live" || state === "clock";
+}
+
 /** The shield's state, then lines to show, as of the newest frame: always three of a robot, or the page would jump. */
-export function shieldWords(swarm: Swarm, selected: string | undefined): string {
+export function shieldWords(swarm: Swarm, selected: string | undefined, heard = true): string {
   const { terms, at_ms } = swarm;
   if (swarm.unprotected !== "") return `unprotected\n${swarm.unprotected}.`;
   if (!terms) return "none";
   const robot = selected === undefined ? undefined : swarm.robots.get(selected);
   if (!robot?.shield) return LEGEND;
   if (robot.shield.safeMode) return `${STOPPED}\n${lastAudit(swarm, robot)}`;
+  // Seconds that stand still would be believed.
+  if (!heard) return `unknown\nShield not known: no news from the swarm.\nWho vouches for it is not known.\n${lastAudit(swarm, robot)}`;
   const vouchers = counting(robot.shield, terms, at_ms);
   const names = vouchers.map(
     ({ auditor, until_ms }) => `${nameOf(swarm, auditor)} ${Math.ceil((until_ms - at_ms) / 1000)} s`,

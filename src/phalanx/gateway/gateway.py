@@ -54,7 +54,7 @@ class Gateway:
     ) -> None:
         self.server = server
         self.visitors = Visitors()
-        self._drivers = Drivers()
+        self.drivers = Drivers()
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
         self._clock = clock
         self._told = Told()
@@ -131,7 +131,7 @@ class Gateway:
         if command.waited_s > EXPIRES_S:
             raise Late(f"waited {command.waited_s:.1f} s")
         self.brakes.drive(address, move.left_pct, move.right_pct)
-        self._drivers.drives(address, move.by, time.monotonic())
+        self.drivers.drives(address, move.by, time.monotonic())
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
@@ -220,7 +220,7 @@ class Gateway:
         # A list that was made before this tick must not be handed out after its frames.
         self._lists.clear()
         robots = self.swarm.robots()
-        watches = [watch for watch in (self.shields, self.missions, self._drivers) if watch]
+        watches = [watch for watch in (self.shields, self.missions, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, self._clock(), time.monotonic(), more, held=self.brakes.held)
         for frame in tick.frames if tick else ():

@@ -47,6 +47,7 @@ WORLD_HZ = 50
 MANY_FILES = 16_384
 REPORT_S = 1.0
 WAIT_QUIETLY_S = 1.5
+ASK_FOR_PHONES_S = 20.0
 
 Say = Callable[[dict[str, Any]], None]
 
@@ -93,6 +94,7 @@ class Running:
         self._started_at_s = time.monotonic()
         self._told: Counter[str] = Counter()
         self._qr: tuple[str, str] = ("", "")
+        self._no_phone = ""  # why none gets in
         self._kept_stop = KeptStop(options.stop_file)
         if self._kept_stop.was_held():
             self.gateway.brakes.hold()
@@ -150,7 +152,12 @@ class Running:
             "overlap_s": config.overlap_s,
             "overlapping": server.overlapping,
             "uptime_s": round(uptime_s - self._started_at_s, 1),
-            "broker": {"name": self._broker.name, "url": str(self._broker.url), "connected": server.connected},
+            "broker": {
+                "name": self._broker.name,
+                "url": str(self._broker.url),
+                "connected": server.connected,
+                "phones": self._no_phone,
+            },
             "visitors": [
                 {"id": v.client_id, "last_seen_s": round(uptime_s - v.seen_at_s, 1), "requests": v.requests}
                 for v in self.gateway.visitors.present(uptime_s)
@@ -165,6 +172,7 @@ class Running:
                     "last_seen_s": round(now_s - robot.heard_at_s, 1),
                     "rgb_led": vocabulary.tell_led(robot.led),
                     "link": link[vocabulary.status(robot, now_s)],
+                    "drivers": self.gateway.drivers.of(robot.address, uptime_s),
                 }
                 for robot in robots
             ],
@@ -200,13 +208,26 @@ class Running:
 
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
-        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._shield())
+        phones = self._ask_again_for_phones()
+        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._shield(), phones)
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
         finally:
             for task in tasks:
                 task.cancel()
+
+    async def ask_for_phones(self) -> None:
+        """The page, and the log when it changes, say why no phone gets into a broker that is not ours."""
+        before, self._no_phone = self._no_phone, await warn_if_phones_are_locked_out(self._broker, self._no_phone)
+        if before and not self._no_phone:
+            log.warning("phones get in again")
+
+    async def _ask_again_for_phones(self) -> None:
+        while self._broker.name == "external":
+            await asyncio.sleep(ASK_FOR_PHONES_S)
+            if self._server.connected:
+                await self.ask_for_phones()
 
     def _qr_svg(self) -> str:
         if self._qr[0] != self.qr_url:
@@ -332,7 +353,7 @@ async def up(
         await stack.enter_async_context(server)
         await _until_connected(server, say, options.wait_s)
         async with for_at_most(options.duration_s):
-            await warn_if_phones_are_locked_out(broker)
+            await running.ask_for_phones()
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
             if running.gateway.brakes.held:
                 say({"event": "held"})

@@ -73,6 +73,10 @@ class Drivers:
         if by in drivers or len(drivers) < MOST_DRIVERS:
             drivers[by] = uptime_s + DRIVES_FOR_S
 
+    def of(self, address: str, uptime_s: float) -> list[str]:
+        """Who drives this robot now, by what their pages call themselves."""
+        return sorted(by for by, until in self._until.get(address, {}).items() if until > uptime_s)
+
     def news(self, number: Callable[[str], int], uptime_s: float) -> dict[str, list[Any]]:
         """`drivers` of the next frame: every robot that is driven, twice a second."""
         if uptime_s - self._told_at_s < TELL_DRIVERS_EVERY_S:

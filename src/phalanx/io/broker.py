@@ -143,6 +143,8 @@ async def why_no_phone_gets_in(websocket: str, login: Login | None = None) -> tu
     try:
         await link.wait_connected(PROBE_S)
     except Unavailable as error:
+        if login:
+            return f"phones are locked out: {error} of visitors", "the name or password in --visitors-login is wrong"
         return f"phones are locked out: {error}", "--visitors-login, or a way in without one, to our topics only"
     except TimeoutError as error:
         return f"phones are locked out: {error}", "--broker-ws"
@@ -155,9 +157,11 @@ async def why_no_phone_gets_in(websocket: str, login: Login | None = None) -> tu
 async def _ignore(*_: object) -> None: ...
 
 
-async def warn_if_phones_are_locked_out(broker: RunningBroker) -> None:
-    """Whoever reads the log knows if no phone will get into a broker that is not ours. Asks once."""
-    if broker.name == "external":
-        trouble, hint = await why_no_phone_gets_in(broker.websocket, broker.visitors_login)
-        if trouble:
-            log.warning("%s; hint: %s", trouble, hint)
+async def warn_if_phones_are_locked_out(broker: RunningBroker, known: str = "") -> str:
+    """Why no phone will get into a broker that is not ours, or "": the log says it too, unless it is `known`."""
+    if broker.name != "external":
+        return ""
+    trouble, hint = await why_no_phone_gets_in(broker.websocket, broker.visitors_login)
+    if trouble not in ("", known):
+        log.warning("%s; hint: %s", trouble, hint)
+    return trouble

@@ -21,6 +21,6 @@ export { deriveEpoch, type Epoch, Key } from "./keys";
 export { Link, type LinkEvent, type Moved, type Notified, type Outgoing, type Rejected, type Replied } from "./link";
 export { PartsInbox } from "./parts";
 export { Pin } from "./pin";
-export { type BrokerLogin, DEFAULT_ROOT, type Invitation, invitation, PUBLISHED_KEYS, parseQrUrl, qrFragment } from "./qrurl";
+export { type BrokerLogin, checkedLogin, DEFAULT_ROOT, type Invitation, invitation, PUBLISHED_KEYS, parseQrUrl, qrFragment } from "./qrurl";
 export { ReplayCache } from "./replay";
 export { fullTopic, isAddress, isClientId, type SubTopic, splitTopic } from "./topics";

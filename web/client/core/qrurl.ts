@@ -130,7 +130,8 @@ function checkedBroker(text: string): string {
   return text;
 }
 
-function checkedLogin(username: string, password: string): BrokerLogin | undefined {
+/** What visitors say to a broker, if anything. @throws BadQrUrl */
+export function checkedLogin(username: string, password: string): BrokerLogin | undefined {
   if (username === "" && password !== "") throw new BadQrUrl("a password without a name");
   const bytes = Math.max(...[username, password].map((text) => new TextEncoder().encode(text).length));
   if (bytes > LOGIN_LONGEST || /\p{C}|(?! )\p{Z}/u.test(username + password))
