@@ -171,7 +171,7 @@ def parse_robots(said: str) -> tuple[int, ...]:
     out: list[int] = []
     for part in said.split(","):
         if not (match := re.fullmatch(r"\s*(\d{1,5})(?:-(\d{1,5}))?\s*", part)):
-            raise UsageError(f"{part!r} is no robot", "--robots 1,2,7 or --robots 1-5")
+            raise UsageError(f"{part!r} is no robot", "ids like 1,2,7 or 1-5")
         first, last = int(match[1]), int(match[2] or match[1])
         # An empty list would mean that anybody may run it.
         if not 1 <= first <= last <= 65_535:

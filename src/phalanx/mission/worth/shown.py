@@ -6,7 +6,7 @@ The attack and the audit both ask here, so that the audit counts what the attack
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
-from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.apart import told_apart
 from phalanx.mission.authoring.sighted import sighted
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.file.canonical import AT_POSITION, Shape, shape_of
 from phalanx.mission.graph import Draft
-from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks import FloorPlan, Site, look_alikes_of
 from phalanx.mission.landmarks.sites import landmarks_of
 from phalanx.mission.observable import (
     APART_M,
@@ -34,7 +34,7 @@ from phalanx.mission.observable import (
     number_or_nan,
 )
 
-# So far what a plan shows may be from where the mission's author has it; his offsets may be rounded by more.
+# So far what a plan shows may be from where the mission's author has it.
 DRAWN_M, DRAWN_RAD = 0.05, math.radians(2.5)
 # What does not fit in one way may still be meant: the plan is another edition, or a direction was given by hand.
 MOST = 16.0
@@ -71,7 +71,8 @@ class Shown:
         """
         among = np.array([i for i, thing in enumerate(self.things) if _has(thing, shape)], np.int64)
         rows = self.rows[among]
-        misfit = _off_cells(coding, offset, rows, DRAWN_M + self.rounded_mm / MM_PER_M / 2)
+        misfit = (among != 0).astype(np.float64)  # robots begin at the start, if it may be
+        misfit += _off_cells(coding, offset, rows, self.rounded_mm / MM_PER_M / 2)
         if shape.oriented:
             misfit += _square(_rest(rows[:, 2] - offset.orientation * OFFSET_RAD, coding.bin_rad), DRAWN_RAD)
         if shape.place != AT_POSITION:
@@ -99,17 +100,22 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
         rounded_mm: as the mission was built (`BuildOptions.offset_mm`).
     Raises: UsageError: the plan says not where robots begin, and has no one space to choose from.
     """
-    sites = landmarks_of(plan)
-    seen, _ = sighted(plan, sites)
+    sites, alike = landmarks_of(plan), look_alikes_of(plan)
+    seen, beside = sighted(plan, sites)
     start = plan.start or roomiest(plan)
-    draft = Draft("plan")
-    draft.node("start", Position(start[0], start[1]), start=True)
-    for i, alias in enumerate(dict.fromkeys(alias for site in (*sites, *seen) for alias in site.aliases)):
-        draft.node(str(i), alias)
-    nodes = apart_in(plan, draft.mission()).nodes
-    known = [thing for node in nodes for thing in node.see[0] if isinstance(thing, Landmark | Position)]
+    known: list[Landmark | Position] = [Position(start[0], start[1])]
+    known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
     known += [Position(thing.x_m, thing.y_m) for thing in known if isinstance(thing, Landmark)]
     return Shown(tuple(known), np.array([_row(thing) for thing in known], np.float64), rounded_mm)
+
+
+def _apart(sites: Sequence[Site], alike: Iterable[Landmark]) -> Iterator[Landmark]:
+    """Landmarks, each with how far it is to the next that looks the same, as the compiler reckons."""
+    draft = Draft("plan")
+    for i, alias in enumerate(dict.fromkeys(alias for site in sites for alias in site.aliases)):
+        draft.node(str(i), alias, start=True)
+    nodes = told_apart(draft.mission(), alike).nodes if draft.nodes else ()
+    return (thing for node in nodes for thing in node.see[0] if isinstance(thing, Landmark))
 
 
 def _row(thing: Landmark | Position) -> tuple[float, float, float, float]:
@@ -133,11 +139,14 @@ def _square(off: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     return np.minimum(np.square(off / scale), MOST)
 
 
-def _off_cells(coding: CodingConfig, offset: Offset, rows: NDArray[np.float64], scale_m: float) -> NDArray[np.float64]:
-    """How badly places fit the middle of any cell."""
+def _off_cells(
+    coding: CodingConfig, offset: Offset, rows: NDArray[np.float64], rounded_m: float
+) -> NDArray[np.float64]:
+    """How badly places fit the middle of any cell, where rounding moved it by so much at most."""
     delta_m = coding.delta_mm / MM_PER_M
-    x, y, *_ = offset.natural
-    return _square(_rest(rows[:, 0] - x, delta_m), scale_m) + _square(_rest(rows[:, 1] - y, delta_m), scale_m)
+    off = np.abs(_rest(rows[:, :2] - np.array(offset.natural[:2]), delta_m))
+    misfit: NDArray[np.float64] = _square(np.maximum(off - rounded_m, 0.0), DRAWN_M).sum(axis=1)
+    return misfit
 
 
 def _off_way(before: Before, rows: NDArray[np.float64]) -> NDArray[np.float64]:
