@@ -5,6 +5,9 @@ SHELL := /bin/sh
 BIN := .venv/bin
 # What is never imported need not be compiled.
 PIP := $(BIN)/pip --disable-pip-version-check --quiet install --no-compile
+# What is pinned. uv takes a fifth of pip's time; pip does it where uv does not come, or finds no index that pip knows.
+PINNED = VIRTUAL_ENV=.venv UV_HTTP_TIMEOUT=10 UV_HTTP_RETRIES=0 $(BIN)/uv --quiet pip install --require-hashes -r $(1) 2>.venv/uv-said || \
+	$(PIP) --require-hashes -r $(1)
 PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
 FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
@@ -66,10 +69,14 @@ $(NEEDED):
 .venv/bin/pip: | $(NEEDED)
 	python3 -m venv .venv
 
-.venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/bin/pip
+.venv/uv: requirements-uv.lock | .venv/bin/pip
+	@$(PIP) --require-hashes -r $< || echo "pip goes on without it"
+	@touch $@
+
+.venv/runtime: requirements.lock requirements-amqtt.lock pyproject.toml $(FIRMWARE) | .venv/uv
 	@echo "installing Python packages, compiling the trusted nodes"
-	@$(PIP) --require-hashes -r requirements.lock
-	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(PIP) --require-hashes -r requirements-amqtt.lock
+	@$(call PINNED,requirements.lock)
+	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
@@ -81,12 +88,12 @@ $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 
 .venv/dev: requirements-dev.lock .venv/runtime
 	@echo "installing Python packages for the tests"
-	@$(PIP) --require-hashes -r requirements-dev.lock
+	@$(call PINNED,requirements-dev.lock)
 	@touch $@
 
 # Not with the others: where it is, numba imports it too, in each of hundreds of processes.
 .venv/coverage: requirements-coverage.lock .venv/dev
-	@$(PIP) --require-hashes -r requirements-coverage.lock
+	@$(call PINNED,requirements-coverage.lock)
 	@touch $@
 
 web/node_modules/.installed: web/package-lock.json | $(NEEDED)

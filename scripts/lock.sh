@@ -6,5 +6,6 @@ uv="uv pip compile --generate-hashes --universal --python-version 3.11 --no-head
 $uv pyproject.toml --group build --extra reproduce -o requirements.lock
 $uv pyproject.toml --group build --group dev --extra amqtt --extra reproduce -c requirements.lock -o requirements-dev.lock
 echo coverage | $uv - -c requirements-dev.lock -o requirements-coverage.lock
+echo uv | $uv - -o requirements-uv.lock
 echo amqtt | $uv - -c requirements-dev.lock -o requirements-amqtt.lock
 $uv --group release -o requirements-release.lock
