@@ -67,7 +67,7 @@ INFEASIBLE = {
     "longer than a robot follows a direction": (HALL, FAR_DOOR, "a robot follows a direction for 27.0 m"),
     "unsure of its own place": (HALL, Position(18, 4), "unsure of its own place"),
     "something else looks the same": (pillars(), a_pillar(), "1.2 m from it something looks the same"),
-    "in a room that nobody gets into": (SHUT, Landmark("doorway", 16, 6, NORTH), "not in sight"),
+    "in a room that nobody gets into": (SHUT, Landmark("doorway", 16, 6, NORTH), "in sight from nowhere"),
 }
 FEASIBLE = {
     "with time enough": (HALL, FAR_DOOR, 180),
@@ -122,6 +122,12 @@ def test_a_drawn_building_in_which_robots_got_lost_at_once_is_no_mission_any_mor
         survey(load_floorplan("drawn:22"))
     whole = survey(load_floorplan("drawn:23"))
     assert look_ahead(whole, None, load_floorplan("drawn:23")).infeasible == {}
+
+
+def test_a_way_along_a_wall_is_no_reason():
+    """In drawn:94 two ends of a wall are 0.45 m apart, and no robot can be between them; it is lived to its end."""
+    plan = load_floorplan("drawn:94")
+    assert look_ahead(survey(plan), None, plan).infeasible == {}
 
 
 def test_one_way_is_enough_and_what_is_behind_is_told():

@@ -189,7 +189,7 @@ class _Scout:
         if way.direction_rad is not None or direction is None:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
         belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
-        whys, is_decoded = ["not in sight from where a robot can be on the straight way"], False
+        whys, is_decoded = ["in sight from nowhere that a robot can be"], False
         steps = math.ceil(length_m / STEP_M)
         for i in range(steps + 1):
             seen = self._seen(belief)
@@ -203,7 +203,9 @@ class _Scout:
                 belief = fixed(self.config, belief, fix_from(self.config, seen, certain))
             if i < steps:
                 belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
-        return _Stand(belief, stand.length_m + length_m) if is_decoded else whys[-1]
+        if is_decoded or (len(whys) == 1 and self._is_seen_beside(target)):
+            return _Stand(belief, stand.length_m + length_m)
+        return whys[-1]
 
     def _near_m(self, target: Node) -> float:
         """From where a node counts."""
@@ -253,15 +255,30 @@ class _Scout:
             and self._sees(seen, thing)
         ]
 
+    def _is_seen_beside(self, target: Node) -> bool:
+        """Whether a node is in sight from anywhere: robots leave the straight way, and begin beside it."""
+        return self.free is not None and any(
+            self._is_clear(place, thing)
+            for thing in _things(target)
+            if isinstance(thing, Landmark)
+            for place in self.free.places
+            if math.dist(place, (thing.x_m, thing.y_m)) <= self._near_m(target)
+        )
+
     def _sees(self, seen: Experience, thing: Landmark) -> bool:
         dx, dy = thing.x_m - seen.x_m, thing.y_m - seen.y_m
         away = math.hypot(dx, dy)
         if away <= ROOM_M:
             return True
         is_before = abs(wrap_rad(math.atan2(dy, dx) - seen.heading_rad)) <= LidarConfig().fov_rad / 2
-        share = 1 - BEFORE_M / away
-        place = seen.x_m + share * dx, seen.y_m + share * dy
-        return is_before and (self.plan is None or self.plan.sees((seen.x_m, seen.y_m), place))
+        return is_before and self._is_clear((seen.x_m, seen.y_m), thing)
+
+    def _is_clear(self, eye: tuple[float, float], thing: Landmark) -> bool:
+        """Whether no wall is between, but the one that it is in."""
+        away = math.dist(eye, (thing.x_m, thing.y_m))
+        share = max(0.0, 1 - BEFORE_M / max(away, BEFORE_M))
+        place = eye[0] + share * (thing.x_m - eye[0]), eye[1] + share * (thing.y_m - eye[1])
+        return self.plan is None or self.plan.sees(eye, place)
 
 
 class _Free:
@@ -277,6 +294,11 @@ class _Free:
                 if cell not in self.cells and self._is_free(plan, cell):
                     self.cells.add(cell)
                     waiting.append(cell)
+
+    @property
+    def places(self) -> Iterator[tuple[float, float]]:
+        """All of them, metres."""
+        return ((self.origin[0] + GRID_M * i, self.origin[1] + GRID_M * j) for i, j in self.cells)
 
     def is_near(self, x_m: float, y_m: float) -> bool:
         """Whether a robot can be there, or a step beside it."""
