@@ -265,6 +265,7 @@ class TestUp:
                 "name": "mosquitto",
                 "url": f"mqtt://127.0.0.1:{ready['broker_port']}",
                 "connected": True,
+                "phones": "",
             }
             assert "<svg" in state["qr_svg"]
             assert token not in json.dumps(state)

@@ -97,6 +97,8 @@ def judged(thing: Landmark, true: tuple[float, float, float] = HERE, plan: Floor
         (ROOM, (4.5, 0.5, 1.0), "hidden"),
         (ROOM, (7.0, 4.3, 0.5), ""),  # from its middle: three corners are in view, and the middle is not
         (DOOR, (4.0, 2.75, 3.0), ""),  # with its back to it, between the jambs
+        (replace(CORNER, x_m=8.0, y_m=0.98), (2.0, 3.0, -0.3), ""),  # past the wall's end by a hair
+        (replace(CORNER, x_m=8.0, y_m=0.9), (2.0, 3.0, -0.3), "hidden"),
     ],
 )
 def test_a_landmark_behind_a_wall_or_behind_the_robot_is_not_in_sight(

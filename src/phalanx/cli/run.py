@@ -8,6 +8,9 @@ import signal
 from collections.abc import Coroutine
 from typing import Any
 
+# Python 3.11's `wait_for` can swallow a cancellation: who has not ended by then is told again.
+AGAIN_S = 3.0
+
 
 def run(job: Coroutine[Any, Any, None]) -> bool:
     """Run `job`; true if it came to its end, false if Ctrl-C, SIGTERM or SIGHUP stopped it, after cleaning up."""
@@ -20,6 +23,7 @@ def run(job: Coroutine[Any, Any, None]) -> bool:
             nonlocal stopped
             stopped = True
             task.cancel()
+            loop.call_later(AGAIN_S, stop)
 
         loop = asyncio.get_running_loop()
         ends = [signal.SIGINT, signal.SIGTERM]

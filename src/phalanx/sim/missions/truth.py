@@ -28,6 +28,8 @@ NEAR_RAD = math.radians(20)
 PLACE_M = 0.5
 # A ray may end so far before the landmark: it lies on a wall, and the plan is no more exact.
 SHORT_M = 0.1
+# And a beam that passes so far beside the landmark may show it, where something stands close before it.
+BESIDE_M = 0.03
 EDGE_RAD = math.radians(1)
 # A doorway is seen in its middle or as deep before or behind it; a room as far around its middle.
 DEEP_M, WIDE_M = 0.25, 0.5
@@ -100,7 +102,11 @@ class Truth:
         if away <= SHORT_M:
             return True
         share = 1 - SHORT_M / away
-        return self._plan.sees((true[0], true[1]), (true[0] + share * x, true[1] + share * y))
+        aside_x, aside_y = -BESIDE_M * y / away, BESIDE_M * x / away
+        return any(
+            self._plan.sees((true[0], true[1]), (true[0] + share * x + k * aside_x, true[1] + share * y + k * aside_y))
+            for k in (0, 1, -1)
+        )
 
 
 def _points_of(landmark: Landmark) -> list[tuple[float, float]]:
