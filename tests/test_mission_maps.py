@@ -43,6 +43,14 @@ def chain(folder: Path, nodes: int) -> Path:
     return file
 
 
+# Two rooms, and between them a door 0.9 m wide.
+HALL = """
+size: [8, 6]
+start_pose: [1, 1, 0]
+walls: [[0, 0, 8, 0], [8, 0, 8, 6], [8, 6, 0, 6], [0, 6, 0, 0], [5, 0, 5, 2.5], [5, 3.4, 5, 6]]
+"""
+
+
 def test_no_folder_is_made_for_missions_and_their_keys(tmp_path: Path) -> None:
     error = command("build", "office", "--out", tmp_path / "nowhere" / "m.phxm").exception
     assert isinstance(error, UsageError)
@@ -80,6 +88,32 @@ def test_a_map_alone_is_drawn_with_its_landmarks(tmp_path: Path) -> None:
     names = [node.name for node in survey.survey(load_floorplan("office_30x25")).nodes]
     assert len(names) > 10
     assert all(f"<!-- {name} -->" in text for name in names)
+
+
+def test_doors_are_as_wide_as_the_map_or_the_author_says(tmp_path: Path) -> None:
+    """Twelve rooms alike, whose doors are 0.9 m wide: by the paper's 1.2 m there is none."""
+
+    def doors(*words: str | Path) -> int:
+        nodes = json.loads(command("audit", "--profile", "paper", "--json", *words).stdout)["nodes"]
+        return sum(node["name"].startswith("door") for node in nodes)
+
+    assert doors("--map", "drawn:1") == 0
+    assert doors("--map", "drawn:1", "--door-width", "0.7,1.3") == 10
+    text = HALL.replace("walls", "door_width: [0.7, 1.3]\nwalls")
+    for name, file in (("paper", HALL), ("real", text)):
+        (tmp_path / f"{name}.yaml").write_text(file)
+    assert doors("--map", tmp_path / "paper.yaml") == 0
+    assert doors("--map", tmp_path / "real.yaml") == 1
+    for said in ("0.7", "1,2,3", "wide,door", "3,1", "nan,1"):
+        assert isinstance(command("audit", "--map", "drawn:1", "--door-width", said).exception, UsageError), said
+
+
+def test_a_mission_with_doors_of_nine_tenths_of_a_metre_is_lived(tmp_path: Path) -> None:
+    words = ("--door-width", "0.7,1.3")
+    command("build", "--map", "drawn:1", *words, "--profile", "paper", "--out", tmp_path / "m.phxm")
+    lived = json.loads(command("run", tmp_path / "m.phxm", "--world", "drawn:1", *words, "--json").stdout)
+    assert (lived["completed"], lived["decoded"], lived["nodes"]) == (1, 21, 21)
+    assert lived["false_fixes"] == lived["false_decodes"] == 0
 
 
 def test_an_audit_of_what_nobody_can_begin_to_guess_gives_no_time_for_the_whole() -> None:

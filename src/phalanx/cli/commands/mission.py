@@ -22,6 +22,12 @@ start_option = option(
     help="Where robots begin, as for run; with --map alone. Without, where the map says, or its roomiest place.",
     metavar="X,Y[,DEGREES]",
 )
+door_option = option(
+    "--door-width",
+    "doors",
+    help="Metres between jambs of what counts as a doorway; without, as the map says, or 1.2,2.5 as in the paper.",
+    metavar="LEAST,MOST",
+)
 offset_option = option(
     "--offset-mm",
     help="Round offsets of cells to so much: they tell less, and robots know places less exactly.",
@@ -53,6 +59,7 @@ def mission() -> None:
 @profile_option
 @map_option("Floor plan: explore it, or check the mission against it.")
 @start_option
+@door_option
 @option("--sign-key", help="Ed25519 key of the operator, PEM.", type=FILE)
 @option("--robots", help="Who may run it: 1,2,7 or 1-5; anybody without.", metavar="IDS", default="")
 @option(
@@ -97,6 +104,7 @@ def verify() -> None:
 @profile_option
 @map_option("The mission that build makes of this map, or what to check against.")
 @start_option
+@door_option
 @option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
 @offset_option
 @option("--trial", help="Live it so often in its map, from as many seeds, and report.", type=click.IntRange(1, 1000))
@@ -149,6 +157,7 @@ def crack() -> None:
     metavar="NAME|FILE",
     shell_complete=a_map,
 )
+@door_option
 @furnish_option
 @option("--robots", help="How many; without, one for each part of the mission.", type=int)
 @option(

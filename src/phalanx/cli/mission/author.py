@@ -26,6 +26,7 @@ from phalanx.sim.builtin import built_in
 
 from .draw import check_drawable, draw_mission, lived
 from .files import (
+    building,
     check_folder,
     parse_robots,
     parse_window,
@@ -52,6 +53,7 @@ def build_files(
     profile: str,
     plan: str | None,
     start: str | None,
+    doors: str | None,
     sign_key: Path | None,
     robots: str,
     valid: str,
@@ -72,7 +74,7 @@ def build_files(
         offset_mm=offset_mm,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    told = explored(plan, start, "build") if source is None else checked(source, plan, start)
+    told = explored(plan, start, "build", doors) if source is None else checked(source, plan, start)
     _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
@@ -98,11 +100,11 @@ def build_files(
             click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
 
 
-def explored(name: str | None, start: str | None, what: str) -> Mission:
+def explored(name: str | None, start: str | None, what: str, doors: str | None = None) -> Mission:
     """The mission to find every landmark of a map, which `what` is done with. Raises: UsageError: none can be made."""
     if name is None:
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
-    plan = load_floorplan(name)
+    plan = building(name, doors)
     if start is not None:
         plan = begun_at(plan, parse_start(start))
     elif plan.start is None:

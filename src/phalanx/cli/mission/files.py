@@ -27,7 +27,7 @@ from phalanx.mission import (
 )
 from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
-from phalanx.mission.landmarks.floorplan import not_yaml
+from phalanx.mission.landmarks.floorplan import FloorPlan, not_yaml, of_doors
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.building.floorplan import drawn_like, load_floorplan
 from phalanx.sim.builtin import built_in
@@ -286,3 +286,15 @@ class Wanted:
             words = "one that is not encoded, or the encoded files of all its parts"
             raise UsageError("several missions", words)
         return [], read_plain(self.sources[0]) if self.sources else None
+
+
+def building(name: str, doors: str | None) -> FloorPlan:
+    """A floor plan by name, with doors as wide as --door-width says. Raises: UsageError: there is none, or no such."""
+    plan = load_floorplan(name)
+    if doors is None:
+        return plan
+    try:
+        least, most = map(float, doors.split(","))
+    except ValueError:
+        raise UsageError(f"--door-width {doors!r}", "like 0.7,1.3: metres") from None
+    return replace(plan, extraction=of_doors(least, most))

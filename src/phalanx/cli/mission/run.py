@@ -17,7 +17,7 @@ from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profil
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.walker import LONGEST_S
-from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
+from phalanx.sim.building.floorplan import DEFAULT
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.orders import orders_of_files
 from phalanx.sim.missions.recording import write_recording
@@ -25,12 +25,13 @@ from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import check_count
 
-from .files import Wanted, parse_robots
+from .files import Wanted, building, parse_robots
 
 
 def run(
     sources: tuple[str, ...],
     world: str | None,
+    doors: str | None,
     furnish: str | None,
     robots: int | None,
     named: str,
@@ -50,9 +51,9 @@ def run(
     if how["defence"] != "none":  # before anything is encoded
         check_count(count, how["f_max"])
     start = parse_start(said_start) if said_start else None
-    building = world or (plain.floor_plan if plain else "")
-    plan = _building(building or DEFAULT, told=start is not None)
-    if not building:
+    name = world or (plain.floor_plan if plain else "")
+    plan = _begun(building(name or DEFAULT, doors), told=start is not None)
+    if not name:
         talk(f"in {DEFAULT}; --world names another building")
     if plain is not None and not files:
         files = [(each.mission, each.key) for each in _built(plain, profile, how["seed"])]
@@ -96,9 +97,8 @@ def _fleet(named: str, robots: int | None, parts: int) -> tuple[tuple[int, ...],
     return ids, count
 
 
-def _building(name: str, *, told: bool) -> FloorPlan:
-    """A floor plan; with a place where robots begin, if nobody has told it."""
-    plan = load_floorplan(name)
+def _begun(plan: FloorPlan, *, told: bool) -> FloorPlan:
+    """The floor plan; with a place where robots begin, if nobody has told it."""
     if told or plan.start is not None:
         return plan
     start = roomiest(plan)

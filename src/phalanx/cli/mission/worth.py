@@ -17,13 +17,13 @@ from phalanx.mission.worth.audit import Audit, Rates, audit
 from phalanx.mission.worth.feasible import look_ahead, time_for_s
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import shown_by
-from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.missions.run import run_mission, summary
 
 from .author import checked, explored
 from .crack import span
 from .draw import NOISE
+from .files import building
 
 # Of a run, as `phalanx mission run --json` names it.
 LIVED = ("decoded", "nodes", "false_fixes", "false_decodes", "pose_error_m_max", "t_s")
@@ -34,6 +34,7 @@ def tell_worth(
     profile: str,
     plan: str | None,
     start: str | None,
+    doors: str | None,
     open_start: bool,
     offset_mm: int,
     trial: int | None,
@@ -41,9 +42,9 @@ def tell_worth(
 ) -> None:
     """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
     rates, form = Rates(), Profile[profile.upper()]
-    told = explored(plan, start, "audit") if source is None else checked(source, plan, start)
+    told = explored(plan, start, "audit", doors) if source is None else checked(source, plan, start)
     name = plan or told.floor_plan
-    floor = load_floorplan(name) if name else None
+    floor = building(name, doors) if name else None
     if trial and floor is None:
         raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
     shown = shown_by(floor, offset_mm) if floor else None

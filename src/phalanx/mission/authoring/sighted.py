@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from phalanx.config.lidar import ExtractionConfig, LidarConfig
+from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks import FloorPlan, Site, extract
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.mission.observable import HALF_TURN_TYPES, Landmark
@@ -31,9 +31,7 @@ _CLEAR = LidarConfig(noise_m=0.0, drop_out=0.0)
 Pose = tuple[float, float, float]
 
 
-def sighted(
-    plan: FloorPlan, sites: Sequence[Site], config: ExtractionConfig | None = None
-) -> tuple[list[Site], list[Landmark]]:
+def sighted(plan: FloorPlan, sites: Sequence[Site]) -> tuple[list[Site], list[Landmark]]:
     """(sites that are seen, where they are seen; all that was seen beside them).
 
     Codes are left as they are: a lidar does not show them.
@@ -44,7 +42,8 @@ def sighted(
         if site.type == "qr":
             kept.append(site)
             continue
-        looks = [extract(lidar.sweep(pose, chance), config).landmarks(*pose) for pose in _places(plan, site)]
+        places = _places(plan, site)
+        looks = [extract(lidar.sweep(pose, chance), plan.extraction).landmarks(*pose) for pose in places]
         aliases = [_as_seen(alias, looks) for alias in site.aliases]
         seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
         found = tuple(alias for alias in aliases if alias is not None)

@@ -7,6 +7,7 @@ From a YAML file of ours, metres and radians in the map frame; maps of ROS's map
     origin: [0.0, 0.0]            # its lower left corner
     start_pose: [3.0, 1.5, 1.57]  # where robots begin; what cannot be reached from there has no landmarks
     walls: [[0, 0, 2, 0], ...]    # x, y of both ends
+    door_width: [0.7, 1.3]        # between jambs of what counts as a doorway; without, 1.2 to 2.5 as in the paper
     codes: [{text: a, at: [x, y, z], facing: 0.0, edge: 0.12}, ...]   # QR codes on the walls
 Other words are for other readers, and not looked at.
 """
@@ -21,6 +22,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
@@ -53,6 +55,7 @@ class FloorPlan:
         bounds: x and y of the lower left and the upper right corner, metres.
         start: x, y, heading where robots begin, or None.
         codes: QR codes on the walls.
+        extraction: how scans are read in this building.
     """
 
     name: str
@@ -61,6 +64,7 @@ class FloorPlan:
     bounds: tuple[float, float, float, float]
     start: tuple[float, float, float] | None = None
     codes: tuple[WallCode, ...] = ()
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Distance to the nearest wall; +inf where there are none."""
@@ -156,7 +160,8 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     )
     outlines = outlines_of(walls, bounds, None if start is None else start[:2])
     walls.setflags(write=False)
-    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes)
+    extraction = extraction_of(words.get("door_width"), name)
+    return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction)
 
 
 def not_yaml(error: Exception, name: str, hint: str) -> UsageError:
@@ -203,6 +208,16 @@ def start_pose(value: Any, name: str) -> tuple[float, float, float]:
     """x, y, heading where robots begin. Raises: UsageError: it is something else."""
     x, y, heading = numbers(value, f"{name}: start_pose", 3)
     return x, y, heading
+
+
+def extraction_of(door_width: Any, name: str) -> ExtractionConfig:
+    """How scans are read in a building, as its file says. Raises: UsageError: it says something else."""
+    return ExtractionConfig() if door_width is None else of_doors(*numbers(door_width, f"{name}: door_width", 2))
+
+
+def of_doors(least_m: float, most_m: float) -> ExtractionConfig:
+    """How scans are read where jambs of doors are so far apart. Raises: UsageError: no doors are."""
+    return ExtractionConfig(door_min_m=least_m, door_max_m=most_m)
 
 
 def _code(value: Any, where: str) -> WallCode:

@@ -15,10 +15,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
-from .floorplan import FloorPlan, numbers, read_yaml, start_pose
+from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import Bools, Floats, Ints, fit_line, split_run
 
@@ -47,6 +48,7 @@ class MapWords:
     free: float  # below this one it is free
     # x, y, heading where robots begin (a word of ours, start_pose), or None
     start: tuple[float, float, float] | None = None
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen; by door_width, likewise ours
 
 
 def map_words(data: bytes, name: str) -> MapWords:
@@ -67,7 +69,8 @@ def map_words(data: bytes, name: str) -> MapWords:
     x, y, turn = numbers(words.get("origin", [0.0, 0.0, 0.0]), f"{name}: origin", 3)
     negate = bool(words.get("negate", 0))
     start = start_pose(words["start_pose"], name) if "start_pose" in words else None
-    return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start)
+    extraction = extraction_of(words.get("door_width"), name)
+    return MapWords(image, resolution, (x, y, turn), negate, occupied, free, start, extraction)
 
 
 def read_pgm(data: bytes, name: str) -> NDArray[np.uint8]:
@@ -124,7 +127,12 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str) -> FloorPlan:
     frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
     (x0, y0), (x1, y1) = frame.min(0).tolist(), frame.max(0).tolist()
     return FloorPlan(
-        name, np.vstack([np.zeros((0, 4)), *walls]), _of_one_space(outlines, words), (x0, y0, x1, y1), words.start
+        name,
+        np.vstack([np.zeros((0, 4)), *walls]),
+        _of_one_space(outlines, words),
+        (x0, y0, x1, y1),
+        words.start,
+        extraction=words.extraction,
     )
 
 

@@ -60,7 +60,7 @@ class _Corner:
 
 def look_alikes_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Landmark, ...]:
     """All that robots may take for a landmark there: its landmarks, and the jambs of doorways that they see half."""
-    config = config or ExtractionConfig()
+    config = config or plan.extraction
     sites = landmarks_of(plan, config)
     corners = (corner for outline in plan.outlines for corner in _corners(outline) if _is_concave(corner, config))
     jambs = (alias for corner in corners for alias in _concave_site(corner, config).aliases)
@@ -72,7 +72,7 @@ def landmarks_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tup
 
     Source: Encoded graphs §V-A; docs/spec/mission.md.
     """
-    config = config or ExtractionConfig()
+    config = config or plan.extraction
     chains = [list(_corners(outline)) for outline in plan.outlines]
     everywhere = [corner for chain in chains for corner in chain]
     concave = [corner for corner in everywhere if _is_concave(corner, config)]

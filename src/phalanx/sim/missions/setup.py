@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.config.defence import DEFENCES
+from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission import Action, EncodedMission, Mission, StartKey
@@ -56,6 +57,8 @@ class MissionRun:
     controller: tuple[bytes, ...] = ()
     meet_m: float = 0.0  # robots so near that see each other exchange what they decoded; 0 is never
     keep_trace: bool = False  # keep where robots were at every step
+    # How robots see
+    lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
     people: int = 0  # who walk about, are seen by lidars and hide codes; robots stop when they touch one
     # How hard robots try
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen

@@ -21,6 +21,7 @@ from phalanx.robot.attacks import Attack
 from phalanx.robot.attacks.missions.cheat import CheatPlan
 from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.controllers.mission.controller import Assignment, Missions, message_frame
+from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import POINT_MASS
 from phalanx.sim.audited.events import refused
@@ -95,7 +96,7 @@ class MissionWorld:
         self.run = run
         numbers = range(run.robots) if numbers is None else numbers
         crowd = Walkers(run.plan, run.people, np.random.default_rng([run.seed, PEOPLE_DRAW])) if run.people else None
-        self.building = building or Building(run.plan, crowd=crowd)
+        self.building = building or Building(run.plan, run.lidar, crowd)
         starts = [run.part_of(number).start for number in numbers]
         self.missions = Missions(
             {
@@ -108,7 +109,8 @@ class MissionWorld:
                 )
                 for i, number in enumerate(numbers)
             },
-            config=run.config,
+            Sensors(run.lidar, extraction=run.plan.extraction),
+            run.config,
             audited=run.audited,
         )
         self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 1, len(numbers)))

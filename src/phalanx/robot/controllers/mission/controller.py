@@ -19,7 +19,6 @@ from functools import cache
 import numpy as np
 
 from phalanx.config import BtiConfig
-from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission import Action, EncodedMission, Experience, Kind, Landmark, Outcome, Phase, State, Walker
 from phalanx.mission.angles import sin_cos, wrap
@@ -166,7 +165,7 @@ class MissionController(EvidenceController):
         lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
         step = lidar.angle_increment_rad
         self._sectors = Sectors(lidar.angle_min_rad - step / 2, each * step, missions.sensors.sectors)
-        self._extraction = ExtractionConfig(feature_range_m=SEE_M).for_noise(lidar.noise_m)
+        self._extraction = replace(missions.sensors.extraction, feature_range_m=SEE_M).for_noise(lidar.noise_m)
         self._fixed = (0.0, 0.0)
 
     def pose(self, reading: bytes) -> Pose:

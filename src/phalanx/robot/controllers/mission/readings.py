@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.config.lidar import LidarConfig
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission.landmarks.scan import LaserScan
 from phalanx.wire.record import MalformedRecord
@@ -73,6 +73,8 @@ class Sensors:
     # Whose scans are hashed
     lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
     beams_per_sector: int = 12  # that one byte of room stands for
+    # What is made of them
+    extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
 
     def __post_init__(self) -> None:
         if self.beams_per_sector < 1 or self.lidar.beams % self.beams_per_sector:
