@@ -166,15 +166,17 @@ def test_the_first_screen_begins_with_a_clone_and_names_the_shields():
 
 def test_every_paper_is_cited_where_it_is_named():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    readme = " ".join((ROOT / "README.md").read_text().split())
+    rows = (ROOT / "README.md").read_text().splitlines()
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert len(citation["references"]) == 3
     assert citation["version"] == __version__
     for paper in citation["references"]:
-        assert f"*{paper['title']}*" in readme
-        assert all(author["family-names"] in readme for author in paper["authors"])
-        where = f"https://doi.org/{paper['doi']}" if "doi" in paper else paper.get("repository-code", paper.get("url"))
-        assert f"({where})" in readme
+        (row,) = [row for row in rows if f"*{paper['title']}*" in row]
+        assert all(author["family-names"] in row for author in paper["authors"])
+        assert re.search(rf"(20|'){paper['year'] % 100}\b", row)
+        where = f"https://doi.org/{paper['doi']}" if "doi" in paper else paper["url"]
+        assert f"({where})" in row
+        assert f"({paper.get('repository-code', where)})" in row
         assert where in project["urls"].values()
 
 
