@@ -96,6 +96,8 @@ class TestEnd:
         assert summary["distance_series"] == []
         from_goal_m = np.hypot(*(run.positions_m - 500.0).T)
         assert summary["mean_distance_to_goal_m"] == pytest.approx(from_goal_m.mean())
+        run.advance(1.0)
+        assert (len(summary["distance_series"]), len(run.summary()["distance_series"])) == (0, 1)
 
     def test_whoever_is_stopped_after_the_last_whole_second_is_told(self):
         summary = ran(10.4, robots=4, bti=BtiConfig(t_val_ms=10_300)).summary()

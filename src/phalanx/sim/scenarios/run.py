@@ -209,7 +209,7 @@ class Run:
             "defence": self.scenario.defence,
             "digest": digest.hexdigest(),
             "mean_distance_to_goal_m": self._mean_distance_m(),
-            "distance_series": self._distances,
+            "distance_series": list(self._distances),
             "compromised": [self._told(i, liar) for i, liar in sorted(self.robots.items()) if isinstance(liar, Liar)],
             "correct_in_safe_mode": [int(each) for each in self.ids[wronged]],
             "without_quorum": [int(each) for each in self.ids[alone]],
