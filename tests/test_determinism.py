@@ -242,7 +242,9 @@ class TestCommand:
     @pytest.mark.parametrize("words", ["flok", "nowhere.py:Mine", f"{ROOT / 'setup.py'}:Mine"])
     def test_2_is_no_controller(self, words, capsys):
         assert run_command(["sim", "check", words]) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 2
+        assert ("did you mean flock? flock, wheels, or FILE.py:CLASS" in said[1]) == (words == "flok")
 
 
 def test_what_ends_a_process_is_told(tmp_path, monkeypatch, capsys):

@@ -10,7 +10,7 @@ from click.shell_completion import CompletionItem
 
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
 from phalanx.sim.builtin import built_in
-from phalanx.sim.scenarios.scenario import CONTROLLERS
+from phalanx.sim.scenarios.scenario import CONTROLLERS, in_scenarios
 
 Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
@@ -41,3 +41,4 @@ an_encoded_mission = offer(tuple, ".phxm")
 an_attack_by_robots = offer(lambda: ("none", *IN_FLOCKS), ".py")
 an_attack = offer(lambda: ATTACKS, ".py")
 a_controller = offer(lambda: CONTROLLERS, ".py")
+a_scenario_s_controller = offer(in_scenarios, ".py")

@@ -11,7 +11,7 @@ import click
 from phalanx.config import LinkConfig
 from phalanx.config.defence import DEFENCES
 
-from .complete import a_controller, a_mission
+from .complete import a_mission, a_scenario_s_controller
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULTS = LinkConfig()
@@ -82,7 +82,7 @@ json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",
     help="What honest robots run: a controller of your own, or flock.",
-    shell_complete=a_controller,
+    shell_complete=a_scenario_s_controller,
     metavar="FILE.py:CLASS",
 )
 record_option = option(

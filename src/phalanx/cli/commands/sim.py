@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.complete import a_scenario, an_attack_by_robots
+from phalanx.cli.complete import a_controller, a_scenario, an_attack_by_robots
 from phalanx.cli.options import controller_option, defence_option, json_option, option, record_option, swarm_options
+from phalanx.sim.scenarios.scenario import CONTROLLERS
 
 from .runs import runs
 
@@ -55,7 +56,7 @@ def schema() -> None:
 
 
 @sim.command(epilog="Example: phalanx sim check examples/own_controller.py:GoThere")
-@click.argument("controller", metavar="FILE.py:CLASS|flock|wheels")
+@click.argument("controller", metavar="|".join(("FILE.py:CLASS", *CONTROLLERS)), shell_complete=a_controller)
 @option("--seed", help="Of the life it lives.", type=click.IntRange(0, (1 << 32) - 1), default=0)
 @json_option
 @runs("check", "check")

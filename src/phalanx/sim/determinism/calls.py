@@ -14,7 +14,7 @@ import numpy as np
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.python_controller import Controller, Output, OwnMistake, compiled
-from phalanx.sim.scenarios.own import find_class
+from phalanx.sim.scenarios.own import find_class, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.sim.signals import handled_by
@@ -78,12 +78,14 @@ def returning(controller: Controller, call: Call) -> Iterator[None]:
 def maker(words: str) -> Make:
     """What makes the bundled controller of that name, or that of "FILE.py:CLASS".
 
-    Raises: as `find_class`.
+    Raises: as `find_class`. UsageError: no such name.
     """
-    if words not in BUNDLED:
-        own: Make = find_class(words, Controller)
-        return own
-    return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config()))
+    if words in BUNDLED:
+        return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config()))
+    if not is_file(words):
+        raise no_controller(words, BUNDLED)
+    own: Make = find_class(words, Controller)
+    return own
 
 
 def calls_of(make: Make, words: str, seed: int) -> list[Call]:

@@ -10,7 +10,7 @@ import importlib.util
 import logging
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +21,7 @@ from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 
-from .scenario import CONTROLLERS, AttackSpec, Scenario, parse_attack
+from .scenario import CONTROLLERS, AttackSpec, Scenario, in_scenarios, parse_attack
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
 # Raised where no line of a researcher's file runs, these say nothing of it.
@@ -38,12 +38,16 @@ def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Ca
     """
     if words is None:
         return scenario, None
-    if _is_file(words):
+    if is_file(words):
         return scenario, find_class(words, Controller)
     if words not in CONTROLLERS:
-        known = f"{', '.join(CONTROLLERS)}, or FILE.py:CLASS"
-        raise UsageError(f"no controller {words!r}", did_you_mean(words, CONTROLLERS) + known)
+        raise no_controller(words, in_scenarios())
     return replace(scenario, controller=words), None
+
+
+def no_controller(words: str, known: Collection[str]) -> UsageError:
+    """Neither one of the `known` bundled controllers is called that, nor a file."""
+    return UsageError(f"no controller {words!r}", f"{did_you_mean(words, known)}{', '.join(known)}, or FILE.py:CLASS")
 
 
 def find_attacks(said: Sequence[str | AttackSpec | Attack | type[Any]]) -> tuple[AttackSpec, ...]:
@@ -65,7 +69,7 @@ def find_attack(words: str) -> AttackSpec:
 
     Raises: as `find_class`. UsageError: it is not of that form.
     """
-    if not _is_file(words):
+    if not is_file(words):
         return parse_attack(words)
     path, _, rest = words.partition(":")
     name, colon, options = ("", "", rest) if "=" in rest.partition(":")[0] else rest.partition(":")
@@ -123,7 +127,7 @@ def mistakes_in(*named: str | None) -> Iterator[None]:
     in a file's folder raise counts as well; and what is raised where we call a class and no line of its file runs, as
     with a method that takes other arguments: then there is no line to name.
     """
-    files = [Path(words.partition(":")[0]) for words in named if words and _is_file(words)]
+    files = [Path(words.partition(":")[0]) for words in named if words and is_file(words)]
     try:
         yield
     except OwnMistake as error:
@@ -163,7 +167,8 @@ def _shown(name: str, files: Sequence[Path]) -> str:
     return ""
 
 
-def _is_file(words: str) -> bool:
+def is_file(words: str) -> bool:
+    """Whether a controller or an attack is called by its file: "FILE.py:CLASS"."""
     return words.partition(":")[0].endswith(".py")
 
 

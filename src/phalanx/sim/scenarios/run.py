@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
-from phalanx.config.flock import FlockConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
@@ -27,7 +26,7 @@ from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
 
-from .scenario import AttackSpec, Scenario
+from .scenario import AttackSpec, Scenario, in_scenarios
 
 # Robots that never lie again.
 FOREVER_MS = (1 << 32) - 1
@@ -53,7 +52,7 @@ class Run:
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
         bundled = dispatch.BUNDLED[scenario.controller]
-        if bundled.config is not FlockConfig:
+        if scenario.controller not in in_scenarios():
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         setup = Setup(
             robots=n,

@@ -108,7 +108,7 @@ class Scenario:
         if self.defence not in DEFENCES:
             raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
         if self.controller not in CONTROLLERS:
-            raise UsageError(f"no controller {self.controller!r}", f"one of {', '.join(CONTROLLERS)}")
+            raise UsageError(f"no controller {self.controller!r}", f"one of {', '.join(in_scenarios())}")
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
         self._check_attacks()
@@ -218,6 +218,13 @@ class Scenario:
             discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
             boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
         )
+
+
+def in_scenarios() -> list[str]:
+    """Names of the bundled controllers that a scenario can run; the others wait for orders."""
+    from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415  # whoever makes a scenario waits for no numba
+
+    return [name for name, each in BUNDLED.items() if each.config is FlockConfig]
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
