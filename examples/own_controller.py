@@ -6,7 +6,7 @@ What it may do: phalanx/robot/controllers/python_controller.py. python examples/
 import struct
 
 from phalanx.config import BtiConfig
-from phalanx.robot.controllers.python_controller import Act, Controller, Send
+from phalanx.robot import Act, Controller, Send
 from phalanx.sim import Scenario, simulate
 
 STATE = struct.Struct("<BHQffff")  # kind, id, time ms, place m, velocity m/s: what robots read, and what they broadcast

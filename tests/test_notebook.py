@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -24,6 +25,8 @@ def test_it_is_a_notebook_without_outputs():
         if cell["cell_type"] == "code":
             assert cell["outputs"] == []
             assert cell["execution_count"] is None
+    doors = re.findall(r"^(?:from|import) (phalanx\S*)", "\n".join(CODE), re.MULTILINE)
+    assert set(doors) == {"phalanx.sim"}
     assert len({cell["id"] for cell in NOTEBOOK["cells"]}) == len(NOTEBOOK["cells"])
 
 

@@ -10,19 +10,20 @@ from importlib import import_module
 import pytest
 
 import phalanx
+import phalanx.robot
 import phalanx.sim
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 
 
-@pytest.mark.parametrize("words", ["import phalanx; dir(phalanx)", "import phalanx.sim; dir(phalanx.sim)"])
-def test_it_is_light(words):
-    script = f"import sys; {words}; print(*sys.modules)"
+@pytest.mark.parametrize("room", ["phalanx", "phalanx.robot", "phalanx.sim"])
+def test_it_is_light(room):
+    script = f"import sys, {room}; dir({room}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert not {"numba", "numpy", "click", "asyncio", "yaml"} & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("room", [phalanx, phalanx.sim], ids=lambda room: room.__name__)
+@pytest.mark.parametrize("room", [phalanx, phalanx.robot, phalanx.sim], ids=lambda room: room.__name__)
 def test_all_that_is_named_is_there(room):
     assert dir(room) == sorted(room.__all__)
     assert all(getattr(room, name) is not None for name in room.__all__)
