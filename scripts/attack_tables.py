@@ -24,8 +24,7 @@ PAGE = ROOT / "docs" / "attacks.md"
 
 def cell(trial: Trial, verdict: str) -> str:
     """A verdict, how long the slowest liar lived after its first lie, and the damage."""
-    took_s = [after_s for after_s in trial.stopped_after_s() if after_s is not None]
-    lasted = f" {max(took_s):.1f} s" if verdict == "stopped" and took_s else ""
+    lasted = f" {max(trial.stopped_after_s()):.1f} s" if verdict == "stopped" else ""
     harm = f"{trial.harm if trial.harm > NOTHING else 0:.3g}"
     unit = " robot" if trial.harm == 1 and trial.attack.harm.unit == "robots" else f" {trial.attack.harm.unit}"
     return f"{verdict}{lasted} ({harm}{unit})"

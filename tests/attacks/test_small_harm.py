@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
-from trials import AT_S, Trial, run, scenario
+import pytest
+from trials import AT_S, END_S, F_MAX, Trial, run, scenario
 
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.hijack import Dawdle
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec
 
 LONG_S = 90.0
+BITE = [name for name, kind in IN_FLOCKS.items() if kind.harm is ASTRAY and kind.verdicts["none"] == "bites"]
 
 
 def tried(name: str, end_s: float, seed: int = 1) -> Trial:
     """Beside the same dice."""
-    liar = AttackSpec(name=name, at_s=AT_S)
-    return Trial(run(scenario("none", liar, end_s=end_s, seed=seed)), run(scenario("none", end_s=end_s, seed=seed)))
+    liars = [AttackSpec(name=name, at_s=AT_S) for _ in range(IN_FLOCKS[name].liars(F_MAX))]
+    return Trial(run(scenario("none", *liars, end_s=end_s, seed=seed)), run(scenario("none", end_s=end_s, seed=seed)))
 
 
 def apart_m(one: Run, other: Run) -> float:
@@ -23,10 +27,23 @@ def apart_m(one: Run, other: Run) -> float:
     return float(np.sqrt(((one.positions_m - other.positions_m) ** 2).sum(axis=1)).mean())
 
 
-def test_a_robot_that_falls_silent_leads_others_further_astray_than_other_dice_do():
+@pytest.mark.parametrize("name, times", [("omit-sends", 3), ("drop-entries", 3), ("reorder-entries", 2)])
+def test_harm_adds_up_to_more_than_other_dice_do(name, times):
     honest = run(scenario("none", end_s=LONG_S))
     dice = max(apart_m(honest, run(scenario("none", end_s=LONG_S, seed=seed))) for seed in (2, 3, 4))
-    assert tried("omit-sends", LONG_S).harm > 3 * dice
+    assert tried(name, LONG_S).harm > times * dice
+
+
+def test_where_a_liar_has_taken_itself_is_no_harm():
+    fled = tried("flee", END_S)
+    ways_m = np.linalg.norm(fled.run.positions_m - fled.beside.positions_m, axis=1)
+    assert ways_m[fled.liars[0].i] > 1000
+    assert fled.harm == pytest.approx(np.delete(ways_m, fled.liars[0].i).mean())
+
+
+@pytest.mark.parametrize("name", BITE)
+def test_what_bites_does_so_with_other_seeds_too(name):
+    assert all(tried(name, END_S, seed).harm >= IN_FLOCKS[name].bites_from for seed in range(2, 9))
 
 
 def test_the_harm_of_coming_late_is_that_of_the_delay_and_adds_up(monkeypatch):

@@ -58,10 +58,9 @@ def _apart_m(attacked: Watched, honest: Watched) -> NDArray[np.float64]:
 
 
 def _astray(_liar: Liar, attacked: Watched, honest: Watched) -> float:
-    # A liar that was stopped harms nobody any more but by standing in the way, and that is in where the others are.
-    stopped = attacked.in_safe_mode
-    counted = [i for i in range(len(stopped)) if not stopped[i] or i + 1 not in attacked.compromised]
-    return float(_apart_m(attacked, honest)[counted].mean()) if counted else 0.0
+    # Others only: where a liar has taken itself is no harm to anybody.
+    correct = _correct(attacked)
+    return float(_apart_m(attacked, honest)[correct].mean()) if correct else 0.0
 
 
 def _starved(_liar: Liar, attacked: Watched, _honest: Watched) -> float:
@@ -74,9 +73,7 @@ def _airtime(liar: Liar, attacked: Watched, honest: Watched) -> float:
     return 100 * (float(attacked.airtime_s[liar.i]) - needed_s) / liar.lied_s if liar.lied_s else 0.0
 
 
-ASTRAY = Harm(
-    "how far correct robots, and liars that nobody has stopped, are on the mean from where they would be", "m", _astray
-)
+ASTRAY = Harm("how far correct robots are on the mean from where they would be", "m", _astray)
 STARVED = Harm("correct robots in Safe Mode", "robots", _starved)
 AIRTIME = Harm(
     "share of the time it lies, until Safe Mode, that it is on the air beyond an honest robot's", "%", _airtime
