@@ -204,13 +204,17 @@ class TestGateway:
                 await slow.wait()
                 await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
                 await client.command(address, "move_raw", {"left_y": 0, "right_y": 0})
+                await client.command(address, "rgb_led", {"red": 1, "green": 2, "blue": 3})
+                route = {"threshold": 60, "waypoints": [{"x": 1000, "y": 1000}]}
+                await client.command(address, "waypoints", route)
                 await asyncio.sleep(2.0)
                 go_on.set()
                 await asking
                 await eventually(lambda: driven == [(0, 0)])
                 await client.command(address, "move_raw", {"left_y": 90, "right_y": 80})
                 await eventually(lambda: driven == [(0, 0), (90, 80)])
-        assert server.rejected == {"late": 1}
+        assert server.rejected == {"late": 3}
+        assert not swarm.robots()[0].route
 
     async def test_a_driver_that_fails_does_not_end_the_stopping_of_the_others(self, broker, caplog):
         class Flaky(Dotbots):

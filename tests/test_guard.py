@@ -25,7 +25,7 @@ from phalanx.io import Client
 from phalanx.io.guard import LATE_S, LOUD, VISITORS, House, Visitor
 from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats, place_of
-from phalanx.io.visitor_packets import SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
+from phalanx.io.visitor_packets import REPEATED, SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
 from test_strangers import Stranger, connect, the_process, varint, with_length
 
@@ -159,6 +159,9 @@ class TestPackets:
             connect(4) + subscribe(b"/" * 16),
             connect(4) + subscribe(b"x")[:-3] + b"\xff\xff\x00",
             connect(4) + b"".join(subscribe(b"%d" % n) for n in range(SUBSCRIPTIONS + 1)),
+            connect(4) + subscribe(*(b"x" for _ in range(SUBSCRIPTIONS + 1))),
+            connect(4) + subscribe(b"x") * (REPEATED + 2),
+            connect(4) + subscribe(b"x", b"x") * REPEATED,
             connect(4) + b"\x50\x81\x01",
         ],
     )
@@ -166,9 +169,12 @@ class TestPackets:
         with pytest.raises((NotForVisitorsError, TooLarge)):
             passed_on(stream)
 
+    def test_who_says_a_little_again_is_heard(self):
+        assert len(passed_on(connect(4) + subscribe(b"x") * (REPEATED + 1))) == REPEATED + 2
+
     def test_who_unsubscribes_may_subscribe_again(self):
         gone = with_length(0xA2, b"\x00\x01\x00\x011")
-        assert len(passed_on(connect(4) + (subscribe(b"1") + gone + subscribe(b"2")) * 50)) == 151
+        assert len(passed_on(connect(4) + subscribe(b"2") + (subscribe(b"1") + gone) * 50)) == 102
 
     @given(st.binary(max_size=200), st.sampled_from([4, 5]))
     def test_rubbish_is_refused_and_nothing_else_breaks(self, data, version):
@@ -438,6 +444,18 @@ class TestNothingIsFilled:
                 assert memory_mb(guard) < 200
             assert the_process(broker.url.port) == pid
             assert not server.reconnects
+
+    async def test_of_a_class_that_scans_at_once_everybody_is_let_in(self, broker):
+        async def come(name: int) -> bytes:
+            reading, writing = await asyncio.open_connection("127.0.0.1", broker.url.port)
+            writing.write(connect(4, b"pupil%d" % name))
+            try:
+                return await asyncio.wait_for(reading.read(4), 20)
+            finally:
+                writing.close()
+
+        answers = await asyncio.gather(*map(come, range(300)))
+        assert answers == [b"\x20\x02\x00\x00"] * 300
 
     async def test_four_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers(self):
         packet = with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20

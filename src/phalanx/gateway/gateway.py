@@ -136,6 +136,7 @@ class Gateway:
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
         age_s = self._told.age_s(command.seen, time.monotonic()) if command.seen is not None else 0.0
+        age_s = max(age_s, command.waited_s)
         if age_s > LATE_S:
             raise Late(f"{age_s:.1f} s under way")
 

@@ -34,6 +34,7 @@ HELLO_S = 5.0  # from a connection to its CONNECT
 # What waits for one visitor and for all: two lists of a thousand robots on their way to a slow phone; many of them.
 WAITING_BYTES, WAITING_IN_ALL_BYTES = 3 * 1024 * 1024, 64 * 1024 * 1024
 STALLED_S = 20.0
+IN_LINE = 8  # between their CONNECT and its answer: of more at once the broker loses some
 TURN_PACKETS = 64  # of one visitor, before others have their turn
 FULL_BYTES = 64 * 1024  # what waits for the broker
 # Packets a second, at once after a silence and at first, of one visitor; and of all who said much lately or have just
@@ -55,6 +56,7 @@ class House(Seats["Visitor"]):
         super().__init__(most)
         self.broker = broker
         self.waiting_bytes = 0
+        self.line = asyncio.Semaphore(IN_LINE)
         self._busy_pace, self._rested_pace = Pace(*HOUSE_PACE), Pace(*HOUSE_PACE)
         self._dropped_at_s = -LATE_S
         # Turns of the loop: what we read in one may have come when the one before began.
@@ -146,7 +148,7 @@ class Visitor(asyncio.Protocol):
         self._packets = VisitorPackets()
         self._broker: asyncio.WriteTransport | None = None
         self._asking: asyncio.Task[None] | None = None
-        self._is_held_up = self._has_turn = self._has_left = self._is_over = False
+        self._is_held_up = self._has_turn = self._has_left = self._is_over = self._in_line = False
         self._read_all_at_s = self._came_at_s
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -213,6 +215,8 @@ class Visitor(asyncio.Protocol):
             self._broker.close()
 
     def _tell_broker(self, packet: bytes) -> None:
+        if self._is_over:
+            return
         if self._broker is not None:
             self._broker.write(packet)
         else:  # the first is its CONNECT
@@ -222,14 +226,22 @@ class Visitor(asyncio.Protocol):
 
     async def _ask(self, hello: bytes) -> None:
         loop = asyncio.get_running_loop()
+        await self._house.line.acquire()
+        self._in_line = True
         try:
             self._broker, _ = await loop.create_unix_connection(lambda: Broker(self), self._house.broker)
         except OSError:  # it starts again, say
+            self._is_answered()
             self._transport.close()
             return
         self._broker.set_write_buffer_limits(high=FULL_BYTES)
         self._broker.write(hello)
         self.go_on()
+
+    def _is_answered(self) -> None:
+        if self._in_line:
+            self._in_line = False
+            self._house.line.release()
 
     def hold_up(self) -> None:
         """The broker does not keep up."""
@@ -244,6 +256,7 @@ class Visitor(asyncio.Protocol):
 
     def tell(self, data: bytes) -> None:
         """The broker said something. Nothing of it waits in the broker, which could be filled so."""
+        self._is_answered()
         before = self.waiting_bytes()
         if self._websocket is not None:
             self._transport.write(frame_head(BINARY, len(data)) + data)
@@ -270,6 +283,7 @@ class Visitor(asyncio.Protocol):
     def say_goodbye(self) -> None:
         """The broker has hung up: so do we, when all is said."""
         self._is_over = True
+        self._is_answered()
         self._transport.close()
 
     def leave(self) -> None:
@@ -278,6 +292,7 @@ class Visitor(asyncio.Protocol):
             self._transport.abort()
         self._house.gone(self)
         self._packets = VisitorPackets()  # nothing of it is passed on any more
+        self._is_answered()
         if self._asking is not None:
             self._asking.cancel()  # or the broker would have a visitor that is not there
         if self._broker is not None and not self._is_over:

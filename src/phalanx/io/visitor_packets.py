@@ -13,6 +13,8 @@ LONGEST = {CONNECT: 2048, PUBLISH: 80 * 1024, SUBSCRIBE: 2048, UNSUBSCRIBE: 2048
 LONGEST_OTHER = 128
 # A visitor has two, and two more while it follows a rotation.
 SUBSCRIPTIONS = 8
+# mosquitto 2.0.11 keeps 31 bytes for ever of each filter that a session has already: so often that may be, no more.
+REPEATED = 8
 FILTER_BYTES, FILTER_LEVELS = 1024, 16
 # PINGREQ, DISCONNECT, and what answers a PUBLISH.
 OTHERS = (0xC0, 0xE0, 0x40, 0x50, 0x62, 0x70)
@@ -36,6 +38,7 @@ class VisitorPackets:
         self._mqtt = 4
         self._came = bytearray()
         self._filters: set[bytes] = set()
+        self._repeated = 0
 
     def add(self, data: bytes) -> None:
         """More of the stream."""
@@ -100,16 +103,18 @@ class VisitorPackets:
             raise NotForVisitorsError("properties that do not end")
 
     def _count(self, kind: int, body: bytearray) -> None:
-        at = 2
+        at, named = 2, 0
         if self._mqtt == 5:
             size, at = _varint(body, at)
             at += size
         while at < len(body):
+            named += 1
             end = at + 2 + _u16(body, at)
             name = bytes(body[at + 2 : end])
             if len(name) > FILTER_BYTES or name.count(b"/") >= FILTER_LEVELS:
                 raise NotForVisitorsError("a filter like none of ours")
             if kind == SUBSCRIBE:
+                self._repeated += name in self._filters
                 self._filters.add(name)
                 end += 1
             else:
@@ -117,7 +122,7 @@ class VisitorPackets:
             at = end
         if at != len(body):
             raise NotForVisitorsError("shorter than it says")
-        if len(self._filters) > SUBSCRIPTIONS:
+        if max(named, len(self._filters)) > SUBSCRIPTIONS or self._repeated > REPEATED:
             raise NotForVisitorsError("subscriptions without end")
 
 
