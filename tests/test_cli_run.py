@@ -15,6 +15,7 @@ from phalanx.cli import run
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_who_swallows_a_cancellation_is_told_again(number, monkeypatch):
     monkeypatch.setattr(run, "AGAIN_S", 0.05)
+    before = signal.signal(number, signal.SIG_DFL)  # under nohup SIGHUP is ignored
     ended = []
 
     async def deaf() -> None:
@@ -26,7 +27,10 @@ def test_who_swallows_a_cancellation_is_told_again(number, monkeypatch):
         finally:
             ended.append(True)
 
-    assert run.run(deaf()) is False
+    try:
+        assert run.run(deaf()) is False
+    finally:
+        signal.signal(number, before)
     assert ended == [True]
 
 

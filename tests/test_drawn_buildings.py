@@ -84,7 +84,8 @@ def test_all_of_a_building_can_be_reached_by_a_robot(name: str) -> None:
 def test_walls_have_a_length_and_lie_within_the_bounds(name: str) -> None:
     plan = drawn(name)
     x0, y0, x1, y1 = plan.bounds
-    assert np.all(np.hypot(plan.walls[:, 2] - plan.walls[:, 0], plan.walls[:, 3] - plan.walls[:, 1]) > 1e-3)
+    lengths_m = np.hypot(plan.walls[:, 2] - plan.walls[:, 0], plan.walls[:, 3] - plan.walls[:, 1])
+    assert np.all(lengths_m > 5e-5), "places are whole tenths of a millimetre"
     assert np.all((plan.walls[:, ::2] >= x0) & (plan.walls[:, ::2] <= x1))
     assert np.all((plan.walls[:, 1::2] >= y0) & (plan.walls[:, 1::2] <= y1))
     assert 6 < min(x1 - x0, y1 - y0) <= max(x1 - x0, y1 - y0) < 50
