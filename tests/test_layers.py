@@ -9,7 +9,7 @@ import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
-    "errors kernel",
+    "errors kernel loading",
     "config bundle",
     "wire _firmware_bound _firmware_paper",
     "crypto",

@@ -3,8 +3,9 @@
 The latter are loaded when they are first used: whoever only has a swarm does not wait for numba.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from phalanx.loading import loaded_when_used
 
 from .swarm import Led, Point, Robot, Swarm
 
@@ -24,11 +25,7 @@ _FOUND_IN = {
     "own_attack": "attacks.attack",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name in _FOUND_IN:
-        return getattr(import_module(f"{__name__}.{_FOUND_IN[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = loaded_when_used(__name__, _FOUND_IN)
 
 
 def __dir__() -> list[str]:

@@ -3,8 +3,9 @@
 What is imported from here is loaded when it is first used: whoever only names scenarios does not wait for numba.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from phalanx.loading import loaded_when_used
 
 if TYPE_CHECKING:
     from .scenarios.file import find_scenario
@@ -24,11 +25,7 @@ _FOUND_IN = {
     "simulate": "scenarios.simulate",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name in _FOUND_IN:
-        return getattr(import_module(f"{__name__}.{_FOUND_IN[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = loaded_when_used(__name__, _FOUND_IN)
 
 
 def __dir__() -> list[str]:
