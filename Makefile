@@ -15,12 +15,14 @@ WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/nul
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 # To read all other files takes longer than some of these tests.
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
-# Tests that compute leave the processor to those that wait for somebody, and have limits for it.
+# What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
+LEFT_OVER := chrt --idle 0
 # One more than there are processors: some of them wait for processes of their own.
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
 WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
+RELEASE ?=
 # Tests start hundreds of processes, each of which would compile our modules again.
 unexport PYTHONDONTWRITEBYTECODE
 # Several targets at a time; what each says comes in one piece when it ends.
@@ -33,7 +35,7 @@ ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS))
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
-NEEDS += mosquitto=mosquitto chromium=chromium
+NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
@@ -116,8 +118,7 @@ demo: setup
 	@$(BIN)/phalanx up --host 0.0.0.0 $(DEMO)
 
 test:
-	@$(TOGETHER)=8 ready-dev lint docs test-firmware test-web
-	@$(TOGETHER)=2 test-computes test-waits
+	@$(TOGETHER)=10 test-waits test-computes lint docs test-firmware test-web
 	@$(MAKE) --no-print-directory test-alone
 
 lint: lint-python lint-web
@@ -125,25 +126,27 @@ lint: lint-python lint-web
 lint-python: tools-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	nice $(BIN)/mypy
+	$(LEFT_OVER) $(BIN)/mypy
 
 # While pip installs.
 lint-web: web/node_modules/.installed
-	cd web && nice npm run --silent lint
-	cd web && nice npm run --silent types
+	cd web && $(LEFT_OVER) npm run --silent lint
+	cd web && $(LEFT_OVER) npm run --silent types
 
+# Pages in the real browser wait for news of a swarm: they are never without a turn for a second.
 test-web: tools-dev
-	cd web && npm run --silent test
+	cd web && npm run --silent test:real
+	cd web && $(LEFT_OVER) npm run --silent test
 
 test-firmware: tools-dev
-	nice $(MAKE) --no-print-directory -C firmware check
+	$(LEFT_OVER) $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev
 	@$(TOGETHER)=2 test-computes test-waits
 	@$(MAKE) --no-print-directory test-alone
 
 test-computes: ready-dev
-	nice $(BIN)/python -m pytest --durations=10 $(COMPUTES)
+	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
 test-waits: ready-dev
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
@@ -173,11 +176,11 @@ bench: setup-dev
 	$(BIN)/python scripts/mission_completion.py
 
 docs: tools-dev
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir site
+	NO_MKDOCS_2_WARNING=1 $(LEFT_OVER) $(BIN)/mkdocs build --strict --quiet --site-dir site
 
 # All but the upload, of what is committed: CONTRIBUTING.md says what it looks at.
 release: $(NEEDED) .venv/release/installed
-	.venv/release/bin/python release/dry_run.py
+	.venv/release/bin/python release/dry_run.py $(RELEASE)
 
 .venv/release/installed: requirements-release.lock | .venv/bin/pip
 	@.venv/bin/python -m venv .venv/release

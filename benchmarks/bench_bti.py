@@ -3,7 +3,7 @@
     python benchmarks/bench_bti.py [--quick] [--json]
 
 A run counts only if no correct robot with a quorum was stopped. Stages are told apart by leaving them out: the same
-robots without a defence, then with trusted nodes and logs but no audits, then whole. Ends with 1 if a limit is missed.
+robots without a defence, then whole. Ends with 1 if a limit is missed.
 """
 
 from __future__ import annotations
@@ -27,8 +27,6 @@ SWARMS = (
     (324, 64.0, 64.0, 2, 5.0),
     (100, 4.0, 4.0, 3, None),
 )
-# No round of audits comes in a run, and no token is missed.
-WITHOUT_AUDITS = {"t_audit_ms": 600_000, "t_val_ms": 3_600_000}
 
 
 def factor(scenario: Scenario) -> tuple[float, dict]:
@@ -47,8 +45,7 @@ def bench_bti(repetitions: int, seconds: float) -> list[Row]:
         whole = Scenario(robots=robots, grid_step_m=step_m, d_m=d_m, duration_s=seconds, bti=bti)
         stages = (
             ("bodies, controllers, radio", replace(whole, defence="none")),
-            ("trusted nodes and logs", replace(whole, bti=replace(bti, **WITHOUT_AUDITS))),
-            ("audits", whole),
+            ("trusted nodes, logs and audits", whole),
         )
         name = f"{robots} robots at {step_m:g} m, f_max {f_max}"
         before_ms = 0.0

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-SHARED = "hash mac node snode anode".split()
+SHARED = "hash mac bucket node snode anode".split()
 
 
 def lines(path: Path) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 from cffi import FFI
 
 HERE = Path(__file__).parent
-SHARED = ["hash", "mac", "node", "snode", "anode"]
+SHARED = ["hash", "mac", "bucket", "node", "snode", "anode"]
 # Without a word of where they were compiled: the same sources give the same bytes.
 FLAGS = ["-O2", "-std=c99", "-Wall", "-Wextra", "-fvisibility=hidden", "-g0", f"-ffile-prefix-map={Path.cwd()}=."]
 

@@ -1,7 +1,8 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
-That is include/phx_wire.h, and the tables in docs/spec/rebound-nodes.md, rebound.md and mission.md between
-`<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is what this writes.
+That is include/phx_wire.h, web/client/wire.ts, and the tables in docs/spec/rebound-nodes.md, rebound.md, mission.md and
+vocabulary.md between `<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is
+what this writes.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from phalanx.wire import Record, missions, table
 HERE = Path(__file__).parent
 HEADER = HERE / "include" / "phx_wire.h"
 SPEC = HERE.parent / "docs" / "spec"
+PAGES = HERE.parent / "web" / "client" / "wire.ts"
 
 SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
 CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
@@ -41,6 +43,23 @@ def c_header() -> str:
     lines += ["", "/* frames with the AUDIT bit */"]
     lines += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.at(name)}u" for name in ("src", "dst")]
     return "\n".join([*lines, "", "#endif", ""])
+
+
+def for_pages() -> str:
+    """The TypeScript module: what pages read of records."""
+    place = table.ROBOT_PLACE
+    where = ", ".join(f"{field.name}: {place.at(field.name)}" for field in place.fields)
+    return "\n".join(
+        [
+            "// Made by firmware/generate.py from src/phalanx/wire/table.py.",
+            "",
+            f"/** {place.doc}. */",
+            f"export const PLACE = {{ bytes: {place.size}, {where} }};",
+            f"export const TURN_DEG = {table.TURN_DEG};",
+            f"export const PASS_BY = {table.PASS_BY};",
+            "",
+        ]
+    )
 
 
 def markdown(records: Iterable[Record]) -> str:
@@ -81,9 +100,10 @@ BLOCKS = {
         "file": markdown(missions.FILE),
         "sealed": markdown(missions.SEALED),
         "key": markdown(missions.KEY),
-        "claim": markdown([missions.CLAIM]),
+        "claim": markdown([missions.CLAIM, missions.SENSED, missions.SEEN_CODE]),
         "walked": markdown(missions.WALKED),
     },
+    "vocabulary.md": {"places": markdown([table.ROBOT_PLACE])},
 }
 
 
@@ -102,5 +122,6 @@ def page(path: Path) -> str:
 
 if __name__ == "__main__":
     HEADER.write_text(c_header())
+    PAGES.write_text(for_pages())
     for each in BLOCKS:
         (SPEC / each).write_text(page(SPEC / each))

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 import urllib.request
+from dataclasses import dataclass
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -28,15 +29,34 @@ CODE_WITHIN_S = 10.0
 TAG = re.compile(r"-cp311-abi3-manylinux[\w.]+\.whl$")
 
 
+@dataclass(frozen=True)
+class Machine:
+    """A Python and the file system around it: ours, or that of another Debian."""
+
+    python: str
+    root: Path = Path("/")
+
+    def __str__(self) -> str:
+        return self.python if self.root == Path("/") else f"{self.python} in {self.root}"
+
+    def inside(self, *command: str) -> list[str]:
+        """How a command is run there; the first word is a path of it."""
+        return [*command] if self.root == Path("/") else ["chroot", str(self.root), *command]
+
+
 def main() -> None:
     """Do it all, and say what was done."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--python", action="append", help=f"To install into; repeatable.  [default: those of {PYTHONS}]"
     )
+    parser.add_argument(
+        "--root", action="append", type=Path, default=[], help="Another Debian, whose Python is tried too; repeatable."
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "release")
     wanted = parser.parse_args()
-    pythons = wanted.python or [name for name in PYTHONS if runs(name)]
+    machines = [Machine(name) for name in wanted.python or [name for name in PYTHONS if runs(name)]]
+    machines += [Machine(python_of(root), root) for root in wanted.root]
     if not (ROOT / ".git").exists():
         raise SystemExit("error: a release is made from a git checkout")
     shutil.rmtree(wanted.out, ignore_errors=True)
@@ -49,11 +69,11 @@ def main() -> None:
         folder = Path(temporary)
         wheel, sdist = build_twice(folder, wanted.out)
         look_into(wheel, sdist)
-        for python in pythons:
-            try_in(python, wheel, folder)
+        for machine in machines:
+            try_in(machine, wheel)
     for file in sorted(wanted.out.iterdir()):
         say(f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file}")
-    say(f"tried on {', '.join(pythons) or 'no Python'}; nothing was uploaded")
+    say(f"tried on {', '.join(map(str, machines)) or 'no Python'}; nothing was uploaded")
 
 
 def build_twice(folder: Path, out: Path) -> tuple[Path, Path]:
@@ -95,37 +115,53 @@ def look_into(wheel: Path, sdist: Path) -> None:
     say("ok   twine check: an index shows the README")
 
 
-def try_in(python: str, wheel: Path, folder: Path) -> None:
+def try_in(machine: Machine, wheel: Path) -> None:
     """A stranger's first minutes: install, ask, scan."""
-    version = output(python, "--version").split()[1]
-    home = folder / f"home-{version}"
-    home.mkdir()
-    output(python, "-m", "venv", str(home / "venv"))
-    output(str(home / "venv/bin/pip"), "install", "--quiet", "--only-binary", ":all:", str(wheel))
-    phalanx = str(home / "venv/bin/phalanx")
-    env = {**os.environ, "HOME": str(home)}
-    env.pop("PYTHONPATH", None)
-    said = [output(phalanx, word, cwd=home, env=env).splitlines()[0] for word in ("--version", "doctor")]
-    say(f"ok   Python {version}: {', '.join(said)}")
+    version = output(*machine.inside(machine.python, "--version")).split()[1]
+    with tempfile.TemporaryDirectory(prefix="phalanx-release-", dir=machine.root / "tmp") as temporary:
+        shutil.copy(wheel, temporary)
+        there = Path(temporary)  # outside the project
+        home = "/" / there.relative_to(machine.root)
+        env = {**os.environ, "HOME": str(home)}
+        env.pop("PYTHONPATH", None)
+        output(*machine.inside(machine.python, "-m", "venv", f"{home}/venv"), cwd=there, env=env)
+        pip = machine.inside(f"{home}/venv/bin/pip", "install", "--quiet", "--only-binary", ":all:")
+        output(*pip, f"{home}/{wheel.name}", cwd=there, env=env)
+        phalanx = machine.inside(f"{home}/venv/bin/phalanx")
+        said = [output(*phalanx, word, cwd=there, env=env).splitlines()[0] for word in ("--version", "doctor")]
+        say(f"ok   Python {version}: {', '.join(said)}")
+        scan([*phalanx, "up", "--port", "0"], f"Python {version}", there, env)
+
+
+def scan(up: list[str], where: str, cwd: Path, env: dict[str, str]) -> None:
+    """Start a swarm, look at its code and its page, and end it."""
     began_s = time.monotonic()
     with subprocess.Popen(
-        [phalanx, "up", "--port", "0"], cwd=home, env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as up:
-        assert up.stdout is not None, "it is a pipe"
+        up, cwd=cwd, env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as running:
+        assert running.stdout is not None, "it is a pipe"
         shown = ""
-        for line in up.stdout:
+        for line in running.stdout:
             if found := re.match(r"visitors.*  (http://\S+)#", line):
                 shown = found[1]
             elif shown and set(line) & set("█▀▄"):
                 break
         took_s = time.monotonic() - began_s
-        check(bool(shown), f"Python {version}: the code is shown")
+        check(bool(shown), f"{where}: the code is shown")
         with urllib.request.urlopen(shown) as answer:  # noqa: S310 - http, as was matched
-            check(b"<script" in answer.read(), f"Python {version}: the page answers")
-        up.send_signal(signal.SIGINT)
-        up.stdout.read()
-    check(up.returncode == 0, f"Python {version}: Ctrl-C ends it")
-    check(took_s <= CODE_WITHIN_S, f"Python {version}: the code was there after {took_s:.1f} s, with nothing compiled")
+            check(b"<script" in answer.read(), f"{where}: the page answers")
+        running.send_signal(signal.SIGINT)
+        running.stdout.read()
+    check(running.returncode == 0, f"{where}: Ctrl-C ends it")
+    check(took_s <= CODE_WITHIN_S, f"{where}: the code was there after {took_s:.1f} s, with nothing compiled")
+
+
+def python_of(root: Path) -> str:
+    """The newest Python that we promise and another Debian has."""
+    found = [name for name in PYTHONS if (root / "usr/bin" / name).exists()]
+    if not found:
+        raise SystemExit(f"error: no Python from 3.11 on in {root}/usr/bin")
+    return f"/usr/bin/{found[-1]}"
 
 
 def runs(python: str) -> bool:

@@ -5,6 +5,7 @@ Each of them can be called beside the others.
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 
@@ -30,8 +31,8 @@ def mission() -> None:
 
 
 def building() -> None:
-    with mission_swarm(load_floorplan(), None, 4, 0, None, None, print):
-        pass
+    with mission_swarm(load_floorplan(), None, 4, 0, None, None, print) as swarm:
+        asyncio.run(swarm.ready())
 
 
 CALLS = {call.__name__: call for call in (flock, gateway, mission, building)}

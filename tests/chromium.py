@@ -97,6 +97,15 @@ def barriers(page) -> list[str]:
     return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]
 
 
+def barriers_in_both_schemes(page) -> list[str]:
+    """The same, dark and light."""
+    found = []
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        found += barriers(page)
+    return found
+
+
 def pixels(page, layer: int, name: str) -> int:
     """Of that colour on the map's canvas, in the scheme that has fewer: light or dark."""
     counts = []

@@ -9,11 +9,12 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
-from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 
 import aiomqtt
@@ -113,11 +114,17 @@ def bare_mosquitto(tcp_port: int, ws_port: int, folder: Path, *more: str):
 
     def start():
         env = os.environ | {"PATH": os.environ["PATH"] + ":/usr/sbin"}
-        running.append(
-            subprocess.Popen(
-                ["mosquitto", "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env
-            )
-        )
+        command = ["mosquitto", "-c", str(config)]
+        # A port that was free may be some connection's by now, for a while.
+        for _ in range(20):
+            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=env)
+            while process.poll() is None:
+                with suppress(OSError), socket.create_connection(("127.0.0.1", ws_port)):  # the last that it opens
+                    running.append(process)
+                    return
+                time.sleep(0.02)
+            time.sleep(0.25)
+        raise AssertionError(f"no mosquitto at {tcp_port} and {ws_port}")
 
     def kill():
         while running:
@@ -150,6 +157,19 @@ async def eventually(condition, timeout_s: float = 10.0, every_s: float = 0.02):
     return value
 
 
+class Turns:
+    """The longest turn of this event loop, in seconds of processor time: what others do with the machine is not in it."""
+
+    def __init__(self) -> None:
+        self.longest_s, self._before_s = 0.0, time.thread_time()
+        asyncio.get_running_loop().call_soon(self._turn)
+
+    def _turn(self) -> None:
+        now_s = time.thread_time()
+        self.longest_s, self._before_s = max(self.longest_s, now_s - self._before_s), now_s
+        asyncio.get_running_loop().call_later(0.001, self._turn)
+
+
 class Child:
     """`phalanx …` as a child: its lines of stdout as they come, its stderr, its exit code."""
 
@@ -179,7 +199,10 @@ class Child:
             lines.append(line.rstrip("\n"))
 
     def events(self, kind: str) -> list[dict]:
-        return [event for line in list(self.out) if (event := json.loads(line)).get("event") == kind]
+        """Those of a kind, without their times."""
+        told = [json.loads(line) for line in list(self.out)]
+        assert all(abs(event.pop("at_s") - time.time()) < 3600 for event in told)
+        return [event for event in told if event["event"] == kind]
 
     def wait_for(self, kind: str, count: int = 1, timeout_s: float = 20.0) -> dict:
         deadline = time.monotonic() + timeout_s
@@ -222,6 +245,28 @@ def called(*arguments: str) -> subprocess.CompletedProcess:
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
+@pytest.fixture
+def phalanx(capsys):
+    """Exit code, stdout, stderr of a command."""
+
+    def call(*words: str):
+        code = run_command(list(words))
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return call
+
+
+def uncompiled(script: str) -> list[str]:
+    """The words that a script prints where nothing is compiled; it stands in the tests' folder."""
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    where = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, cwd=where, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
 @contextmanager
 def child(*arguments: str, **more):
     running = Child(*arguments, **more)
@@ -245,7 +290,7 @@ def a_gateway(*arguments: str, **more):
         ready = running.wait_for("ready", timeout_s=60.0)
         if protected and "none" not in arguments:
             # The first after a kernel has changed compiles the world.
-            running.wait_for("shielded", timeout_s=500.0)
+            running.wait_for("prepared", timeout_s=500.0)
         yield running, ready
 
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from chromium import PHONE, a_page, badge, choose, insecure, moves, wait_until
+from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, insecure, moves, wait_until
 from conftest import ROOT, a_gateway, bare_mosquitto
 from phalanx.io import Client
 from phalanx.io.ports import free_port
@@ -224,6 +224,7 @@ class TestVisitor:
         with a_page(browser) as page:
             page.goto(insecure(ready["qr_url"].replace(ready["pin"], "1" * 39)))
             assert "scan" in badge(page, "silent").lower()
+            assert not barriers_in_both_schemes(page)
 
     def test_a_killed_broker_is_named_and_the_page_reconnects_by_itself(self, browser, tmp_path):
         tcp = free_port()

@@ -67,7 +67,7 @@ def test_the_operator_sees_who_drives_and_no_old_complaint(browser, gateway):
         page.get_by_role("alert").wait_for(state="detached")
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (1280, 600), (1024, 480), (390, 844)])
+@pytest.mark.parametrize("size", [(1280, 720), (1280, 600), (1024, 480), (844, 380), (390, 844)])
 def test_the_code_alone_is_readable_on_a_low_screen(browser, gateway, size, tmp_path):
     with a_page(browser, viewport={"width": size[0], "height": size[1]}) as page:
         page.goto(gateway[1]["operator_url"])

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from chromium import PHONE, a_page, badge, barriers, choose, insecure, moves, wait_until
+from chromium import PHONE, a_page, badge, barriers, barriers_in_both_schemes, choose, insecure, moves, wait_until
 from conftest import a_gateway, bare_mosquitto
 from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
@@ -75,6 +75,7 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
             page.context.set_offline(True)
             assert "no network" in badge(page, "offline")
+            assert not barriers_in_both_schemes(page)
             page.context.set_offline(False)
         finally:
             up.process.send_signal(signal.SIGCONT)
@@ -98,13 +99,20 @@ def test_while_the_operator_holds_all_robots_a_phone_says_so_and_its_controls_ar
             assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
             assert not any(each.is_enabled() for each in controls(page).all())
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
-            for scheme in ("dark", "light"):
-                page.emulate_media(color_scheme=scheme)
-                assert not barriers(page)
+            assert not barriers_in_both_schemes(page)
             up.process.stdin.write("go\n")
             up.process.stdin.flush()
             badge(page, "live")
             assert all(each.is_enabled() for each in controls(page).all())
+
+
+@pytest.mark.parametrize("size", [(390, 664), (412, 732), (375, 548), (360, 640), (320, 568), (568, 320), (844, 390)])
+def test_a_thumb_reaches_the_joystick_on_a_phone_whose_browser_has_bars(browser, gateway, size):
+    upright = size[0] < size[1]
+    with a_visitor(browser, gateway[1], "Ada", viewport={"width": size[0], "height": size[1]}) as page:
+        assert not outside(page, "map", "joystick", "robot-select", "route-toggle")
+        page.get_by_test_id("route-toggle").click()
+        assert not outside(page, "map", "route-start", "route-undo", *(["threshold"] if upright else []))
 
 
 def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(browser, gateway):
@@ -231,6 +239,11 @@ def test_axe_finds_no_barrier_in_any_state(browser, gateway, scheme):
     with a_page(browser, **PHONE, color_scheme=scheme) as page:
         page.goto(insecure(ready["page_url"]))
         badge(page, "nocode")
+        assert not barriers(page)
+        page.get_by_text("Type the pin instead").click()
+        page.get_by_test_id("pin").fill("12")
+        page.get_by_test_id("typed-join").click()
+        page.get_by_text("That did not work").wait_for()
         assert not barriers(page)
         page.goto(insecure(ready["qr_url"]))
         badge(page, "live")

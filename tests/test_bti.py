@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phalanx.bti import log, request, rounds
+from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.fleet import PENDING, START
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
-from phalanx.robot import auditor
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
@@ -120,7 +119,7 @@ class TestFragments:
         fleet.request[0, :length] = content
         sender.request_len, sender.request_next, sender.request_no, sender.request_to = length, 0, no, 2
         frames, frame = [], np.zeros(2048, np.uint8)
-        while (n := request.next_fragment(fleet, 0, frame)) > 0:
+        while (n := request.next_fragment(fleet, 0, 0, frame)) > 0:
             frames.append((frame.copy(), n))
         assert len(frames) == -(-length // 2038)
         order.shuffle(frames)
@@ -148,7 +147,7 @@ class TestRounds:
         run = running(9.0)
         fleet = run.world.fleet
         first = rounds.next_candidate(fleet, 0, int(fleet.robot[0].asked_at) + 3000)
-        at = rounds.peer_at(fleet, 0, first, False)
+        at = rounds.peer_at(fleet, 0, first)
         fleet.peer[0, at].misses = 1
         assert rounds.next_candidate(fleet, 0, int(fleet.robot[0].asked_at) + 3000) != first
 
@@ -198,4 +197,4 @@ class TestBooks:
 def test_a_request_of_zeros_is_malformed(length):
     run = running(0.0)
     zeros = np.zeros(5000, np.uint8)
-    assert auditor.examine(run.world.fleet, 0, run.world.work, zeros, length, 2) == Refusal.MALFORMED
+    assert audit.examine(run.world.fleet, 0, run.world.work, zeros, length, 2) == Refusal.MALFORMED

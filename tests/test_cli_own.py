@@ -8,7 +8,6 @@ import subprocess
 import pytest
 
 from conftest import PHALANX, ROOT
-from phalanx.cli.main import run_command
 from phalanx.sim import Scenario, simulate
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks, mistakes_in
@@ -32,18 +31,6 @@ class Mine(Controller):
         return []
 """
 SEND = 'return [__import__("phalanx.robot.controllers.python_controller", fromlist="Send").Send(b"hello")]'
-
-
-@pytest.fixture
-def phalanx(capsys):
-    """Exit code, stdout, stderr of a command."""
-
-    def call(*words: str):
-        code = run_command(list(words))
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
 
 
 @pytest.fixture

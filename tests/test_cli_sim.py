@@ -13,7 +13,6 @@ import pytest
 from mcap.reader import make_reader
 
 from conftest import PHALANX, ROOT
-from phalanx.cli.main import run_command
 from phalanx.cli.sim import show
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.library import ATTACKS
@@ -28,18 +27,6 @@ KEYS = set(
     without_quorum contacts bytes_per_s_per_robot log_bytes_max broadcast_delivery unicast_delivery
     real_time_factor""".split()
 )
-
-
-@pytest.fixture
-def phalanx(capsys):
-    """Exit code, stdout, stderr of a command."""
-
-    def call(*words: str):
-        code = run_command(list(words))
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
 
 
 @pytest.fixture

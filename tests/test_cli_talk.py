@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import re
@@ -180,6 +181,33 @@ class TestMissionFiles:
         assert [said[name] for name in ("robots", "valid_to_s", "signer")] == ["anybody", "for ever", "nobody"]
 
 
+class TestWhere:
+    def test_two_pages_on_one_port_are_refused_at_once(self, capsys):
+        assert run_command(["up", "--port", "8080", "--operator-port", "8080"]) == 2
+        assert "port 8080 for both pages" in capsys.readouterr().err
+
+    @pytest.mark.parametrize(
+        ("words", "said"),
+        [
+            (["up", "--broker-login", "nowhere"], "a login for a broker of our own"),
+            (["link", "serve", "--broker-login", "nowhere"], "a login for a broker of our own"),
+            (["doctor", "--visitors-login", "{login}"], "no broker to try"),
+            (["doctor", "--broker", "localhost", "--broker-ws", "localhost:9001"], "browsers cannot use mqtt://"),
+        ],
+    )
+    def test_what_is_for_another_broker_or_none_is_refused_at_once(self, words, said, tmp_path, capsys):
+        (tmp_path / "login").write_text("me:secret\n")
+        assert run_command([word.format(login=tmp_path / "login") for word in words]) == 2
+        assert said in capsys.readouterr().err
+
+    @pytest.mark.parametrize("is_terminal", [True, False])
+    def test_what_is_logged_stands_in_the_place_of_a_status_line(self, is_terminal, monkeypatch, capsys):
+        monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal, raising=False)
+        assert run_command(["sim", "schema"]) == 0
+        logging.getLogger("phalanx.test").warning("the broker is lost")
+        assert capsys.readouterr().err.startswith("\r\x1b[2Kphalanx: " if is_terminal else "phalanx: ")
+
+
 class TestRobots:
     def test_robots_of_the_gateway_are_columns_and_others_what_they_say(self, capsys):
         robots = [
@@ -223,6 +251,7 @@ class TestRobots:
             await link._drive(link._Robots(Client(), 1.0), "A2", (1, 1), 0.1, as_json=False)
         assert not said
         await link._drive(link._Robots(Client(), 1.0, unlisted=True), "A2", (1, 1), 0.1, as_json=False)
+        assert capsys.readouterr().out == "1 command to A2; nobody says whether there is such a robot\n"
         await link._drive(link._Robots(Client(), 1.0), "A1", (1, 1), 0.1, as_json=False)
         assert said == [("A2", "0")] * 2 + [("A1", "1")] * 2
 

@@ -19,7 +19,8 @@ import pytest
 
 from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secrets_of
 from phalanx.cli import up as command
-from phalanx.gateway.up import UpOptions, for_at_most
+from phalanx.gateway.up import UpOptions
+from phalanx.gateway.waits import for_at_most
 from phalanx.io.ports import free_port
 
 pytestmark = pytest.mark.waits
@@ -63,7 +64,7 @@ class TestUp:
                 "broker_ws_port",
                 "operator_url",
             }
-            assert json.loads(up.out[0]) == ready, "ready is the first event"
+            assert json.loads(up.out[0])["event"] == "ready", "ready is the first event"
             assert re.fullmatch("[0-9]{39}", ready["pin"])
             assert ready["qr_url"].startswith(ready["page_url"] + "#")
             assert "?" not in ready["qr_url"]
@@ -150,12 +151,19 @@ class TestUp:
         ws = tcp + 1
         with (
             bare_mosquitto(tcp, ws, tmp_path) as (start, _),
-            child("up", "--events", "--port", "0", "--defence", "none", "--broker", f"mqtt://127.0.0.1:{tcp}") as up,
+            child(
+                *("up", "--events", "--port", "0", "--defence", "none", "--broker", f"mqtt://127.0.0.1:{tcp}"),
+                stdin=subprocess.PIPE,
+            ) as up,
         ):
             waiting = up.wait_for("waiting")
             assert waiting["broker"] == f"mqtt://127.0.0.1:{tcp}"
+            up.process.stdin.write("stop\n")
+            up.process.stdin.flush()
+            up.wait_for("held", timeout_s=2)
             start()
             ready = up.wait_for("ready")
+            up.wait_for("held", count=2)
             assert (ready["broker_port"], ready["broker_ws_port"]) == (tcp, ws)
             assert called("link", "connect", ready["qr_url"], "--json").returncode == 0
             assert up.stop() == 0
@@ -174,7 +182,13 @@ class TestUp:
         monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, 24)))
         monkeypatch.setattr("click.echo", lambda words, **_: shown.append(words.removeprefix("\r\x1b[2K")))
         counts = dict.fromkeys(("visitors", "refused", "robots", "commands"), 12345)
-        now = {"held": held, "connected": connected, "compiling": held, "rotates_in_s": 899.0, **counts}
+        now = {
+            "held": held,
+            "connected": connected,
+            "preparing": "no shields yet" if held else "",
+            "rotates_in_s": 899.0,
+            **counts,
+        }
         status = asyncio.ensure_future(command._keep_status(SimpleNamespace(summary=lambda: now)))
         await asyncio.sleep(0)
         await asyncio.sleep(0)
@@ -265,6 +279,7 @@ class TestUp:
                 "name": "mosquitto",
                 "url": f"mqtt://127.0.0.1:{ready['broker_port']}",
                 "connected": True,
+                "trouble": "",
                 "phones": "",
             }
             assert "<svg" in state["qr_svg"]
@@ -300,19 +315,10 @@ class TestUp:
 
 @pytest.mark.parametrize("late", [True, False])
 def test_people_are_told_when_shields_that_had_to_be_compiled_are_up(late, monkeypatch, capsys):
-    class Compiling:
-        def summary(self):
-            return {"compiling": late}
-
-    async def gateway(_options, say, started, **_):
-        started(Compiling())
-        say({"event": "shielded"})
-
-    async def quiet(_running):
-        pass
+    async def gateway(_options, say, _started, **_):
+        say({"event": "prepared", "late_shields": late})
 
     monkeypatch.setattr(command, "run_gateway", gateway)
-    monkeypatch.setattr(command, "_keep_status", quiet)
     command._run_for_people(UpOptions(), lambda: None)
     assert ("shields are up" in capsys.readouterr().err) == late
 

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
 import time
 
 import pytest
 
-from conftest import eventually
+from conftest import Turns, a_server, as_the_gateway, eventually
+from phalanx.errors import Overrun
 from phalanx.gateway import Gateway, VisitorPages
 from phalanx.gateway.site import PAGES, beside
 from phalanx.io import Client, Server
+from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
+from phalanx.link import Request
+from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots
 
 CROWD = """
@@ -33,19 +38,6 @@ for one in crowd[500:]:  # the others never read
         pass
 time.sleep(60)
 """
-
-
-class Turns:
-    """The longest turn of this event loop, in seconds of processor time: what others do with the machine is not in it."""
-
-    def __init__(self) -> None:
-        self.longest_s, self._before_s = 0.0, time.thread_time()
-        asyncio.get_running_loop().call_soon(self._turn)
-
-    def _turn(self) -> None:
-        now_s = time.thread_time()
-        self.longest_s, self._before_s = max(self.longest_s, now_s - self._before_s), now_s
-        asyncio.get_running_loop().call_later(0.001, self._turn)
 
 
 @pytest.mark.alone
@@ -79,3 +71,67 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
                     crowd.kill()
                 await crowd.communicate()
         gateway.cancel()
+
+
+@pytest.mark.waits
+async def test_who_asks_without_end_holds_up_no_command_and_is_answered_a_part_of_the_time(broker):
+    async with a_server(broker) as server:
+        answered_before, counters = [], server.counters
+
+        @server.on_request(1)
+        def answer(_):
+            until_s = time.thread_time() + 0.003
+            while time.thread_time() < until_s:
+                pass
+
+        server.on_command("move_raw")(lambda _: answered_before.append(counters["requests"]))
+        await server.wait_connected(10)
+        async with as_the_gateway(broker) as visitor:  # for whom no guard waits
+            said = [("request", {"request": 1, "reply": f"c{n}"}) for n in range(100)]
+            began_s = time.monotonic()
+            for sub, payload in (*said, ("command/0000/AB/0/move_raw", {})):
+                token = seal(encode_envelope(payload, time.time()), server.epoch, os.urandom(12))
+                await visitor.publish(f"/qrkey/{server.epoch.topic}/{sub}", token)
+            await eventually(lambda: counters["requests"] == 100)
+        assert answered_before[0] < 50, "100, when each waited for the answers before it"
+        assert time.monotonic() - began_s > 0.6, "0.3 s of work, and others have the rest"
+
+
+async def test_of_one_who_asks_again_the_last_is_answered_and_who_is_too_many_is_refused():
+    told, asked = [], [Request(0, f"c{n}", {}) for n in range(WAITING)]
+
+    async def answer(request):
+        told.append(request)
+
+    answers = Answers(answer)
+    for request in asked:
+        answers.ask(request)
+    with pytest.raises(Overrun):
+        answers.ask(Request(0, "one more", {}))
+    answers.ask(again := Request(0, "c0", {"again": True}))
+    running = asyncio.create_task(answers.run())
+    await eventually(lambda: len(told) == WAITING)
+    answers.ask(once_more := Request(0, "one more", {}))
+    await eventually(lambda: len(told) > WAITING)
+    running.cancel()
+    assert told == [again, *asked[1:], once_more]
+
+
+async def test_requests_wait_by_their_bytes_too_and_give_them_back():
+    told = []
+
+    async def answer(request):
+        told.append(request)
+
+    answers = Answers(answer)
+    half = WAITING_BYTES // 2
+    answers.ask(Request(0, "a", {}, half))
+    answers.ask(Request(0, "a", {}, half))  # asked again: instead of the first
+    answers.ask(Request(0, "b", {}, half))
+    with pytest.raises(Overrun):
+        answers.ask(Request(0, "c", {}, 1))
+    running = asyncio.create_task(answers.run())
+    await eventually(lambda: len(told) == 2)
+    answers.ask(Request(0, "c", {}, WAITING_BYTES))
+    await eventually(lambda: len(told) == 3)
+    running.cancel()

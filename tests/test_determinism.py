@@ -132,6 +132,24 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             id="where an object lies in memory",
         ),
         pytest.param(
+            {COUNTED: "EVERYBODY[:] = [t_ms]", ACTED: "return self.act(t_ms, (EVERYBODY or [0])[0] % 1000, 0.0)"},
+            {BESIDE},
+            r"output 1, Act at byte ",
+            id="what was heard last, by whomever",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, time.gmtime().tm_min, 0.0)"},
+            {PROCESSES},
+            r"output 1, Act at byte ",
+            id="the minute of the hour",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, __import__('datetime').datetime.now().hour, 0.0)"},
+            {PROCESSES},
+            r"output 1, Act at byte ",
+            id="the hour of the day",
+        ),
+        pytest.param(
             {COUNTED: "self.hidden += 1", "self.heard, 0.0": "self.hidden, 0.0"},
             {FROM, OVER},
             r"output 1, Act at byte 1[1-4] \(acceleration.ax_mps2\): ",
@@ -195,7 +213,7 @@ def test_it_is_found_where_it_differs(checked, change, where, place):
 
 def test_it_says_in_which_of_the_two_what_is(checked):
     found = failed(checked({COUNTED: "self.heard += time.monotonic() // 86400 + 1"}))
-    assert re.search(r"in process 1; [0-9a-f]+ in process 2 \(hash seed 1, UTC-9, 1 days later\)$", found[PROCESSES])
+    assert re.search(r"in process 1; [0-9a-f]+ in process 2 \(hash seed 1, UTC-9, 1.4 days later\)$", found[PROCESSES])
     assert set(found) == {PROCESSES}
 
 

@@ -29,7 +29,7 @@ from phalanx.gateway import vocabulary
 from phalanx.io.ports import free_port
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
 from phalanx.link.rotation import State
-from phalanx.mission.landmarks import floorplan, floorplan_of_yaml
+from phalanx.mission.landmarks import floorplan, floorplan_of_yaml, sources
 from phalanx.mission.landmarks.gridmap import map_words
 
 ROOT = Path(__file__).parent.parent
@@ -132,8 +132,8 @@ def test_the_building_that_is_shown_is_built_from_and_run_in(tmp_path, monkeypat
         assert told.exit_code == 0, told.output
     assert "1 of 1 robot completed" in told.stdout
     shown = {row[0] for row in table(page.read_text(), "key")}
-    reader = inspect.getsource(floorplan.floorplan_of_yaml)
-    assert shown == set(re.findall(r'words(?:\.get\(|\[)"([a-z_]+)"', reader))
+    reader = inspect.getsource(floorplan.floorplan_of_yaml) + inspect.getsource(sources.sources_of)
+    assert shown == set(re.findall(r'words(?:\.get\(|\[|, )"([a-z_]+)"', reader))
 
 
 def test_the_index_names_every_command():

@@ -236,7 +236,13 @@ class TestKeys:
         with pytest.raises(UsageError, match="20 bytes"):
             seal_mission_key(MASTER, MISSION, b"", 1)
 
+    def test_an_audit_frame_is_at_least_its_header(self):
+        nodes, frame = keyed(n=1), b"\x80" + bytes(5)
+        nodes.send(0, 100, frame)
+        assert refusal(nodes.send, 0, 100, frame[:-1]) == refusal(nodes.send, 0, 100, b"")
+
     def test_limits_that_make_no_sense_are_refused(self):
+        Nodes(1, trusted.BOUND, replace(LIMITS, f_max=15))
         for wrong in ({"f_max": 16}, {"batch_size": 0}, {"bucket_period_ms": 0}, {"t_val_ms": -1}, {"t_val_ms": 2**32}):
             with pytest.raises(UsageError, match="limits"):
                 Nodes(1, trusted.BOUND, replace(LIMITS, **wrong))
@@ -309,6 +315,26 @@ class TestTokens:
         assert refusal(nodes.install_token, 0, 5000, 2, t, bytes(20), mac) == "bad_mac"
         nodes.install_token(0, 5000, 2, t, HCKPT, mac)
 
+    def test_a_full_map_keeps_its_tokens_when_an_older_one_comes_late(self):
+        nodes = keyed(n=6, f_max=1)
+        late = audited(nodes, 0, 5, 3900)
+        for tor, now in ((1, 4000), (2, 5000), (3, 6000)):
+            t, mac = audited(nodes, 0, tor, now)
+            nodes.install_token(0, 7000, tor + 1, t, HCKPT, mac)
+        before = nodes.anode[0].copy()
+        nodes.install_token(0, 7000, 6, late[0], HCKPT, late[1])
+        assert (nodes.anode[0] == before).all()
+
+    @BOTH
+    def test_nobody_is_auditor_0(self, profile):
+        """Whose MAC is right, were there one: 0 marks a free place."""
+        nodes = keyed(profile)
+        mac = lightmac(MISSION, b"\x14" + u16(0) + u16(1) + u32(5000) + HCKPT)
+        nodes.check_token(0, 0, 1, 5000, HCKPT, mac)
+        before = nodes.anode[0].copy()
+        assert refusal(nodes.install_token, 0, 5000, 0, 5000, HCKPT, mac) == "arg"
+        assert (nodes.anode[0] == before).all()
+
     def test_a_token_of_a_time_to_come_is_refused(self):
         # Kept over a power-up, with the same mission key loaded again by a careless operator.
         nodes = keyed()
@@ -337,6 +363,77 @@ class TestTokens:
         assert refusal(nodes.send, 0, end, STATE) == "clock"
         assert nodes.is_safe(0)
         assert trusted.anode_check(profile, nodes.anode[1], end) == 1
+
+
+def told_apart(one, other):
+    """Where two nodes' memories differ."""
+    found = (one != other).nonzero()[0]
+    assert len(found) > 0
+    return found
+
+
+class TestWhatAKeyEnds:
+    """All that lies in a node's memory goes with its key, however it came there: here it is put there."""
+
+    def unkeyed(self, **more):
+        nodes = Nodes(3, trusted.BOUND, replace(LIMITS, **more))
+        for i in range(3):
+            nodes.load_master(i, MASTER, i + 1)
+        return nodes
+
+    @pytest.mark.parametrize("entries", [1, LIMITS.batch_size])
+    def test_a_chain_does_not_outlive_it(self, entries):
+        left, nodes, fresh = keyed(), self.unkeyed(), keyed()
+        for k in range(entries):  # in the batch, or in the top
+            left.poll(0, 10 + k, STATE)
+            left.actuate(0, 10 + k, STATE)
+        for name in ("snode", "anode"):
+            at = told_apart(getattr(left, name)[0], getattr(fresh, name)[0])
+            getattr(nodes, name)[0, at] = getattr(left, name)[0, at]
+        nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
+        fresh.poll(0, 50, STATE)
+        nodes.poll(0, 50, STATE)
+        assert nodes.make_auth(0, bytes(8)) == fresh.make_auth(0, bytes(8))
+        assert nodes.token_request(0, 5000, 2) == fresh.token_request(0, 5000, 2)
+
+    def test_tokens_do_not_outlive_it(self):
+        kept, nodes, bare = keyed(f_max=1), self.unkeyed(f_max=1), keyed(f_max=1)
+        for tor in (1, 2):
+            t, mac = audited(kept, 0, tor, 9000)
+            audited(bare, 0, tor, 9000)
+            kept.install_token(0, 9000, tor + 1, t, HCKPT, mac)
+        at = told_apart(kept.anode[0], bare.anode[0])
+        nodes.anode[0, at] = kept.anode[0, at]
+        nodes.load_mission(0, 0, seal_mission_key(MASTER, MISSION, R, 1))
+        assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms - 1) == 0
+        assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms) == 1
+
+    @pytest.mark.parametrize("name", ["snode", "anode"])
+    def test_nothing_of_it_is_left_in_safe_mode(self, name):
+        nodes, others = keyed(), self.unkeyed()
+        others.load_mission(0, 0, seal_mission_key(MASTER, bytes(20), R, 1))
+        at = told_apart(getattr(nodes, name)[0], getattr(others, name)[0])
+        assert len(at) > 300, "what the key was expanded to"
+        with pytest.raises(Refused):
+            (nodes.poll if name == "snode" else nodes.recv)(0, 2**32 - 1, STATE)
+        assert not getattr(nodes, name)[0, at].any()
+
+
+def test_an_s_node_that_goes_on_after_safe_mode_helps_nobody():
+    nodes = keyed()
+    request = nodes.token_request(0, 5000, 2)
+    assert trusted.anode_check(trusted.BOUND, nodes.anode[0], LIMITS.t_val_ms) == 1
+    later = 2 * LIMITS.t_val_ms
+    assert nodes.poll(0, later, STATE)
+    kept = nodes.make_auth(0, request[24:])
+    nodes.check_auth(1, kept[:20], 1, request[24:], kept[22:])  # as good as ever
+    assert refusal(nodes.token_request, 0, later, 2) == "safe_mode"
+    t, mac = 5000, nodes.issue_token(1, 1, 5000, request[4:24], request[24:], HCKPT)
+    assert refusal(nodes.install_token, 0, later, 2, t, HCKPT, mac) == "safe_mode"
+    for forward in (nodes.send, nodes.recv, nodes.actuate):
+        assert refusal(forward, 0, later, STATE) == "safe_mode"
+    nodes.power_up(0)
+    assert refusal(nodes.make_auth, 0, bytes(8)) == refusal(nodes.poll, 0, 1, STATE) == "no_key"
 
 
 class TestHolesOfThePrintedProtocol:

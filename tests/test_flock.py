@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import struct
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import uncompiled
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import PeerError
 from phalanx.robot.controllers import dispatch
@@ -22,7 +19,6 @@ from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Send, compiled
 from phalanx.wire.fields import get_f32, put_f32
 
-HERE = Path(__file__).parent
 PERIOD_MS = 250
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
 RUN_SHA256 = "6f7c4293dac2a6e4aaed071b6446748d44a29ec738f7345b0a7c00f4e42b7ba8"
@@ -200,15 +196,7 @@ def run_digest():
 class TestReplay:
     def test_a_run_has_the_same_bytes_compiled_interpreted_and_everywhere(self):
         script = "import numba, test_flock; print(numba.config.DISABLE_JIT, test_flock.run_digest())"
-        plain = subprocess.run(
-            [sys.executable, "-c", script],
-            env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-            cwd=HERE,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert plain.stdout.split() == ["1", run_digest()]
+        assert uncompiled(script) == ["1", run_digest()]
         assert run_digest() == RUN_SHA256
 
     @settings(deadline=None)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phalanx.config.flock import Box, Disc, FlockConfig
+from phalanx.config.flock import NO_CROWD, Box, Disc, FlockConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks.spoof import spoofed_state
 from phalanx.robot.controllers.python_controller import Send
@@ -29,10 +29,13 @@ GOAL = (500.0, 500.0)
 # --- a small world: everybody hears everybody -------------------------------------------------------------------------
 
 
-def fly(seconds, lies=None, seed=0, disabled_at_s=math.inf):
-    """Distances to the goal, (ticks, robots). `lies(rng, victim, state) -> [(claimed id, hearers)]` from 15 s on."""
+def fly(seconds, lies=None, seed=0, disabled_at_s=math.inf, crowd=NO_CROWD):
+    """Distances to the goal, (ticks, robots). `lies(rng, victim, state) -> [(claimed id, hearers)]` from 15 s on.
+
+    By the paper's law, in which whoever lies in enough names pushes as hard as it likes.
+    """
     rng = np.random.default_rng(seed)
-    fleet = [robot(i + 1, FlockConfig()) for i in range(N)]
+    fleet = [robot(i + 1, FlockConfig(crowd=crowd)) for i in range(N)]
     phase = rng.permutation(N)
     pos = np.array([[25.0 * (i // 5), 25.0 * (i % 5)] for i in range(N)])
     vel = np.zeros((N, 2))
@@ -96,6 +99,7 @@ class TestReference:
             assert expected == pytest.approx(roughly, abs=0.5)
             assert at(track, second).mean() == pytest.approx(expected, rel=0.03)
         assert at(track, 150).max() < 100
+        np.testing.assert_array_equal(fly(150, crowd=FlockConfig().crowd), track)  # a flock never comes near its bound
 
     def test_one_liar_with_every_name_holds_all_others_where_the_formula_says(self, reference):
         track = fly(150, as_everybody)
@@ -139,7 +143,7 @@ def rho(z, h):
 def law(config, me, others):
     """Olfati-Saber 2006, eq. 59 with the letters of the paper, and libm's cosine."""
     q, p = np.array(me[:2]), np.array(me[2:])
-    u = -config.c1_gamma * (q - config.goal_m) - config.c2_gamma * p
+    u = np.zeros(2)
     c = abs(config.a - config.b) / math.sqrt(4 * config.a * config.b)
     r, d = sigma(config.kappa * config.d_m), sigma(config.d_m)
     for other in others:
@@ -149,6 +153,8 @@ def law(config, me, others):
         phi = ((config.a + config.b) * x / math.sqrt(1 + x * x) + config.a - config.b) / 2
         u += config.c1_alpha * rho(z / r, config.h_alpha) * phi * dq / math.sqrt(1 + 0.1 * dq @ dq)
         u += config.c2_alpha * rho(z / r, config.h_alpha) * dp
+    most = config.crowd * max(config.c1_alpha * config.b / math.sqrt(0.1), config.c2_alpha)
+    u = np.clip(u, -most, most) - config.c1_gamma * (q - config.goal_m) - config.c2_gamma * p
     d_beta = sigma(0.5 * config.kappa * config.d_m)
     for disc in config.discs:
         y = np.array([disc.x_m, disc.y_m])
@@ -169,6 +175,7 @@ class TestLaw:
         "config",
         [
             FlockConfig(),
+            FlockConfig(crowd=NO_CROWD),
             FlockConfig(a=2, b=7, d_m=6, c1_alpha=0.2),
             FlockConfig(
                 c1_beta=0.7, c2_beta=0.3, discs=(Disc(x_m=-9, y_m=0, radius_m=2), Disc(x_m=9, y_m=9, radius_m=5))
@@ -184,6 +191,14 @@ class TestLaw:
             this.on_recv(0, state(k + 2, *other))
         told = acceleration(this.on_input(0, 0, reading(1, *me)))
         assert told == pytest.approx(law(config, me.astype(float), others.astype(float)), rel=1e-6, abs=1e-7)
+
+    @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 4), max_size=24))
+    def test_whatever_neighbours_claim_pushes_no_harder_than_four_of_them(self, claims):
+        alone, this = robot(1, FlockConfig()), robot(1, FlockConfig())
+        for k, claim in enumerate(claims):
+            this.on_recv(0, state(k + 2, *claim))
+        told, free = (acceleration(each.on_input(0, 0, reading(1, 490, 490, 1, 2))) for each in (this, alone))
+        assert np.abs(np.subtract(told, free)).max() <= 4 * 0.005 * 5 / math.sqrt(0.1) + 1e-6
 
     def test_the_command_is_limited_on_each_axis(self):
         assert acceleration(robot(1, FlockConfig()).on_input(0, 0, reading(1, -9e5, 600))) == (5.0, pytest.approx(-0.1))

@@ -193,14 +193,14 @@ class TestGateway:
             Gateway(swarm, server)
             slow, go_on = asyncio.Event(), asyncio.Event()
 
-            @server.on_request(7)
-            async def hold_up(request):
+            @server.on_command("hold_up")
+            async def hold_up(command):
                 slow.set()
                 await go_on.wait()
 
             await server.wait_connected(10)
             async with Client(server.qr()) as client:
-                asking = asyncio.create_task(client.request(7))
+                await client.command(address, "hold_up", {})
                 await slow.wait()
                 await client.command(address, "move_raw", {"left_y": 100, "right_y": 100})
                 await client.command(address, "move_raw", {"left_y": 0, "right_y": 0})
@@ -209,7 +209,6 @@ class TestGateway:
                 await client.command(address, "waypoints", route)
                 await asyncio.sleep(2.0)
                 go_on.set()
-                await asking
                 await eventually(lambda: driven == [(0, 0)])
                 await client.command(address, "move_raw", {"left_y": 90, "right_y": 80})
                 await eventually(lambda: driven == [(0, 0), (90, 80)])

@@ -19,13 +19,13 @@ from chromium import wait_until
 from conftest import child, eventually
 from phalanx.cli.main import run_command
 from phalanx.cli.mission.files import read_plain
-from phalanx.errors import PhalanxError, Unknown, UsageError
+from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
 from phalanx.gateway.missions.watch import MissionWatch
 from phalanx.io import Client
 from phalanx.mission import BuildOptions, build, plain_mission, public_key, sign
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import AlreadyStarted, NotForUs, OutsideWindow
-from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission
+from phalanx.robot.on_mission import Completed, Decoded, NotValidated, OnMission, drift_of
 from phalanx.robot.shield import Shielded
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.live import Moment, Standing
@@ -59,6 +59,7 @@ ways:
   - [start, door]
 """
 PLAN = floorplan_of_yaml(SMALL.encode())
+NONE = [0, 0, 0]  # learnt of a robot's wheels
 
 
 def plain_of(text: str = THROUGH):
@@ -71,10 +72,11 @@ def orders(text: str = THROUGH, plan=PLAN, **options):
 
 
 class Silent(MissionSwarm):
-    """A swarm without its process: what robots do is said by the test."""
+    """A swarm without its process, ready: what robots do is said by the test."""
 
     def __init__(self, count: int = 2, plan=PLAN):
         super().__init__(plan, count, 0, lambda: NOW)
+        self.preparing = ""
         self.sent: list[tuple] = []
         self._pipe = self
 
@@ -84,8 +86,8 @@ class Silent(MissionSwarm):
     def poll(self):
         return False
 
-    def say(self, *news, phases=("seeking", "seeking"), at=((1.5, 3.0), (1.5, 3.0))):
-        standing = tuple(Standing(*place, 0.0, phase, "") for phase, place in zip(phases, at))
+    def say(self, *news, phases=("seeking", "seeking"), at=((1.5, 3.0), (1.5, 3.0)), drift=(0, 0, 0)):
+        standing = tuple(Standing(*place, 0.0, phase, "", drift=drift) for phase, place in zip(phases, at))
         self._take(Moment(standing, news))
 
 
@@ -93,7 +95,9 @@ class Silent(MissionSwarm):
 def a_mission_gateway(*arguments: str):
     """Like `a_gateway`, with robots that live missions; what they run may have to be compiled first."""
     with child("up", "--events", "--port", "0", *arguments) as running:
-        yield running, running.wait_for("ready", timeout_s=500)
+        ready = running.wait_for("ready", timeout_s=60)
+        running.wait_for("prepared", timeout_s=500)
+        yield running, ready
 
 
 def addresses(swarm):
@@ -211,6 +215,9 @@ class TestSwarm:
     def test_robots_live_it_in_a_process_of_their_own_stand_while_held_and_end_with_it(self):
         with MissionSwarm(PLAN, 2, 0, time.time) as swarm:
             swarm.begin(orders())
+            assert [walk.why for walk in swarm.walks()] == ["robots come up"] * 2
+            assert asyncio.run(swarm.ready()) is swarm
+            assert [walk.why for walk in swarm.walks()] == [""] * 2
             deadline = time.monotonic() + 60
             longest, held = 0.0, False
             while swarm.progress().completed < 2:
@@ -230,6 +237,27 @@ class TestSwarm:
             process = swarm._process
         assert not process.is_alive()
 
+    def test_what_robots_are_told_before_they_are_ready_they_hear_then(self):
+        swarm = Silent()
+        swarm.preparing = "robots come up"
+        mission, last = orders(), orders()
+        swarm.begin(mission)
+        swarm.begin(last)
+        assert swarm.sent == []
+        heard = iter([(0, "compiling: 5 %"), (0, None)])
+        swarm.poll, swarm.recv = iter([True, False, True, False]).__next__, heard.__next__
+        swarm.robots()
+        assert (swarm.preparing, swarm.sent) == ("compiling: 5 %", [])
+        swarm.robots()
+        assert swarm.preparing == ""
+        assert [(number, told.parts) for number, told in swarm.sent] == [(2, last.parts)], "a mission begins once"
+
+    def test_robots_that_cannot_come_up_end_the_gateway_with_a_line(self):
+        with MissionSwarm(PLAN, 1, 0, time.time) as swarm:
+            swarm._process.kill()
+            with pytest.raises(Unavailable, match="before they were ready"):
+                asyncio.run(swarm.ready())
+
     def test_robots_whose_process_dies_are_not_heard_any_more(self, caplog):
         now = [NOW]
         with MissionSwarm(PLAN, 1, 0, lambda: now[0]) as swarm:
@@ -247,6 +275,7 @@ class TestSwarm:
 class TestShields:
     def test_robots_audit_each_other_on_their_mission_and_one_that_lies_is_stopped(self):
         with ShieldedMissionSwarm(PLAN, 4, 0, time.time, "bound", 1) as swarm:
+            asyncio.run(swarm.ready())
             assert isinstance(swarm, Shielded)
             assert isinstance(swarm, OnMission)
             liar, *honest = addresses(swarm)
@@ -286,7 +315,11 @@ class TestWatch:
     def test_frames_tell_what_is_new_and_once_a_second_which_mission_runs(self):
         swarm, watch, said = self.watched()
         first = watch.news(self.number, 10.0)
-        assert first == {"mission": [], "lit": [], "walks": [[0, "waiting", 0, 0, ""], [1, "waiting", 0, 0, ""]]}
+        assert first == {
+            "mission": [],
+            "lit": [],
+            "walks": [[0, "waiting", 0, 0, "", NONE], [1, "waiting", 0, 0, "", NONE]],
+        }
         assert watch.in_area() == {"walls": 6, "mission": None}
         swarm.begin(orders())
         mission_id = swarm.progress().id[:16]
@@ -295,7 +328,7 @@ class TestWatch:
         news = watch.news(self.number, 10.2)
         assert news["mission"] == [[mission_id, 2, 1]]
         assert news["lit"] == [[1500, 3000, ""]]
-        assert news["walks"] == [[0, "seeking", 1, 2, ""], [1, "seeking", 0, 2, ""]]
+        assert news["walks"] == [[0, "seeking", 1, 2, "", NONE], [1, "seeking", 0, 2, "", NONE]]
         assert watch.news(self.number, 10.3) == {"mission": [], "lit": [], "walks": []}
         assert watch.news(self.number, 11.4)["mission"] == [[mission_id, 2, 1]]
         assert [event["what"] for event in said] == ["begun", "decoded", "not validated"]
@@ -310,6 +343,22 @@ class TestWatch:
             "of": 2,
         }
         assert said[2]["reason"] == "timed out"
+
+    def test_a_drift_alone_is_told_once_a_second_and_with_all_else_at_once(self):
+        swarm, watch, _ = self.watched()
+        swarm.begin(orders())
+        watch.news(self.number, 10.0)
+        swarm.say(drift=(29, -48, 12))
+        assert [row[5] for row in watch.news(self.number, 10.1)["walks"]] == [[29, -48, 12]] * 2
+        swarm.say(drift=(30, -48, 12))
+        assert watch.news(self.number, 10.2)["walks"] == []
+        assert [row[5] for row in watch.news(self.number, 11.1)["walks"]] == [[30, -48, 12]] * 2
+        swarm.say(drift=(31, -48, 12), phases=("held", "seeking"))
+        assert [row[0] for row in watch.news(self.number, 11.2)["walks"]] == [0]
+        assert watch.state()["robots"][addresses(swarm)[1]]["drift"] == [31, -48, 12]
+
+    def test_what_a_belief_has_learnt_is_told_in_thousandths_and_hundredths_of_a_degree(self):
+        assert drift_of(0.0294, -0.0481, math.radians(-0.123)) == (29, -48, -12)
 
     def test_another_mission_lights_anew(self):
         swarm, watch, said = self.watched()
@@ -344,7 +393,7 @@ class TestUp:
                 assert area["mission"][1] == 2
                 assert len(await visitor.request(2, frames=True, parts=True)) == 6
                 robots = await visitor.request(0, frames=True)
-                assert [len(robot["walk"]) for robot in robots] == [4, 4]
+                assert [len(robot["walk"]) for robot in robots] == [5, 5]
                 await visitor.command(robots[0]["address"], "move_raw", {"left_y": 50, "right_y": 50})
                 await visitor.command(robots[0]["address"], "waypoints", {"threshold": 60, "waypoints": []})
                 await visitor.command(robots[0]["address"], "rgb_led", {"red": 1, "green": 2, "blue": 3})
@@ -397,7 +446,6 @@ class TestUp:
         ("arguments", "code", "said"),
         [
             (["--mission", "nowhere.yaml"], 2, "cannot read nowhere.yaml"),
-            (["--mission", "delivery", "--defence", "bound"], 2, "what robots read from codes cannot be audited yet"),
             (["--mission", "office", "--robots", "3", "--defence", "bound"], 2, "3 robots are too few"),
             (["--mission", "office", "--trust", "00" * 32], 2, "for encoded missions"),
             (["--start-key", "x"], 2, "for encoded missions"),

@@ -285,6 +285,23 @@ class TestPages:
         assert "dotbots.example is told both" in line
         assert "house" not in caplog.text
 
+    @pytest.mark.parametrize(
+        ("page", "websocket", "is_told"),
+        [
+            ("https://swarm.example/", "ws://192.168.1.7:9001/mqtt", True),
+            ("https://swarm.example/", "wss://swarm.example/mqtt", False),
+            ("http://192.168.1.7:8080/", "ws://192.168.1.7:9001/mqtt", False),
+            ("https://swarm.example/", "ws://127.0.0.1:9001/mqtt", False),
+        ],
+    )
+    async def test_a_page_by_https_whose_broker_no_browser_will_reach_is_said(self, page, websocket, is_told, caplog):
+        where = f"mqtt://127.0.0.1:{free_port()}"
+        options = UpOptions(broker=where, broker_ws=websocket, port=0, wait_s=0.1, page_url=page)
+        with pytest.raises(Unavailable):
+            await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
+        told = f"browsers let no page by https, such as {page}, reach {websocket}; hint: a wss:// one"
+        assert (told in caplog.text) == is_told
+
     async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):
         async with VisitorPages("127.0.0.1", 0) as pages:
             for _ in range(30):

@@ -8,10 +8,8 @@ import contextlib
 import errno
 import os
 import resource
-import selectors
 import signal
 import socket
-import threading
 import time
 from pathlib import Path
 
@@ -22,11 +20,10 @@ from hypothesis import strategies as st
 from conftest import a_broker, a_server, eventually
 from phalanx.errors import PeerError, TooLarge
 from phalanx.io import Client
-from phalanx.io.guard import LATE_S, LOUD, VISITORS, House, Visitor
-from phalanx.io.pace import Pace
-from phalanx.io.seats import Seats, place_of
+from phalanx.io.guard import VISITORS
 from phalanx.io.visitor_packets import REPEATED, SUBSCRIPTIONS, NotForVisitorsError, VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
+from phalanx.link.envelope import encode_envelope, seal
 from test_strangers import Stranger, connect, the_process, varint, with_length
 
 MASK = b"\x01\x02\x03\x80"
@@ -50,7 +47,7 @@ def subscribe(*filters: bytes) -> bytes:
 
 
 def passed_on(stream: bytes) -> list[bytes]:
-    packets = VisitorPackets()
+    packets = VisitorPackets(b"stranger")
     packets.add(stream)
     return list(iter(packets.next, None))
 
@@ -102,8 +99,6 @@ class TestWebsocket:
             hello() + frame(b"text", 1),
             hello() + b"\xc2" + frame(b"compressed")[1:],
             hello() + frame(b"x" * 126, 9),
-            hello() + frame(b"", 9) * 3000,
-            hello() + frame(b"") * 3000,
         ],
     )
     def test_nothing_else_is_taken(self, stream):
@@ -129,16 +124,25 @@ class TestPackets:
         properties = b"\x26\x00\x01a\x00\x01b\x21\x00\x09\x11\xff\xff\xff\xff\x27\x00\x01\x00\x00"
         body = b"\x00\x04MQTT\x05\x00\x00\x3c" + varint(len(properties)) + properties + b"\x00\x01x"
         (packet,) = passed_on(with_length(0x10, body))
-        assert packet.endswith(b"\x11\x00\x00\x00\x00\x27\x00\x01\x00\x00\x00\x01x")
+        assert packet.endswith(b"\x11\x00\x00\x00\x00\x27\x00\x01\x00\x00\x00\x08stranger")
         for wrong in (b"\x11\xff", b"\x77\x00", b"\x26\x00\xffab"):
             body = b"\x00\x04MQTT\x05\x00\x00\x3c" + varint(len(wrong)) + wrong + b"\x00\x01x"
             with pytest.raises(NotForVisitorsError):
                 passed_on(with_length(0x10, body))
 
+    @pytest.mark.parametrize(("version", "said_s", "passed_on_s"), [(4, 0, 120), (4, 121, 120), (4, 60, 60), (5, 0, 0)])
+    def test_nobody_is_silent_for_ever(self, version, said_s, passed_on_s):
+        assert passed_on(connect(version, keepalive_s=said_s)) == [connect(version, keepalive_s=passed_on_s)]
+
+    @pytest.mark.parametrize("version", [4, 5])
+    def test_a_name_is_one_that_nobody_else_has_or_none(self, version):
+        assert passed_on(connect(version, b"x" * 300)) == [connect(version)]
+        assert passed_on(connect(version, b"")) == [connect(version, b"")]
+
     @given(st.lists(st.integers(1, 50), min_size=1, max_size=9))
     def test_packets_come_out_whole_however_they_are_cut(self, cuts):
         told = [connect(4), subscribe(b"/qrkey/x/notify"), with_length(0x30, b"\x00\x01t" + bytes(300)), b"\xc0\x00"]
-        stream, packets, out, at, turn = b"".join(told), VisitorPackets(), [], 0, 0
+        stream, packets, out, at, turn = b"".join(told), VisitorPackets(b""), [], 0, 0
         while at < len(stream):
             packets.add(stream[at : at + cuts[turn % len(cuts)]])
             out += iter(packets.next, None)
@@ -152,6 +156,7 @@ class TestPackets:
             b"\xc0\x00",
             connect(4) + connect(4),
             connect(0x85),
+            connect(4).replace(b"MQTT\x04\x02", b"MQTT\x04\x06"),
             connect(4) + b"\x80" + subscribe(b"x")[1:],
             connect(4) + b"\x30\xff\xff\xff\xff\x01",
             connect(4) + b"\x30\xff\xff\x7f",
@@ -162,7 +167,11 @@ class TestPackets:
             connect(4) + subscribe(*(b"x" for _ in range(SUBSCRIPTIONS + 1))),
             connect(4) + subscribe(b"x") * (REPEATED + 2),
             connect(4) + subscribe(b"x", b"x") * REPEATED,
+            connect(4) + subscribe(b"/qrkey/t/notify", b"/qrkey/t/reply/+"),
+            connect(4) + subscribe(b"/qrkey/#"),
+            connect(4) + subscribe(b"$share/all//qrkey/t/notify"),
             connect(4) + b"\x50\x81\x01",
+            connect(4) + b"\x40\x02\x00\x01",
         ],
     )
     def test_what_a_broker_would_keep_or_choke_on_is_refused(self, stream):
@@ -181,169 +190,6 @@ class TestPackets:
         for start in (b"", connect(version)):
             with contextlib.suppress(PeerError):
                 passed_on(start + data)
-
-
-def test_a_network_that_one_machine_has_to_itself_is_one_place():
-    assert place_of("2001:db8::1") == place_of("2001:db8::ffff:1") != place_of("2001:db8:0:1::1")
-    assert place_of("::ffff:192.0.2.7") == place_of("192.0.2.7") != place_of("192.0.2.8")
-    assert place_of("fe80::1%eth0") == place_of("fe80::2%eth0")
-
-
-class Sitting:
-    def __init__(self, seats: Seats, place: str, heard_at_s: float) -> None:
-        self.place, self.heard_at_s, self.left, self._seats = place, heard_at_s, False, seats
-        seats.take(self)
-
-    def leave(self) -> None:
-        self.left = True
-        self._seats.gone(self)
-
-
-class TestSeats:
-    def test_a_crowd_that_comes_and_says_nothing_pushes_out_nobody_who_spoke_nor_whoever_has_just_come(self):
-        seats: Seats[Sitting] = Seats(100)
-        speaks = [Sitting(seats, "here", float(n)) for n in range(40)]
-        elsewhere = [Sitting(seats, "there", 0.0) for _ in range(10)]
-        for one in speaks:
-            seats.heard(one)
-        for n in range(1000):
-            come = [Sitting(seats, "here", 100.0 + n), Sitting(seats, "here", 100.0 + n)]
-            assert not come[0].left
-            assert len(seats) <= 100
-        assert not any(one.left for one in (*speaks, *elsewhere))
-
-    def test_among_who_spoke_it_is_who_was_silent_longest_of_where_most_are(self):
-        seats: Seats[Sitting] = Seats(10)
-        sit = [Sitting(seats, "here" if n < 7 else "there", float(n)) for n in range(10)]
-        for one in sit:
-            seats.heard(one)
-        seats.heard(sit[0])
-        Sitting(seats, "elsewhere", 20.0)
-        assert [one.left for one in sit] == [False, True] + [False] * 8
-        assert list(map(len, seats._from.values())) == [6, 3, 1]
-
-
-class Wire:
-    """A transport, and how often it was hung up."""
-
-    def __init__(self) -> None:
-        self.aborted = 0
-
-    def abort(self) -> None:
-        self.aborted += 1
-
-    def get_extra_info(self, name: str):
-        return self if name == "socket" else None
-
-    def __getattr__(self, name):
-        return lambda *_, **__: 0 if name == "get_write_buffer_size" else None
-
-
-class Ear(Wire):
-    """A broker's end, and what it heard."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.heard: list[bytes] = []
-
-    def write(self, packet: bytes) -> None:
-        self.heard.append(packet)
-
-
-def visitor_of(house: House, name: bytes) -> tuple[Visitor, Ear]:
-    """Somebody who has said hello."""
-    visitor, ear = Visitor(house, browser=False), Ear()
-    visitor.connection_made(Wire())
-    visitor._broker = ear
-    visitor.data_received(connect(4, name))
-    return visitor, ear
-
-
-class TestAPace:
-    @given(st.lists(st.floats(0, 2), max_size=300), st.integers(1, 50), st.integers(1, 50))
-    def test_no_more_is_said_than_that(self, silences, per_s, at_once):
-        pace, now_s, said = Pace(per_s, at_once), 0.0, 0
-        for silent_s in silences:
-            now_s += silent_s
-            said += pace.may(now_s)
-            assert said <= at_once + now_s * per_s
-
-    async def test_of_ten_thousand_things_at_once_most_are_dropped_and_none_waits_and_others_are_heard(self):
-        house = House("", 10)
-        (flood, all_of_it), (other, heard) = visitor_of(house, b"flood"), visitor_of(house, b"other")
-        publish = with_length(0x30, b"\x00\x01tx")
-        flood.data_received(publish * 2_000)
-        other.data_received(publish)
-        for _ in range(300):
-            await asyncio.sleep(0)
-        assert heard.heard[-1] == publish
-        assert 200 < len(all_of_it.heard) < 500, "so many at first"
-        assert flood._packets.next() is None
-        assert not flood._transport.aborted
-        flood.data_received(publish * 2_000)
-        for _ in range(300):
-            await asyncio.sleep(0)
-        assert flood._transport.aborted == 1, "nobody has so much to say"
-        assert not other._transport.aborted
-
-    async def test_what_waited_while_too_many_spoke_is_dropped_and_what_waited_for_another_reason_is_not(self):
-        house, publish = House("", 100), with_length(0x30, b"\x00\x01tx")
-        other, heard = visitor_of(house, b"other")
-        other.pace = Pace(400, 800)  # it has been here for a while
-
-        async def a_turn() -> None:
-            await asyncio.sleep(0)
-            other.data_received(publish)  # so that somebody spoke in the turn before
-            time.sleep(1.1 * LATE_S)
-            await asyncio.sleep(0)
-
-        await a_turn()
-        other.data_received(publish)
-        assert heard.heard == [connect(4, b"other"), publish, publish]
-        for name in range(20):
-            visitor_of(house, b"%d" % name)[0].data_received(publish * 800)
-        for _ in range(20):
-            await asyncio.sleep(0)
-        await asyncio.sleep(0.05)
-        heard.heard.clear()
-        await a_turn()
-        other.data_received(publish + subscribe(b"x"))
-        assert heard.heard == [publish, subscribe(b"x")], "the second is late; a subscription is not a command"
-        await asyncio.sleep(3 * LATE_S)
-        other.data_received(publish)
-        assert heard.heard[-1] == publish
-
-    async def test_those_who_make_the_most_work_are_hung_up_on_and_nobody_who_makes_little(self):
-        house = House("", 10)
-        visitors = [visitor_of(house, b"%d" % name)[0] for name in range(6)]
-        for visitor, work in zip(visitors, (LOUD, 5 * LOUD, 40, 4 * LOUD, 0, LOUD - 1), strict=True):
-            visitor.work = work
-        house.quiet()
-        assert [visitor._transport.aborted for visitor in visitors] == [0, 1, 0, 1, 0, 0], "half of it"
-        for visitor in visitors:
-            visitor.work = LOUD - 1
-        house.quiet()
-        assert len(house) == 4
-
-    async def test_whoever_says_them_and_goes_leaves_nobody_here(self):
-        house = House("", 10)
-        flood, ear = visitor_of(house, b"flood")
-        closed = []
-        ear.close = lambda: closed.append(True)
-        flood.data_received(with_length(0x30, b"\x00\x01tx") * 2_000)
-        flood.connection_lost(None)
-        await eventually(lambda: closed)
-        assert len(ear.heard) < 1200
-
-
-def test_nobody_is_hung_up_on_twice():
-    visitor, wire, broker = Visitor(House("", 10), browser=False), Wire(), Wire()
-    visitor.connection_made(wire)
-    visitor._broker = broker
-    visitor.say_goodbye()
-    visitor.connection_lost(None)
-    visitor.leave()
-    assert (wire.aborted, broker.aborted) == (0, 0), "asyncio complains of it, in the operator's log"
 
 
 def memory_mb(pid: int) -> float:
@@ -413,11 +259,12 @@ class TestNothingIsFilled:
                     return seat
 
                 elsewhere = await asyncio.to_thread(sit_down, "127.0.0.2")
-                async with Client(server.qr()) as client:  # this one is never silent for long
-                    for n in range(VISITORS + 100):
+                async with Client(server.qr()) as client:  # this one only looks on, once it has its list
+                    assert (await client.request(0))["robots"] == [1, 2]
+                    for _ in range(VISITORS + 100):
                         await asyncio.to_thread(sit_down, "127.0.0.1")
-                        if n % 20 == 0:
-                            assert (await client.request(0))["robots"] == [1, 2]
+                    assert (await client.request(0))["robots"] == [1, 2]
+                    assert not client._link.reconnects
                 async with Client(server.qr()) as late:
                     assert (await late.request(0))["robots"] == [1, 2]
                 elsewhere.settimeout(10)
@@ -433,7 +280,7 @@ class TestNothingIsFilled:
                     stranger = await asyncio.to_thread(
                         stalled.enter_context, Stranger(broker.url.port, 4, name=b"stalled%d" % n)
                     )
-                    await asyncio.to_thread(stranger.subscribe, "/qrkey/+/notify")
+                    await asyncio.to_thread(stranger.subscribe, f"/qrkey/{server.epoch.topic}/notify")
                 async with Client(server.qr()) as client:
                     news = client.notifications()
                     for n in range(100):
@@ -444,6 +291,26 @@ class TestNothingIsFilled:
                 assert memory_mb(guard) < 200
             assert the_process(broker.url.port) == pid
             assert not server.reconnects
+
+    async def test_an_answer_has_one_reader_the_last_who_came(self, broker):
+        async with a_server(broker) as server:
+            await server.wait_connected(10)
+            base = f"/qrkey/{server.epoch.topic}"
+            question = encode_envelope({"request": 0, "reply": "me"}, time.time())
+            async with Stranger(broker.url.port, 4, name=b"a") as asleep, Stranger(broker.url.port, 4, name=b"b") as me:
+                for reader in (asleep, me):
+                    await asyncio.to_thread(reader.subscribe, f"{base}/reply/me", f"{base}/notify")
+                assert await asyncio.to_thread(asleep.socket.recv, 1) == b""
+                me.publish(f"{base}/request", seal(question, server.epoch, os.urandom(12)))
+                assert b"/reply/me" in await asyncio.to_thread(me.socket.recv, 500)
+
+    async def test_nobody_pushes_another_off_by_its_name(self, broker):
+        async with (
+            Stranger(broker.url.port, 4, name=b"mqttjs_1") as first,
+            Stranger(broker.url.port, 4, name=b"mqttjs_1"),
+        ):
+            first.socket.sendall(b"\xc0\x00")
+            assert await asyncio.to_thread(first.socket.recv, 2) == b"\xd0\x00"
 
     async def test_of_a_class_that_scans_at_once_everybody_is_let_in(self, broker):
         async def come(name: int) -> bytes:
@@ -456,36 +323,6 @@ class TestNothingIsFilled:
 
         answers = await asyncio.gather(*map(come, range(300)))
         assert answers == [b"\x20\x02\x00\x00"] * 300
-
-    async def test_four_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers(self):
-        packet = with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20
-        async with a_broker() as broker, a_server(broker) as server:
-            await server.wait_connected(10)
-            with contextlib.ExitStack() as crowd:
-                flooding = selectors.DefaultSelector()
-                for name in range(400):
-                    one = crowd.enter_context(Stranger(broker.url.port, 4, name=b"flood%d" % name)).socket
-                    one.setblocking(False)
-                    flooding.register(one, selectors.EVENT_WRITE)
-
-                def flood() -> None:
-                    while flooding.get_map() and not over.is_set():
-                        for key, _ in flooding.select(1):
-                            try:
-                                key.fileobj.send(packet)
-                            except BlockingIOError:
-                                pass
-                            except OSError:
-                                flooding.unregister(key.fileobj)
-
-                over = threading.Event()
-                crowd.callback(over.set)
-                hung_up = asyncio.create_task(asyncio.to_thread(flood))
-                async with Client(server.qr()) as client:
-                    for _ in range(20):
-                        assert await client.request(0)
-                        await asyncio.sleep(0.05)
-                await asyncio.wait_for(hung_up, 60)
 
     async def test_who_says_nothing_at_first_is_hung_up_on(self, broker):
         with socket.create_connection(("127.0.0.1", broker.url.port), 10) as silent:
@@ -504,8 +341,6 @@ class TestNothingIsFilled:
             assert not server.reconnects, "it does not come by way of the guard"
 
     async def test_who_has_no_file_left_to_ask_it_ends_no_broker_that_is_well(self, broker, monkeypatch):
-        asked = asyncio.open_connection
-
         async def out_of_files(*where, **how):
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
@@ -513,9 +348,10 @@ class TestNothingIsFilled:
             await server.wait_connected(10)
             await asyncio.sleep(2)
             before = the_process(broker.url.port), the_guard(broker)
-            monkeypatch.setattr(asyncio, "open_connection", out_of_files)
+            for dials in ("open_connection", "open_unix_connection"):
+                monkeypatch.setattr(asyncio, dials, out_of_files)
             await asyncio.sleep(5)
-            monkeypatch.setattr(asyncio, "open_connection", asked)
+            monkeypatch.undo()
             assert (the_process(broker.url.port), the_guard(broker)) == before
             assert not server.reconnects
             os.kill(before[0], signal.SIGSTOP)

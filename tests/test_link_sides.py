@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from phalanx.config import LinkConfig
 from phalanx.crypto import Key, seal_jwe
 from phalanx.errors import Stale, UsageError
-from phalanx.link import ClientSide, Command, Pin, Request, ServerSide, new_pin
+from phalanx.io import Client
+from phalanx.link import ClientSide, Command, Pin, QrUrl, Request, ServerSide, new_pin
 from phalanx.link.envelope import encode_envelope, encode_pin_message, seal
 from phalanx.link.messages import Knock, Moved, Notification, Publish, Rejected, Reply, Subscribe, Unsubscribe
 from phalanx.link.rotation import TABLE, Act, Event, State, step
@@ -36,7 +37,26 @@ def published(asks) -> list[Publish]:
     return [ask for ask in asks if isinstance(ask, Publish)]
 
 
+async def unread(payloads) -> tuple[list, int]:
+    """What a client has for a late reader of these notifications, and how many it says it dropped."""
+    server, _ = pair()
+    client = Client(QrUrl(server.epoch.pin, "ws://nowhere.invalid/mqtt"), clock=lambda: NOW)
+    for payload in payloads:
+        (note,) = server.notify(payload, NOW)
+        await client._on_message(note.topic, note.payload)
+    heard = client.notifications()
+    kept = [await anext(heard) for _ in range(client._unread.qsize())]
+    assert not client._unread_bytes
+    return kept, client.dropped
+
+
 class TestMessages:
+    async def test_what_nobody_reads_is_bounded_in_number_and_in_bytes_and_what_is_dropped_is_counted(self):
+        assert await unread(range(300)) == ([*range(44, 300)], 44)
+        long = "x" * 1_000_000
+        assert await unread([long + str(i) for i in range(6)]) == ([long + str(i) for i in range(3, 6)], 3)
+        assert await unread([1, long + "y", 2]) == ([1, long + "y", 2], 0)
+
     def test_a_command_arrives_as_it_was_sent(self):
         server, client = pair()
         said = deliver(server, client.command(MOVE, {"left_y": 60}, NOW), 0.0)

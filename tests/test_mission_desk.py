@@ -61,11 +61,9 @@ class TestDesk:
             assert (await desk(what, words, headers={}))[0] == 401
             assert (await desk(what, words, headers=HEADERS | {"Origin": "http://evil.example"}))[0] == 403
 
-    async def test_what_robots_cannot_audit_is_refused_before_it_is_compiled(self, desk):
-        desk.swarm.defence = "bound"
-        code = "{qr: [7.0, 3.0], text: 7d1f0c52a9e84b3666c0e2f1b8d49a07}"
-        job = await compiled(desk, THROUGH.replace("{doorway: [5.0, 3.0], facing: 90}, width: 1.2", code))
-        assert (job["state"], "audit each other: what they read from codes" in job["error"]) == ("failed", True)
+    async def test_what_robots_cannot_sense_is_refused_before_it_is_compiled(self, desk):
+        job = await compiled(desk, THROUGH.replace("{doorway: [5.0, 3.0], facing: 90}, width: 1.2", "{sensor: red}"))
+        assert (job["state"], "wants the reading 'red'" in job["error"]) == ("failed", True)
         assert "--" not in job["hint"], "there is no command line in a browser"
         assert (await compiled(desk))["state"] == "compiled"
 
@@ -134,10 +132,10 @@ class TestDesk:
 
     async def test_what_is_wrong_with_a_mission_is_said_in_a_line_with_a_hint(self, desk):
         for text, error in (
-            ("mission: x\nnodes: {a: {see: {doorway: [1]}}}", "node a: doorway has 1 numbers"),
+            ("mission: x\nnodes: {a: {see: {doorway: [1]}}}", "mission:2: node a: doorway has 1 numbers"),
             ("mission: x\nnodes: {a: {see: {position: [1, 1]}}}", "no node is marked as a start"),
             (THROUGH.replace("position: [1.5, 3.0]", "position: [5, 1]"), "no robot can stand at 'start'"),
-            ("{", "the mission is not YAML"),
+            ("{", "mission:1: not YAML"),
         ):
             job = await compiled(desk, text)
             assert job["state"] == "failed"

@@ -113,7 +113,7 @@ def test_a_mission_for_a_sensor_that_no_robot_here_has_is_refused_before_it_runs
         assert "'lamp' wants the reading 'red'" in str(error)
     unknown = command("run", file)
     assert unknown.return_value == 1
-    assert "a sensor that simulated robots do not have" in unknown.stderr
+    assert "beacons, or what else other sensors tell of" in unknown.stderr
 
 
 def test_a_node_that_is_known_by_a_landmark_too_needs_no_sensor(tmp_path: Path) -> None:

@@ -116,6 +116,38 @@ def test_a_mission_with_doors_of_nine_tenths_of_a_metre_is_lived(tmp_path: Path)
     assert lived["false_fixes"] == lived["false_decodes"] == 0
 
 
+def test_robots_see_with_the_lidar_that_is_said() -> None:
+    def lived(*words: str) -> dict[str, object]:
+        told: dict[str, object] = json.loads(command("run", "delivery", "--profile", "paper", "--json", *words).stdout)
+        return told
+
+    usual, same = lived(), lived("--lidar", "270")
+    assert usual["digest"] == same["digest"]
+    around = lived("--lidar", "360,720,12,0.02")
+    assert around["completed"] == 1
+    assert around["false_fixes"] == around["false_decodes"] == 0
+    assert around["digest"] != usual["digest"]
+    assert lived("--lidar", "270,1080,0.5")["decoded"] == 1, "who sees half a metre finds no door"
+    for said in ("", "270,many", "400", "nan", "270,1", "270,1080,30,0.01,5", "270,1080,0.1"):
+        assert isinstance(command("run", "delivery", "--lidar", said).exception, UsageError), said
+
+
+def test_robots_with_another_lidar_audit_each_other() -> None:
+    words = ("--profile", "paper", "--defence", "bound", "--robots", "3", "--lidar", "360,720", "--duration", "60")
+    told = json.loads(command("run", "office", *words, "--json").stdout)
+    assert told["audits"]["passed"] > 0
+    assert (told["audits"]["refused"], told["in_safe_mode"]) == (0, [])
+
+
+def test_a_map_is_explored_as_far_as_the_lidar_shows_it() -> None:
+    def names(*words: str) -> set[str]:
+        told = json.loads(command("audit", "--map", "drawn:57", "--profile", "paper", "--json", *words).stdout)
+        return {node["name"].rstrip("0123456789") for node in told["nodes"]}
+
+    assert "room" in names()
+    assert "room" not in names("--lidar", "270,1080,2")
+
+
 def test_an_audit_of_what_nobody_can_begin_to_guess_gives_no_time_for_the_whole() -> None:
     def whole(*words: str) -> list[str]:
         (line,) = [row for row in command("audit", *words).stdout.splitlines() if row.startswith("all that can")]

@@ -73,4 +73,4 @@ def test_what_is_copied_from_one_record_to_another_lies_in_both_alike():
 
 def test_an_order_is_the_tables_record():
     told = table.ORDER.decode(orders.wheels_order(7, 3, -100, 50))
-    assert told == {"id": 7, "number": 3, "action": orders.WHEELS, "body": b"\x9c\x32"}
+    assert told == {"id": 7, "number": 3, "action": table.TELL_WHEELS, "body": b"\x9c\x32"}

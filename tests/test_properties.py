@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import json
 import os
 
@@ -149,17 +151,29 @@ class TestReplayCache:
                 assert len(cache) == capacity
             assert len(cache) <= capacity
 
-    def test_messages_dated_ahead_take_no_room_of_those_dated_now(self):
-        cache, now = ReplayCache(6000, 30.0), 1000.0
-        ahead = [number.to_bytes(12, "big") for number in range(6000)]
-        with pytest.raises(CacheFull):
-            for iv in ahead:
-                cache.enter("e", iv, now + 29.0, now)
-        assert len(cache) == 100
-        for second in range(29):
-            cache.enter("e", bytes([second + 1]) * 12, now + second, now + second)
+    def test_a_burst_however_it_is_dated_takes_no_room_of_what_comes_a_moment_later(self):
+        cache, now = ReplayCache(6200, 30.0), 1000.0
+        burst = [number.to_bytes(12, "big") for number in range(6200)]
+        took = 0
+        for number, iv in enumerate(burst):
+            with contextlib.suppress(CacheFull):
+                cache.enter("e", iv, now - 29.0 + number % 59, now)
+                took += 1
+        assert took == len(cache) == 775
+        for tenth in range(1, 600):
+            then = now + tenth / 10
+            cache.enter("e", tenth.to_bytes(12, "little"), then, then)
         with pytest.raises(Replayed):
-            cache.enter("e", ahead[0], now + 29.0, now + 29.0)
+            cache.enter("e", burst[58], now + 29.0, now + 59.0)
+
+    def test_a_flood_without_end_does_not_fill_it(self):
+        cache, numbers = ReplayCache(6200, 30.0), itertools.count()
+        for tenth in range(2000):
+            now = 1000.0 + tenth / 10
+            for _ in range(20):  # 200 a second, where 87.5 are taken, each for as long as it can be
+                with contextlib.suppress(CacheFull):
+                    cache.enter("e", next(numbers).to_bytes(12, "big"), now + 29.9, now)
+        assert 5000 < len(cache) < 6200
 
 
 class TestVocabulary:

@@ -9,16 +9,17 @@ import subprocess
 import time
 import urllib.error
 import urllib.request
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from chromium import wait_until
 from conftest import a_gateway, child, eventually
 from phalanx.cli.main import run_command
 from phalanx.demo.rehearsal import rehearse_elsewhere
-from phalanx.demo.simulated import choose_protection, simulated_swarm
+from phalanx.demo.simulated import SoonProtected, choose_protection, simulated_swarm
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
 from phalanx.io import Client
@@ -383,15 +384,16 @@ class TestUp:
     async def test_robots_drive_before_all_is_compiled_and_get_their_shields_where_they_stand(self, monkeypatch):
         compiled = asyncio.Event()
 
-        async def elsewhere(_: str) -> None:
+        async def elsewhere(_: str, tell: Callable[[str], None]) -> None:
+            tell("half is compiled")
             await compiled.wait()
 
         monkeypatch.setattr("phalanx.demo.simulated.is_compiled", lambda _: False)
         monkeypatch.setattr("phalanx.demo.simulated.rehearse_elsewhere", elsewhere)
         events: asyncio.Queue[dict] = asyncio.Queue()
         lines: list[str] = []
-        make = partial(simulated_swarm, 12, 0, None, None, lines.append)
-        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, swarm=make))
+        swarm = simulated_swarm(12, 0, None, None, lines.append)
+        gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, swarm=lambda: swarm))
         try:
             ready = await asyncio.wait_for(events.get(), 10)
             assert ready["event"] == "ready"
@@ -399,6 +401,8 @@ class TestUp:
                 area = await client.request(1, frames=True)
                 assert "being compiled" in area["unprotected"]
                 assert "t_val_ms" not in area
+                assert isinstance(swarm, SoonProtected)
+                assert swarm.preparing == "no shields yet, half is compiled"
                 before = {robot["address"]: robot for robot in await client.request(0, frames=True)}
                 driven = next(iter(before))
                 for _ in range(10):
@@ -409,7 +413,7 @@ class TestUp:
                 assert stood[driven]["lh2_position"] != before[driven]["lh2_position"]
                 assert not any("shield" in robot for robot in stood.values())
                 compiled.set()
-                while (await asyncio.wait_for(events.get(), 500))["event"] != "shielded":
+                while (await asyncio.wait_for(events.get(), 500))["event"] != "prepared":
                     pass
                 area = await client.request(1, frames=True)
                 assert area["tokens_needed"] == 4
@@ -424,27 +428,30 @@ class TestUp:
             await asyncio.gather(gateway, return_exceptions=True)
 
     @pytest.mark.alone
-    def test_the_code_is_shown_within_ten_seconds_though_nothing_is_compiled(self, tmp_path):
+    @pytest.mark.parametrize("words", [[], ["--mission", "office"]])
+    def test_the_code_is_shown_within_ten_seconds_though_nothing_is_compiled(self, words, tmp_path):
         began_s = time.monotonic()
-        with child("up", "--events", "--port", "0", env={"NUMBA_CACHE_DIR": str(tmp_path)}) as running:
+        with child("up", "--events", "--port", "0", *words, env={"NUMBA_CACHE_DIR": str(tmp_path)}) as running:
             ready = running.wait_for("ready", timeout_s=60)
             took_s = time.monotonic() - began_s
-            assert state_of(ready)["shields"] is None, "nobody is told of shields that are not there"
+            assert words or state_of(ready)["shields"] is None, "nobody is told of shields that are not there"
             assert running.process.poll() is None
+            assert not running.events("prepared")
             own = subprocess.run(["pgrep", "-P", str(running.process.pid)], capture_output=True, text=True, check=True)
             children = [int(pid) for pid in own.stdout.split()]
-            assert len(children) == 3, "a broker, its guard, and what compiles"
+            kept = ["multiprocessing's tracker"] if words else []
+            assert len(children) == len(["a broker", "its guard", "what compiles", *kept])
             began_s = time.monotonic()
             assert running.stop() == 0
             assert time.monotonic() - began_s < 2
-            assert not [pid for pid in children if Path(f"/proc/{pid}").exists()]
+            wait_until(lambda: not [pid for pid in children if Path(f"/proc/{pid}").exists()], 5)
         assert not [line for line in running.err if "Traceback" in line]
         assert took_s < 10
 
     async def test_a_gateway_whose_code_does_not_compile_says_so_in_a_line(self, monkeypatch):
         monkeypatch.setattr("sys.executable", "/bin/false")
         with pytest.raises(Unavailable, match="cannot be compiled: exit code 1"):
-            await rehearse_elsewhere("bound")
+            await rehearse_elsewhere("bound", lambda _: None)
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

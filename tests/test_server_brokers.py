@@ -359,7 +359,10 @@ class TestBrokersThatComeAndGo:
     async def test_a_kind_of_broker_that_nobody_knows_is_taken_for_a_host_and_that_is_said(self, caplog):
         async with a_broker("mosquito") as broker:
             assert str(broker.url) == "mqtt://mosquito:1883"
-        assert "hint: auto, mosquitto, amqtt, or a URL" in caplog.text
+        assert "hint: did you mean mosquitto? auto, mosquitto, amqtt, or a URL" in caplog.text
+        caplog.clear()
+        async with a_broker("test.mosquitto.org"):
+            assert "hint: auto, mosquitto, amqtt, or a URL" in caplog.text
         caplog.clear()
         async with a_broker("mqtt://mosquito"):
             assert not caplog.text

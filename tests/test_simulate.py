@@ -103,6 +103,7 @@ class TestArrays:
             ({"attacks": ["none", "spoof"]}, "an attack and none"),
             ({"seeds": "abc"}, "seeds is 'abc'"),
             ({"seeds": 1.5}, "seeds is 1.5"),
+            ({"seeds": [1.5, 2.9]}, r"seeds is \[1.5, 2.9\]"),
             ({"every_s": "1"}, "every_s is '1'"),
             ({"workers": "all"}, "workers is 'all'"),
             ({"controller": 3}, "controller is 3"),

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from conftest import a_gateway, a_server, bare_mosquitto, eventually
+from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually
 from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway
 from phalanx.gateway.joystick import Told
@@ -122,12 +122,13 @@ class TestNothingFreezesTheGateway:
                 await server.wait_connected(10)
                 request = f"/qrkey/{server.epoch.topic}/request"
                 async with Stranger(tcp) as stranger:
-                    before_s = time.thread_time()
+                    before_s, turns = time.thread_time(), Turns()
                     await asyncio.to_thread(stranger.publish, request, b"x", b"\x26\x00\x00\x00\x00" * 200_000)
                     command = f"/qrkey/{server.epoch.topic}/command/{'a/' * 150}{'b' * 60_000}"
                     await asyncio.to_thread(stranger.publish, command, b"x", b"")
                     await eventually(lambda: server.rejected == {"too_large": 2})
                     assert time.thread_time() - before_s < 1
+                    assert turns.longest_s < 0.05
                 assert server.reconnects == 0
 
     async def test_a_brokers_frame_full_of_small_packets_holds_nothing_up(self):
@@ -151,10 +152,11 @@ class TestNothingFreezesTheGateway:
 
         asked, told = [], []
         async with await asyncio.start_server(broker, "127.0.0.1", 0) as there:
-            before_s = time.thread_time()
+            before_s, turns = time.thread_time(), Turns()
             async with Server(f"ws://127.0.0.1:{there.sockets[0].getsockname()[1]}/mqtt") as server:
                 await eventually(lambda: sum(server.rejected.values()) == 1, 60)
                 assert time.thread_time() - before_s < 4
+                assert turns.longest_s < 0.05
                 assert not server.reconnects
 
     async def test_a_packet_longer_than_any_is_skipped_and_the_connection_lives(self, tmp_path):
@@ -165,11 +167,13 @@ class TestNothingFreezesTheGateway:
             async with Server(f"mqtt://127.0.0.1:{tcp}", mqtt=4) as server:
                 server.on_request(0)(lambda request: [1, 2])
                 await server.wait_connected(10)
+                turns = Turns()
                 async with Stranger(tcp, 4) as stranger:
                     request = f"/qrkey/{server.epoch.topic}/request"
                     for size in (3_000_000, 30_000_000):
                         await asyncio.to_thread(stranger.publish, request, b"A" * size)
                 await eventually(lambda: server.rejected == {"too_large": 2})
+                assert turns.longest_s < 0.05
                 async with Client(server.qr(), broker=server.broker) as visitor:
                     assert await visitor.request(0) == [1, 2]
                 assert server.reconnects == 0
@@ -208,11 +212,19 @@ class TestOurBroker:
                     assert client.moves == 0
                     assert not client.rejected
 
-    async def test_wildcards_show_nobodys_commands(self, any_broker):
+    async def test_nobody_hears_what_others_say_nor_by_a_wildcard_what_they_are_told(self, any_broker):
         async with a_server(any_broker) as server:
             await server.wait_connected(10)
+            base = f"/qrkey/{server.epoch.topic}"
+            for name in ("#", "/+/+/+", f"{base}/reply/+", f"$share/all/{base}/notify"):
+                async with Stranger(any_broker.url.port, 4) as stranger:
+                    told = with_length(0x82, b"\x00\x01" + len(name).to_bytes(2, "big") + name.encode() + b"\x00")
+                    stranger.socket.sendall(told)
+                    answer = await asyncio.to_thread(stranger.socket.recv, 64)
+                    assert answer in (b"", b"\x90\x03\x00\x01\x80"), "hung up on, or denied"
             async with Stranger(any_broker.url.port, 4) as stranger:
-                await asyncio.to_thread(stranger.subscribe, "#", "/qrkey/+/command/#", "/qrkey/+/request", "/+/+/+")
+                subs = ("request", "command/0000/AB/0/secret-name", "notify")
+                await asyncio.to_thread(stranger.subscribe, *(f"{base}/{sub}" for sub in subs))
                 async with Client(server.qr()) as client:
                     await client.command("AB", "secret-name", 1)
                     await client.request(0)
@@ -235,6 +247,7 @@ class TestOurBroker:
         folder = Path(words[2]).parent
         files = [path for path in folder.iterdir() if path.is_file()]
         assert stat.S_IMODE((folder / "run").stat().st_mode) == 0o700, "where the guard finds the broker"
+        assert stat.S_IMODE((folder / "watched").stat().st_mode) == 0o600, "where we see whether the guard serves"
         assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}, "nobody else"
         assert not folder.stat().st_mode & 0o066
         assert password not in "".join(path.read_text() for path in files)
@@ -244,7 +257,7 @@ class TestOurBroker:
             await server.wait_connected(10)
             sleeper = Stranger(any_broker.url.port, 4, name=b"sleeper", clean=False)
             async with sleeper:
-                await asyncio.to_thread(sleeper.subscribe, "/qrkey/+/notify", qos=1)
+                await asyncio.to_thread(sleeper.subscribe, f"/qrkey/{server.epoch.topic}/notify", qos=1)
             await asyncio.sleep(0.5)
             for n in range(5):
                 await server.notify(n)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
 import struct
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conftest import uncompiled
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers import dispatch
@@ -23,7 +20,6 @@ from phalanx.robot.controllers.orders import led_order, route_order, wheels_orde
 from phalanx.robot.controllers.python_controller import Act, Send, compiled, pack_outputs, unpack_outputs
 from phalanx.robot.follow import wheels_towards
 
-HERE = Path(__file__).parent
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
 RUN_SHA256 = "e7ccee56e6b9acaf766cd08a0941fa26e86fb6e6a4454bfb501d327cf678bf54"
 
@@ -282,15 +278,7 @@ def run_digest():
 class TestReplay:
     def test_a_run_has_the_same_bytes_compiled_interpreted_and_everywhere(self):
         script = "import numba, test_wheels; print(numba.config.DISABLE_JIT, test_wheels.run_digest())"
-        plain = subprocess.run(
-            [sys.executable, "-c", script],
-            env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-            cwd=HERE,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert plain.stdout.split() == ["1", run_digest()]
+        assert uncompiled(script) == ["1", run_digest()]
         assert run_digest() == RUN_SHA256
 
     @settings(deadline=None)

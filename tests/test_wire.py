@@ -147,9 +147,10 @@ def test_whatever_is_maced_begins_with_a_tag_of_its_own():
     assert not set(kinds.values()) & {table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD}
 
 
-def test_the_c_header_is_made_from_the_table():
+def test_the_c_header_and_the_pages_module_are_made_from_the_table():
     make = generator()
     assert make.HEADER.read_text() == make.c_header()
+    assert make.PAGES.read_text() == make.for_pages()
 
 
 def test_the_tables_of_the_specification_are_made_from_the_table():

@@ -250,6 +250,17 @@ def replays() -> list[dict[str, Any]]:
             ],
         },
         {
+            "name": "a burst dated over the whole window leaves room for what comes a moment later",
+            "capacity": 512,
+            "steps": [
+                *(step(100, iv, 71 + iv % 59, "ok") for iv in range(64)),
+                step(100, 64, 100, "CacheFull"),
+                step(100.25, 64, 100.25, "ok"),
+                step(100.25, 65, 100.25, "CacheFull"),
+                step(100.25, 58, 129, "Replayed"),
+            ],
+        },
+        {
             "name": "the clock set back does not reopen what was forgotten",
             "capacity": 10,
             "steps": [

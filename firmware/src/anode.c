@@ -40,19 +40,6 @@ int phx_anode_load_mission(phx_anode *a, uint32_t now, const uint8_t k[PHX_KEY_B
     return 0;
 }
 
-/* Takes `cost` from what has leaked in, or nothing. */
-int phx_draw(phx_bucket *bucket, uint32_t now, uint32_t per_ms, uint64_t capacity, uint64_t cost)
-{
-    uint64_t refill = (uint64_t)(now - bucket->filled_at_ms) * per_ms;
-
-    bucket->level = refill < capacity - bucket->level ? bucket->level + refill : capacity;
-    bucket->filled_at_ms = now;
-    if (bucket->level < cost)
-        return -1;
-    bucket->level -= cost;
-    return 0;
-}
-
 int phx_anode_recv(phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
 {
     int error = phx_may_forward(&a->node, now, len);
@@ -148,25 +135,25 @@ int phx_anode_check_token(phx_anode *a, uint16_t tor, uint16_t tee, uint32_t t, 
 /* One token an auditor; when 2 f_max + 1 auditors have one, the oldest gives way to a newer. Slots fill in order. */
 static void keep_token(phx_anode *a, uint16_t tor, uint32_t t)
 {
-    phx_token *place = a->tokens, *end = a->tokens + 2u * a->node.flash.limits.f_max + 1u;
+    unsigned place = 0, end = 2u * a->node.flash.limits.f_max + 1u;
 
-    for (phx_token *token = a->tokens; token < end; token++) {
-        if (token->tor == tor) {
-            if (phx_token_replaces(t, token->t))
-                token->t = t;
+    for (unsigned i = 0; i < end; i++) {
+        if (a->tokens[i].tor == tor) {
+            if (phx_token_replaces(t, a->tokens[i].t))
+                a->tokens[i].t = t;
             return;
         }
-        if (token->tor == 0) {
-            place = token;
+        if (a->tokens[i].tor == 0) {
+            place = i;
             break;
         }
-        if (token->t < place->t)
-            place = token;
+        if (a->tokens[i].t < a->tokens[place].t)
+            place = i;
     }
-    if (place->tor != 0 && t <= place->t)
+    if (a->tokens[place].tor != 0 && t <= a->tokens[place].t)
         return;
-    place->tor = tor;
-    place->t = t;
+    a->tokens[place].tor = tor;
+    a->tokens[place].t = t;
 }
 
 int phx_anode_install_token(phx_anode *a, uint32_t now, uint16_t tor, uint32_t t, const uint8_t hckpt[PHX_HASH_BYTES],

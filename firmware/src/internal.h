@@ -32,7 +32,7 @@ int phx_make_auth(phx_node *node, uint8_t type, const uint8_t *nonce, uint8_t ou
 int phx_check_auth(const phx_node *node, uint8_t type, const uint8_t thash[PHX_HASH_BYTES], uint16_t id,
                    const uint8_t *nonce, const uint8_t mac[PHX_MAC_BYTES]);
 
-/* anode.c */
+/* bucket.c */
 int phx_draw(phx_bucket *bucket, uint32_t now, uint32_t per_ms, uint64_t capacity, uint64_t cost);
 
 /* The profile: bound.c or paper.c, whichever is linked. */

@@ -120,7 +120,7 @@ def test_a_verdict_that_is_not_what_was_seen_is_not_kept(name, defence, wrong):
 def test_a_robot_whose_code_was_moved_goes_back_to_its_last_validated_node_and_says_why():
     robot = trial("move-code", "bound").attacked
     assert robot.decoded == (0, 1, 2)
-    assert robot.not_validated == ("timed out", "no way left")
+    assert robot.not_validated == ("timed out", "timed out", "timed out", "no way left")
     assert robot.from_last_m < 0.8
     assert robot.pose_error_m < 0.1
 

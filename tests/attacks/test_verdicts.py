@@ -39,7 +39,7 @@ REFUSED_FOR = {
 }
 HOLES_OF_THE_PAPER = {
     "stale-log", "zero-key", "request-flood", "frame-flood", "covert-talk", "ghost-auditors", "interleave",
-    "starve-sensors", "log-flood", "long-frames",
+    "starve-sensors", "log-flood", "long-frames", "expel",
 }  # fmt: skip
 
 

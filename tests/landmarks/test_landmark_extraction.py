@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from itertools import product
 
 import numpy as np
 import pytest
@@ -123,6 +124,21 @@ class TestCorners:
         assert len(face) == len(ends) == 2
         assert ends["concave_left"] == (pytest.approx(4, abs=0.05), pytest.approx(2, abs=0.05))
         assert ends["concave_right"] == (pytest.approx(4, abs=0.05), pytest.approx(1, abs=0.05))
+
+    @pytest.mark.parametrize("aside_m", [0.015, 0.02, 0.03, 0.04, 0.06])
+    def test_who_stands_close_and_looks_along_one_face_sees_both_as_they_are(self, aside_m):
+        """A hundred points of the face before it lie within centimetres of the corner, and a dozen of the other."""
+        walls = [(-3, 0, 0, 0), (0, 0, 0, -3), (-6, 5, 6, 5), (6, 5, 6, -6)]
+        found = [
+            corner
+            for ahead_m, seed in product((0.22, 0.26, 0.4), range(20))
+            for corner in concave(walls, (ahead_m, aside_m, 2.9), noise=0.01, seed=seed)
+            if away(corner, 0, 0) < 0.1
+        ]
+        assert len(found) >= 40
+        for corner in found:
+            facing = 0 if corner.type == "concave_right" else math.pi / 2
+            assert corner.orientation_rad == pytest.approx(facing, abs=math.radians(6))
 
     def test_jambs_are_no_corners_of_their_own(self):
         assert not concave(ROOM, AHEAD)

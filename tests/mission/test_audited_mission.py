@@ -8,14 +8,13 @@ from functools import cache
 
 import pytest
 from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
-from worlds import BOTH, built
+from worlds import BOTH
 
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
-from phalanx.mission import Draft, Experience, Landmark, Phase, Position, Profile
+from phalanx.mission import Experience, Phase, Profile
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.attacks.missions.cheat import CheatPlan
-from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.missions.setup import MissionRun, Part
 from phalanx.sim.missions.world import MissionWorld
 
@@ -162,18 +161,6 @@ def test_too_few_robots_and_what_no_audit_can_show_are_refused():
         run_of((part,), robots=33)
     with pytest.raises(UsageError, match="when they meet"):
         run_of((part,), meet_m=5.0)
-    draft = Draft("code")
-    draft.node("start", Position(*PLAN.start[:2]), start=True)
-    draft.node("code", Landmark("qr", 9.0, 12.0, text="7d1f0c52a9e84b3666c0e2f1b8d49a07"), final=True)
-    draft.way("start", "code")
-    for profile in BOTH:
-        one = built(draft.mission(), profile)
-        orders = orders_of(draft.mission(), [one], PLAN)
-        with pytest.raises(UsageError, match="cannot be audited yet"):
-            orders.run(robots=ROBOTS, defence="bound")
-        assert orders.run(robots=ROBOTS).defence == "none"
-    with pytest.raises(UsageError, match="cannot be audited yet"):
-        run_of((Part(built(draft.mission(), Profile.PAPER).mission, None, PLAN.start),))
 
 
 def test_robots_that_set_out_later_wait_and_are_audited_meanwhile():

@@ -6,6 +6,8 @@ import math
 
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from worlds import BOTH, built, cheap, draws
 
 from phalanx.cli.mission.files import read_plain
@@ -23,6 +25,7 @@ from phalanx.mission import (
     build,
     plain_mission,
 )
+from phalanx.mission.authoring.written import WrittenMission
 
 EVERYTHING = """
 mission: everything
@@ -188,6 +191,74 @@ def test_a_corner_without_a_hand_is_refused_with_the_words_to_write_instead():
     for kind in ("concave_left", "concave_right"):
         words["nodes"]["old"]["see"] = {kind: [1, 0], "facing": 0}
         assert plain_mission(words).nodes[0].see == ((Landmark(kind, 1, 0, 0.0),),)
+
+
+FILE = """\
+mission: through
+coding: {delta_mm: 400, kdf_log2_n: 4}
+nodes:
+  start: {start: true, see: {position: [1.5, 3.0]}}
+  door:
+    see:
+      doorway: [5.0, 3.0]
+      facing: 90
+    within_m: 1.5
+    final: true
+ways:
+  - [start, door]
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("doorway:", "doorwa:", "7: node door: see has 'doorwa'"),
+        ("facing: 90", "facing: up", "8: node door: facing is 'up'"),
+        ("within_m: 1.5", "within_m: x", "9: node door: within_m is 'x'"),
+        ("within_m: 1.5", "within_m: 99", "5: node 'door' counts within 99.0 m"),
+        ("kdf_log2_n", "kdf", "2: coding has 'kdf'"),
+        ("nodes:", "nodess:", "3: the file has 'nodess'"),
+        ("[start, door]", "[start, dor]", "12: a way leads to 'dor'"),
+        ("[start, door]", "[start]", "12: way 1 has 1 ends"),
+        ("  - [start, door]", "  - {from: start,\n     to: door, direction: n}", "13: way 1: direction is 'n'"),
+        ("ways:", "ways:\n  - [start, door]", "13: a second way"),
+        ("coding", "mission: 3\ncoding", "2: not YAML: 'mission' is there twice"),
+        ("final: true", "final: [[", "12: not YAML"),
+        ("final: true", "final: " + "[" * 1_000_000, "10: not YAML: nested too deep"),
+        ("final: true", "do: &a [*a]", "10: not YAML"),
+        ("final: true", "final: !!int ''", " not YAML"),
+        ("final: true", "final: !!timestamp x", " not YAML"),
+    ],
+    ids=lambda value: value[:30],
+)
+def test_a_mistake_in_a_file_is_told_with_its_line(old, new, says):
+    assert len(WrittenMission(FILE.encode(), "f.yaml").mission().nodes) == 2
+    with pytest.raises(UsageError) as caught:
+        WrittenMission(FILE.replace(old, new, 1).encode(), "f.yaml").mission()
+    assert str(caught.value).startswith(f"f.yaml:{says}")
+    assert caught.value.hint
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(FILE)), st.text("{}[]:-,&*!|>'\"%@#? \nabdorw:129e.~\xff", max_size=5)), max_size=5
+    )
+)
+def test_a_file_with_other_characters_in_it_is_a_mission_or_told_with_its_name(changes):
+    text = FILE
+    for at, more in changes:
+        text = text[:at] + more + text[at + len(more) :]
+    try:
+        WrittenMission(text.encode(), "f.yaml").mission()
+    except UsageError as error:
+        assert str(error).startswith("f.yaml:")
+
+
+def test_a_bomb_of_aliases_in_a_file_is_told_at_once():
+    lines = ["l0: &l0 [x]", *(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]" for i in range(1, 60))]
+    with pytest.raises(UsageError, match="which means nothing here"):
+        WrittenMission("\n".join(["mission: m", *lines]).encode(), "f.yaml").mission()
 
 
 def test_a_bomb_of_aliases_is_refused_before_it_goes_off():

@@ -95,13 +95,26 @@ def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
 def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
     things, groups = np.array([[x_m, 0.0, math.nan, math.nan]]), np.zeros((1, 5))
     # The pairs of a thing and a group are three, for the bins; without an orientation one of them is searched.
-    pair, left, _, rings, own = next_unsearched(
-        0, things, False, _doubt(), Groups(groups, STEPS, 1), searched.table, lane, 10_000
+    rows = np.empty((1, 8), np.int64)
+    count, pair, left = next_unsearched(
+        0, things, False, _doubt(), Groups(groups, STEPS, 1), searched.table, lane, 10_000, rows
     )
-    assert pair in (0, 3)
-    assert (rings, own) == ((5, lane + RINGS.index(5)) if pair == 0 else (0, 0))
-    assert left == (10_000 if pair == 0 else 10_000 - 11 * 11)
-    return pair == 0
+    assert (pair, left) == (3, 10_000 - 11 * 11)
+    number = round(x_m / STEPS[0])
+    assert rows[:count].tolist() in ([], [[0, 10_000, number, 0, -1, -1, 5, lane + RINGS.index(5)]])
+    return count == 1
+
+
+def test_more_than_there_are_rows_for_come_with_the_next_call():
+    things, groups = np.array([[float(x), 0.0, math.nan, math.nan] for x in range(5)]), np.zeros((1, 5))
+    all_of_them, rows, first, left = [], np.empty((2, 8), np.int64), 0, 400
+    while 0 <= first < 15:
+        count, first, left = next_unsearched(
+            first, things, False, _doubt(), Groups(groups, STEPS, 1), Searched().table, 1, left, rows
+        )
+        all_of_them += rows[:count, :3].tolist()
+    assert all_of_them == [[0, 400, 0], [3, 279, 10], [6, 158, 20], [9, 37, 30]]
+    assert (first, left) == (-1, 37 - 121)
 
 
 def test_a_full_table_is_emptied_and_never_knows_what_was_not_added(monkeypatch):

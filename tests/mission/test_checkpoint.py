@@ -61,6 +61,7 @@ def states(draw) -> State:
         opened=MappingProxyType(opened),
         lengths_m=MappingProxyType(draw(st.dictionaries(ways, times))),
         blocked=draw(st.frozensets(ways)),
+        round=draw(st.integers(0, 255)),
         others=draw(st.frozensets(nodes)),
         heard=tuple(draw(st.lists(st.binary(max_size=32), max_size=8))),
     )

@@ -242,8 +242,8 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
     [
         (("build", "--out", "x"), "nothing to build"),
         (("build", "nowhere.yaml", "--out", "x"), "cannot read nowhere.yaml"),
-        (("build", "broken.yaml", "--out", "x"), "broken.yaml is not YAML, line "),
-        (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml is not YAML, line "),
+        (("build", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
+        (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "bare.yaml", "--out", "x"), "bare.yaml is a map, not a mission"),
         (("build", "twice.yaml", "--out", "x"), "is there twice"),
         (("build", "small.yaml", "--out", "x", "--robots", "a"), "is no robot"),

@@ -62,16 +62,53 @@ class TestFailSafe:
         assert (outcome.order.kind, outcome.order.target) == (Kind.GO, other)
 
     @both
-    def test_a_blocked_way_is_left_out_and_when_none_is_left_the_robot_holds(self, profile):
+    def test_a_blocked_way_is_left_out_until_none_is_left_and_then_tried_twice_more(self, profile):
         walker = walker_for(fork(), profile)
-        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
-        for t_s in (1, 3):
+        state, outcome = walker.step(State(), Experience(0, 0, 0, 0))
+        tried, aside = [], []
+        for t_s in range(1, 4 * (1 + walker.config.rounds), 2):
+            tried.append(state.target)
+            aside.append(outcome.order.aside)
             state, outcome = walker.step(state, Experience(t_s, 2, 0, 0, 2.0, blocked=True))
             assert outcome.order.kind is Kind.BACK
             state, outcome = walker.step(state, Experience(t_s + 1, 0, 0, 0, 4.0))
         assert (outcome.order.kind, outcome.reason) == (Kind.HOLD, Reason.NO_WAY)
-        state, outcome = walker.step(state, Experience(9, 4, 3, 0, 4.0, (Landmark("doorway", 4, 3, 0.2),)))
+        assert sorted(tried) == [1, 1, 1, 2, 2, 2], "each again, twice, when none was left"
+        assert aside == [0, 0, 1, 1, -1, -1], "on the line, to its left, to its right"
+        state, outcome = walker.step(state, Experience(99, 4, 3, 0, 4.0, (Landmark("doorway", 4, 3, 0.2),)))
         assert outcome.reason is Reason.STOPPED, "nothing wakes a robot that holds"
+
+    @pytest.mark.parametrize(
+        ("corner", "degrees", "first"),
+        [("concave_right", -90, -1), ("concave_right", 90, 1), ("concave_left", -90, 1), ("concave_left", 180, -1)],
+    )
+    def test_from_the_end_of_a_wall_the_side_where_nothing_is_comes_first(self, corner, degrees, first):
+        """A face that looks north: its right end, for who stands before it, is the western one."""
+        draft = Draft("around")
+        draft.node("start", Position(0, 0), start=True)
+        draft.node("end", Landmark(corner, 3, 0, math.pi / 2))
+        turn = math.radians(degrees)
+        draft.node("on", Landmark("doorway", 3 + 9 * math.cos(turn), 9 * math.sin(turn), 0.0), final=True)
+        draft.way("start", "end")
+        draft.way("end", "on")
+        walker = walker_for(draft, Profile.PAPER)
+        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        seen = Experience(1, 2, 1, 0, 2.0, (Landmark(corner, 3, 0, math.pi / 2),))
+        state, _ = until_decoded(walker, state, seen)
+        asides = [walker.order(replace(state, round=i)).aside for i in range(3)]
+        assert asides == [0, first, -first]
+
+    @both
+    def test_who_gets_on_counts_anew_which_ways_are_blocked_and_how_often(self, profile):
+        walker = walker_for(fork(), profile)
+        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        for t_s in (1, 3, 5):
+            state, _ = walker.step(state, Experience(t_s, 2, 0, 0, 2.0, blocked=True))
+            state, outcome = walker.step(state, Experience(t_s + 1, 0, 0, 0, 4.0))
+        assert state.round == len(state.blocked) == 1
+        assert outcome.order.kind is Kind.GO
+        state, _ = until_decoded(walker, state, Experience(7, 3, 3, 0, 3.0, (Landmark("doorway", 4, 3, 0.2),)))
+        assert (state.round, state.blocked) == (0, frozenset())
 
     def test_lost_on_the_way_back_too_it_holds(self):
         walker = walker_for(fork(), Profile.PAPER)
@@ -120,8 +157,8 @@ class TestExploring:
             state, outcome = until_decoded(walker, state, seen)
             assert outcome.decoded.do == Action("greet")
         assert (state.at, state.target) == (2, 1), "d1 is a dead end: back to d0, which is known"
-        far, _ = walker.step(state, Experience(20, 4, 0.2, 0, 20.0))
-        assert far.at == 2, "by odometry of 13 m nobody knows where they are"
+        far, _ = walker.step(state, Experience(20, 4, 0.2, 0, 10.0, spread=(0.16, 0.0, 0.0, 0.16, 0.0, 0.01)))
+        assert far.at == 2, "who is unsure by 0.4 m has not passed it"
         state, outcome = walker.step(state, Experience(20, 4, 0.2, 0, 10.0))
         assert (state.at, state.target, outcome.decoded) == (1, 3, None), "and nothing is done there again"
 

@@ -8,6 +8,7 @@ import random
 import pytest
 
 from phalanx.cli.mission.files import read_plain
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring.apart import apart_in
@@ -128,6 +129,20 @@ def test_a_way_along_a_wall_is_no_reason():
     """In drawn:94 two ends of a wall are 0.45 m apart, and no robot can be between them; it is lived to its end."""
     plan = load_floorplan("drawn:94")
     assert look_ahead(survey(plan), None, plan).infeasible == {}
+
+
+def test_what_is_farther_away_than_a_lidar_sees_is_infeasible():
+    """A corner 1.6 m deep in a niche that is too narrow for a robot."""
+    walls = (
+        "[0,0,9.8,0],[9.8,0,9.8,2],[9.8,2,10.1,2],[10.1,2,10.1,0],[10.1,0,20,0],[20,0,20,-8],[20,-8,0,-8],[0,-8,0,0]"
+    )
+    plan = floorplan_of_yaml(
+        f"{{name: niche, size: [20, 12], origin: [0, -8], start_pose: [10, -4, 0], walls: [{walls}]}}".encode()
+    )
+    plain = mission(plan, Landmark("corner_convex", 10.1, 2, 1.25 * math.pi))
+    assert look_ahead(plain, None, plan, LidarConfig(range_max_m=5.0)).infeasible == {}
+    (why,) = look_ahead(plain, None, plan, LidarConfig(range_max_m=1.6)).infeasible["goal"]
+    assert "in sight from nowhere" in why
 
 
 def test_one_way_is_enough_and_what_is_behind_is_told():

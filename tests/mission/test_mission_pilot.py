@@ -15,10 +15,10 @@ from audited import PLAN, SENSORS, Recording
 from worlds import BOTH
 
 from phalanx.mission import Kind, Order
-from phalanx.robot.controllers.mission.course import NO_STOP, steer
+from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, steer
 from phalanx.robot.controllers.mission.pilot import Drive, Leg, drive
 from phalanx.robot.controllers.mission.readings import CLEAR, Reading
-from phalanx.robot.controllers.mission.surroundings import SIDE, Sectors, packed, sight, unpacked
+from phalanx.robot.controllers.mission.surroundings import SIDE, Sectors, Seen, packed, sight, unpacked
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.missions.body import Building, MissionBody
 
@@ -94,26 +94,13 @@ def test_kernels_give_the_same_compiled_and_not():
         assert sight(clear, SECTORS.cosines, SECTORS.sines, *goal, 0.25) == sight.py_func(
             clear, SECTORS.cosines, SECTORS.sines, *goal, 0.25
         )
-        args = (
-            np.frombuffer(old, np.uint8),
-            base,
-            i % 2,
-            moved,
-            clear,
-            SECTORS.fan,
-            goal,
-            beyond,
-            i % 3 > 0,
-            stop,
-            0,
-            9.0,
-            0.1,
-        )
+        seen = Seen(np.frombuffer(old, np.uint8), base, i % 2, moved, clear, SECTORS.fan)
+        args = seen, Goal(goal, beyond, i % 3 > 0), Course(stop, 0, 9.0), 0.1
         one, other = np.empty(SIDE * SIDE, np.uint8), np.empty(SIDE * SIDE, np.uint8)
         told = steer(*args, one)
         assert told == steer.py_func(*args, other)
         assert np.array_equal(one, other)
-        old, base, stop = one.tobytes(), told[3], told[4]
+        old, base, stop = one.tobytes(), told[2], told[3].stop
         assert unpacked(packed(old)) == old
 
 

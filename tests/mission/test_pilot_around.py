@@ -13,6 +13,7 @@ from audited import SENSORS
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Kind, Order, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.controllers.mission.course import TOUCHING, weights
 from phalanx.robot.controllers.mission.pilot import Leg, drive
 from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors
 from phalanx.sim.building.floorplan import load_floorplan
@@ -217,7 +218,8 @@ def test_what_is_out_of_view_is_remembered_for_a_while_and_what_is_in_view_is_as
 
 def test_who_waits_for_something_waits_at_the_node():
     order = Order(Kind.WAIT, 1, (14.0, 5.0))
-    told = driven(plan_of(), order, (8.0, 5.0, 1.0), (14.0, 5.0), 30, within_m=0.25)
+    # Within half a cell of 0.4 m, or in `sealed` it would wait beside the place where it has to be.
+    told = driven(plan_of(), order, (8.0, 5.0, 1.0), (14.0, 5.0), 30, within_m=0.2)
     assert told.end == "there"
     reading = SENSORS.parse(
         MissionBody(1, Building(plan_of()), SENSORS, told.pose, OdometryNoise(), (0, 1)).sense(1)[0]
@@ -276,3 +278,26 @@ def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_s
     plain = plain_mission({"mission": "reach", "nodes": nodes, "ways": [{"from": "start", "to": list(nodes)[1:]}]})
     (one,) = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)
     assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]
+
+
+@pytest.mark.parametrize(("aside", "end"), [(0, "blocked"), (1, "blocked"), (-1, "there")])
+def test_along_a_face_it_gets_beside_the_line_of_its_direction_and_not_on_it(aside, end):
+    """A shelf stands at a wall; from its near corner a way leads along its side to the far one."""
+    plan, corner = plan_of(*square(9, 0.1, 1.5)), (9.0, 1.6)
+    order = Order(Kind.GO, 1, corner, -math.pi / 2, aside=aside)
+    told = driven(plan, order, (9.1, 2.0, -math.pi / 2), (8.4, 0.5), 60.0)
+    assert told.end == end
+
+
+def test_who_stands_too_near_to_a_thing_may_leave_to_where_it_is_no_nearer_and_not_past_it():
+    wide, middle = SIDE + 2, SIDE // 2
+    cells, leave = np.zeros(SIDE * SIDE, np.uint8), np.empty(wide * wide, np.int64)
+    cells[(middle + 1) * SIDE + middle + 1] = FRESH
+    weights(cells, (1.0, 0.0), leave)
+
+    def costs(dx: int, dy: int) -> int:
+        return leave[(middle + 1 + dy) * wide + middle + 1 + dx]
+
+    assert costs(1, 0) == costs(0, 1) == TOUCHING
+    assert costs(1, -1) < TOUCHING
+    assert costs(0, -1) < TOUCHING

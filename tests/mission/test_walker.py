@@ -36,7 +36,7 @@ from phalanx.mission import (
     Time,
     build,
 )
-from phalanx.mission.walk.fix import doubt_m
+from phalanx.mission.walk.fix import ALONE_SIGMAS, doubt_m
 
 both = pytest.mark.parametrize("profile", BOTH)
 DOOR = Landmark("doorway", 8.0, 1.0, 0.2)
@@ -142,7 +142,7 @@ def test_a_fix_that_other_landmarks_contradict_is_refused():
     for i in (0, 1):
         state, outcome = walker.step(state, Experience(1.0 + i, 2, 0, 0, 2.0, tuple(doors[: i + 1])))
         assert outcome.decoded.node == i + 1
-    moved = replace(doors[2], x_m=6.95)
+    moved = replace(doors[2], x_m=6.85)
     _, outcome = walker.step(state, Experience(3.0, 2, 0, 0, 5.0, (doors[0], doors[1], moved)))
     assert outcome.decoded is None
     assert outcome.reason is Reason.CONTRADICTED
@@ -174,19 +174,22 @@ def test_a_pose_said_to_be_sure_is_not_believed_to_be_four_deviations_off(profil
 
 
 @both
-def test_who_does_not_know_where_it_is_is_at_no_place(profile):
+def test_who_is_at_a_place_is_there_however_its_doubt_has_it(profile):
     draft = Draft("place")
     draft.node("start", Position(0, 0), start=True)
     draft.node("dock", Position(4, 0), final=True)
     draft.way("start", "dock")
     walker = walker_for(draft, profile)
     begun, _ = walker.step(State(), Experience(0, 0, 0, 0))
-    sure = walker.config.place_m / walker.config.sigmas
-    for metres, well in ((0.9 * sure, True), (1.1 * sure, False)):
-        seen = Experience(1.0, 4.05, 0, 0, 4.0, spread=spread_of(metres, 0.02))
-        _, outcome = until_decoded(walker, begun, seen)
-        assert (outcome.decoded is not None) is well, metres
-    assert walker.step(begun, seen)[1].reason is Reason.AMBIGUOUS
+    for off_m in (0.05, 0.2):
+        sure = (walker.config.place_m - off_m) / ALONE_SIGMAS
+        for metres, well in ((0.95 * sure, True), (1.05 * sure, False)):
+            seen = Experience(1.0, 4 + off_m, 0, 0, 4.0, spread=spread_of(metres, 0.02))
+            _, outcome = until_decoded(walker, begun, seen)
+            assert (outcome.decoded is not None) is well, (off_m, metres)
+    # In the sealed profile what would not be believed is not even tried.
+    wanted = Reason.AMBIGUOUS if profile is Profile.PAPER else Reason.NOTHING_SENSED
+    assert walker.step(begun, replace(seen, x_m=4.2, spread=spread_of(0.15, 0.02)))[1].reason is wanted
 
 
 @both

@@ -5,7 +5,17 @@ export { MOST_ROBOTS } from "./frame";
 export { Connection, type ConnectionEvent, Unanswered } from "./io/connection";
 export { SwarmLink, type SwarmSource, type SwarmView } from "./io/swarm_link";
 export { useCommand, useLink, useRequest, useSwarm } from "./react/hooks";
-export type { Lit, Missions, Phase, Progress, Walk, Wall } from "./mission";
+export {
+  type Drift,
+  driftWords,
+  type Lit,
+  type Missions,
+  type Phase,
+  type Progress,
+  readDrift,
+  type Walk,
+  type Wall,
+} from "./mission";
 export { ACTIVE, INACTIVE, LOST, label, type Rgb, type Robot, shortAddress, shortName } from "./robot";
 export { type Audit, counting, LOW_MS, type Shield, type ShieldTerms, type Voucher } from "./shield";
 export {

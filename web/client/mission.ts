@@ -7,6 +7,12 @@ import type { Point } from "./trail";
 export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as const;
 export type Phase = (typeof PHASES)[number];
 
+/**
+ * What a robot has learnt that its odometry leaves out: of the way and of turns in thousandths, and to the left for each
+ * metre in hundredths of a degree.
+ */
+export type Drift = readonly [way: number, turn: number, curve: number];
+
 /** How far one robot is. */
 export interface Walk {
   readonly phase: Phase;
@@ -14,6 +20,7 @@ export interface Walk {
   readonly of: number;
   /** Why it fell back or stopped, or "". */
   readonly why: string;
+  readonly drift: Drift;
 }
 
 /** A landmark that some robot has decoded. */
@@ -44,6 +51,7 @@ const MOST_WALLS = 20_000;
 const MOST_LIT = 5000;
 const MOST_NODES = 1 << 20;
 const LONGEST_WHY = 48;
+const MOST_DRIFT = 99_999;
 const LONGEST_ID = 64;
 const LONGEST_TYPE = 24;
 
@@ -65,14 +73,34 @@ export function readProgress(words: Json | undefined): Progress | undefined {
   return id === undefined || nodes === undefined || left === undefined ? undefined : { id, nodes, left };
 }
 
-/** `[phase, decoded, of, why]`. */
+/** `[phase, decoded, of, why, drift]`. */
 export function readWalk(words: Json | undefined): Walk | undefined {
-  const [phaseWord, decodedWord, ofWord, why] = rowOf(words);
+  const [phaseWord, decodedWord, ofWord, why, drift] = rowOf(words);
   const phase = PHASES.find((each) => each === phaseWord);
   const decoded = readCount(decodedWord);
   const of = readCount(ofWord);
   if (phase === undefined || decoded === undefined || of === undefined) return undefined;
-  return { phase, decoded, of, why: readText(why, LONGEST_WHY) ?? "" };
+  return { phase, decoded, of, why: readText(why, LONGEST_WHY) ?? "", drift: readDrift(drift) };
+}
+
+/** `[way, turn, curve]`; what is told otherwise, or not at all, is nothing learnt. */
+export function readDrift(words: Json | undefined): Drift {
+  const [way, turn, curve] = rowOf(words).map((word) => readNumber(word, -MOST_DRIFT, MOST_DRIFT));
+  return [way ?? 0, turn ?? 0, curve ?? 0];
+}
+
+/** "way +2.9 %, turns −4.8 %, +0.12° a metre": of those that are anything, or "". */
+export function driftWords([way, turn, curve]: Drift): string {
+  const said = [
+    way === 0 ? "" : `way ${signed(way / 10, 1)} %`,
+    turn === 0 ? "" : `turns ${signed(turn / 10, 1)} %`,
+    curve === 0 ? "" : `${signed(curve / 100, 2)}° a metre`,
+  ];
+  return said.filter(Boolean).join(", ");
+}
+
+function signed(value: number, digits: number): string {
+  return `${value < 0 ? "\u2212" : "+"}${Math.abs(value).toFixed(digits)}`;
 }
 
 /** The answer to request 2: `[[x, y, x, y], …]`. */

@@ -3,6 +3,7 @@
 import { decodeBase64url } from "./core/base64url";
 import type { Json } from "./core/json";
 import { readNumber } from "./robot";
+import { PASS_BY, PLACE, TURN_DEG } from "./wire";
 
 export interface Place {
   readonly number: number;
@@ -12,10 +13,6 @@ export interface Place {
   readonly direction: number;
 }
 
-const RECORD_BYTES = 6;
-const TURN_DEG = 360;
-/** In the place of so many skipped numbers: they are skipped, and the record is no robot. */
-const NOBODY = 181;
 /** Ten frames of ours. */
 const MOST_RECORDS = 4000;
 const MOST_PIECES = 100;
@@ -39,20 +36,20 @@ function readPiece(words: Json, places: Place[]): void {
   const [first, left, top, step] = (words as readonly Json[]).slice(0, 4).map((word) => readNumber(word, -FARTHEST, FARTHEST));
   const text = (words as readonly Json[])[4];
   if (first === undefined || left === undefined || top === undefined || step === undefined) return;
-  if (typeof text !== "string" || text.length > (MOST_RECORDS * RECORD_BYTES * 4) / 3) return;
+  if (typeof text !== "string" || text.length > (MOST_RECORDS * PLACE.bytes * 4) / 3) return;
   const raw = decodeBase64url(encoder.encode(text));
-  if (!raw || raw.length % RECORD_BYTES !== 0) return;
+  if (!raw || raw.length % PLACE.bytes !== 0) return;
   const record = new DataView(raw.buffer, raw.byteOffset, raw.length);
   let number = first;
-  for (let at = 0; at < raw.length; at += RECORD_BYTES) {
-    const word = record.getUint16(at, true);
-    const skipped = Math.min(NOBODY, Math.floor(word / TURN_DEG));
+  for (let at = 0; at < raw.length; at += PLACE.bytes) {
+    const word = record.getUint16(at + PLACE.w, true);
+    const skipped = Math.min(PASS_BY, Math.floor(word / TURN_DEG));
     number += skipped;
-    if (skipped === NOBODY) continue;
+    if (skipped === PASS_BY) continue;
     places.push({
       number,
-      x: left + step * record.getUint16(at + 2, true),
-      y: top + step * record.getUint16(at + 4, true),
+      x: left + step * record.getUint16(at + PLACE.x, true),
+      y: top + step * record.getUint16(at + PLACE.y, true),
       direction: word % TURN_DEG,
     });
     number += 1;

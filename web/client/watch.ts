@@ -50,6 +50,8 @@ export type Health =
   /** Frames have stopped coming, but not for long. */
   | { readonly state: "late" }
   | { readonly state: "silent" }
+  /** Heard, but no question was ever answered: a broker may keep what we say, or what we are told, to itself. */
+  | { readonly state: "unanswered" }
   /** Positive: our clock is behind. Whole seconds. */
   | { readonly state: "clock"; readonly skew_s: number }
   | { readonly state: "live" };
@@ -62,6 +64,8 @@ export class Watch {
   #askAt_ms = Number.POSITIVE_INFINITY;
   #askGap_ms = ASK_GAP_MS;
   #answered = true;
+  #everAnswered = false;
+  #openSince_ms = Number.POSITIVE_INFINITY;
   #framed = false;
   #presentAt_ms = Number.NEGATIVE_INFINITY;
   #staleInARow = 0;
@@ -81,6 +85,7 @@ export class Watch {
     this.#staleInARow = 0;
     // A question of before died with its connection: what is planned here takes its place.
     this.#answered = true;
+    this.#openSince_ms = Number.POSITIVE_INFINITY;
     this.#framed = false;
     this.#askedAt_ms = Number.NEGATIVE_INFINITY;
     this.#presentAt_ms = now_ms;
@@ -101,11 +106,13 @@ export class Watch {
   /** Request 0 is being answered: a part came. */
   answering(now_ms: number): void {
     this.#askedAt_ms = now_ms;
+    this.#everAnswered = true;
   }
 
   /** Request 0 was answered: no question is open. */
   answered(): void {
     this.#answered = true;
+    this.#everAnswered = true;
   }
 
   /** An authentic message came whose timestamp is off by `skew_s` from our clock. */
@@ -132,6 +139,7 @@ export class Watch {
     if (!again && !planned) return false;
     this.#askGap_ms = since_ms < CALM_MS ? Math.min(2 * this.#askGap_ms, ASK_GAP_MOST_MS) : ASK_GAP_MS;
     this.#askedAt_ms = now_ms;
+    this.#openSince_ms = Math.min(this.#openSince_ms, now_ms);
     this.#answered = false;
     this.#askAt_ms = now_ms + (this.#framed ? RESYNC_BESIDE_FRAMES_MS : RESYNC_MS) * (1 + chance * RESYNC_JITTER);
     return true;
@@ -159,6 +167,7 @@ export class Watch {
     }
     if (quiet_ms >= SILENCE_MS + GRACE_MS) return { state: "silent" };
     if (this.#framed && quiet_ms >= LATE_MS) return { state: "late" };
+    if (!this.#everAnswered && now_ms - this.#openSince_ms >= SILENCE_MS + GRACE_MS) return { state: "unanswered" };
     return this.#heardAt_ms === undefined ? { state: "connecting", broker: "reached" } : { state: "live" };
   }
 }

@@ -269,6 +269,14 @@ describe("the operator page", () => {
     expect((part("compromise-button") as HTMLButtonElement).disabled).toBe(true);
   });
 
+  it("shows how far a mission is, and what a robot has learnt of its wheels", async () => {
+    const walk = { phase: "seeking", decoded: 2, of: 5, why: "", drift: [29, -48, 0] };
+    const mission = { world: "hall", running: null, robots: { B0B0F00D33333333: walk } };
+    answer = () => Response.json({ ...STATE, mission });
+    await open(`#token=${TOKEN}`);
+    expect(part("fleet-table")?.textContent).toContain("seeking 2/5way +2.9 %, turns \u22124.8 %");
+  });
+
   it("has no such button where robots do not audit each other", async () => {
     await open(`#token=${TOKEN}`);
     expect(part("compromise")).toBeNull();
@@ -276,10 +284,17 @@ describe("the operator page", () => {
     expect(part("unprotected")?.textContent).toContain("do not audit each other");
   });
 
-  it("says that the broker is gone", async () => {
-    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, connected: false } });
+  it("says which way phones are not let through", async () => {
+    const phones = "phones get into ws://lab:9001/mqtt, but nothing on /qrkey/+/notify reaches them";
+    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, phones } });
     await open(`#token=${TOKEN}`);
-    expect(part("banner")?.textContent).toContain("lost its broker");
+    expect(part("banner")?.textContent).toBe(`P${phones.slice(1)}`);
+  });
+
+  it("says that the broker is gone", async () => {
+    answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, connected: false, trouble: "Not authorized" } });
+    await open(`#token=${TOKEN}`);
+    expect(part("banner")?.textContent).toContain("lost its broker (Not authorized), retrying");
     expect(part("broker")?.getAttribute("data-connected")).toBe("false");
   });
 

@@ -144,8 +144,8 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
         : "Gateway not answering, retrying. If it was started again, open the operator link that it printed then";
   else if (trouble === "incomprehensible") text = "Gateway and page are of different versions: reload this page";
   else if (newest && !newest.state.broker.connected)
-    text = "The gateway has lost its broker, retrying: no visitor gets through";
-  else if (newest && newest.state.broker.phones !== "") text = `No phone gets in: ${newest.state.broker.phones}`;
+    text = `The gateway has lost its broker (${newest.state.broker.trouble || "no answer"}), retrying: no visitor gets through`;
+  else if (newest && newest.state.broker.phones !== "") text = sentence(newest.state.broker.phones);
   if (text === undefined) return null;
   return (
     <p className="banner" role="alert" data-testid="banner">
@@ -155,6 +155,9 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
     </p>
   );
 }
+
+/** The gateway says it in lower case, as in its log. */
+const sentence = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
 
 function OpenTheLink({ refused }: { readonly refused: boolean }) {
   return (

@@ -1,5 +1,6 @@
 // The robots, one a row.
 
+import { driftWords } from "../client";
 import type { LinkQuality, Missions, Rgb, Robot, RobotShield, Shields, Walk } from "./gateway_state";
 import { ago } from "./words";
 import { Term } from "./terms";
@@ -112,6 +113,7 @@ function Row({ robot, needed, shield, walk }: RowProps) {
             {walk.phase}
           </span>{" "}
           {walk.of > 0 && `${walk.decoded}/${walk.of}`}
+          <span className="drift">{driftWords(walk.drift)}</span>
         </td>
       )}
     </tr>

@@ -1,5 +1,7 @@
 // What the gateway says about itself at /api/state, checked once here, so that no component meets a missing field.
 
+import { type Drift, type Json, readDrift } from "../client";
+
 export type LinkQuality = "ok" | "quiet" | "lost";
 
 export interface Broker {
@@ -7,6 +9,7 @@ export interface Broker {
   readonly url: string;
   readonly connected: boolean;
   /** Why no phone gets in there; "" if they do. */
+  readonly trouble: string;
   readonly phones: string;
 }
 
@@ -89,6 +92,7 @@ export interface Walk {
   readonly decoded: number;
   readonly of: number;
   readonly why: string;
+  readonly drift: Drift;
 }
 
 /** The mission that runs, or ran last. */
@@ -159,6 +163,7 @@ export function parseState(json: unknown): GatewayState {
       name: text(broker["name"], "broker.name"),
       url: text(broker["url"], "broker.url"),
       connected: broker["connected"] === true,
+      trouble: typeof broker["trouble"] === "string" ? broker["trouble"] : "",
       phones: typeof broker["phones"] === "string" ? broker["phones"] : "",
     },
     visitors: list(state["visitors"], "visitors").map(visitor),
@@ -276,6 +281,7 @@ function walk(json: unknown): Walk {
     decoded: finite(it["decoded"], "walk.decoded"),
     of: finite(it["of"], "walk.of"),
     why: text(it["why"], "walk.why"),
+    drift: readDrift(it["drift"] as Json | undefined),
   };
 }
 

@@ -19,7 +19,7 @@ export const TERMS = {
   link: "ok: heard within 5 s. quiet: within a minute. lost: not for a minute.",
   shield: "How many neighbours vouch for the robot, of how many it needs; and for how long it may go on if none does so anew. Without, it stops: Safe Mode.",
   safeMode: "Stopped by its trusted nodes, as too few neighbours vouched for it. It obeys nobody until the gateway is started again.",
-  mission: "How far the robot is with its encoded mission: how many of its instructions it could decode by reaching the places that they describe.",
+  mission: "How far the robot is with its encoded mission: how many of its instructions it could decode by reaching the places that they describe. Below, what it has learnt from landmarks that its wheels count wrong.",
   messages: "What went through the gateway since it was started.",
   refused: "Messages that were thrown away: broken, too old, sent twice, or not sealed with the code.",
 } as const;

@@ -2,7 +2,7 @@
 
 import fc from "fast-check";
 import { describe, expect, test } from "vitest";
-import { type Json, NO_SWARM, type Swarm, swarmReducer } from "../client";
+import { type Json, NO_SWARM, readDrift, type Swarm, swarmReducer } from "../client";
 import { missionWords, walkWords } from "../visitor/mission_words";
 
 const A = "DECAFBAD00000001";
@@ -37,12 +37,14 @@ describe("missions", () => {
       progress: { id: "m1", nodes: 5, left: 4 },
       lit: [{ x: 50, y: 60, type: "doorway" }],
     });
-    expect(START.robots.get(A)?.walk).toEqual({ phase: "seeking", decoded: 1, of: 5, why: "" });
+    expect(START.robots.get(A)?.walk).toEqual({ phase: "seeking", decoded: 1, of: 5, why: "", drift: [0, 0, 0] });
     expect(words(START)[0]).toBe("running");
     expect(words(START)[1]).toBe("1 of 5 decoded.");
     expect(words(START)[2]).toContain("4 still dark");
     expect(words(START, A)[3]).toBe("Ada: seeking the next landmark, decoded 1 of 5");
     expect(words(START, B)[3]).toBe("Bo: waiting to begin");
+    const cold = play([frame(0, { walks: [[2, "waiting", 0, 5, "compiling: 5 %"]] })], START);
+    expect(words(cold, B)[3]).toBe("Bo: waiting to begin (compiling: 5 %)");
   });
 
   test("frames light landmarks, once each, and tell how far robots are", () => {
@@ -85,9 +87,16 @@ describe("missions", () => {
     ]);
     const done = play([frame(2, { walks: [[1, "done", 5, 5, ""]] })], halt);
     expect(words(done).slice(0, 2)).toEqual(["done", "Mission completed: 5 of 5 decoded, all robots have stopped."]);
-    expect(walkWords({ phase: "returning", decoded: 2, of: 5, why: "blocked" })).toBe(
+    expect(walkWords({ phase: "returning", decoded: 2, of: 5, why: "blocked", drift: [0, 0, 0] })).toBe(
       "did not find it (blocked): going back to its last landmark, decoded 2 of 5",
     );
+  });
+
+  test("what a robot has learnt of its wheels is told of the one that was chosen, and of no other", () => {
+    const next = play([frame(0, { walks: [[1, "seeking", 2, 5, "", [29, -48, 12]]] })], START);
+    expect(words(next, A)[4]).toBe("By its landmarks its wheels err: way +2.9 %, turns \u22124.8 %, +0.12° a metre.");
+    expect(words(next, B)).toHaveLength(4);
+    expect(readDrift(["much", 1e9, 7])).toEqual([0, 0, 7]);
   });
 
   test("before the first mission robots wait; without missions there are no such words", () => {

@@ -88,7 +88,8 @@ describe("badge", () => {
     expect(words({ state: "late" })).toContain("Controls are off");
     expect(badgeWords({ state: "live" }, "swarm:9001", 3, true)).toMatchObject({ state: "held" });
     expect(badgeWords({ state: "silent" }, "swarm:9001", 3, true)).toMatchObject({ state: "silent" });
-    expect(words({ state: "silent" })).toContain("scan it again");
+    expect(words({ state: "silent" })).toContain("Scan its code again");
+    expect(words({ state: "unanswered" })).toContain("does not answer");
     expect(words({ state: "clock", skew_s: 31 })).toBe("Your clock is 31 s behind: set it to automatic.");
     expect(words({ state: "clock", skew_s: -3600 })).toBe("Your clock is 60 min ahead: set it to automatic.");
     expect([words({ state: "live" }), words({ state: "live" }, 1)]).toEqual(["Live · 3 robots", "Live · 1 robot"]);

@@ -137,6 +137,26 @@ describe("health", () => {
     expect(state(watch.health(7600))).toBe("live");
   });
 
+  test("heard, and never answered: told as that, until the first part of an answer; what comes back is waited for anew", () => {
+    const watch = online();
+    expect(watch.due(0, 0)).toBe(true);
+    watch.heard(6400);
+    expect(state(watch.health(6499))).toBe("live");
+    expect(watch.due(6450, 0)).toBe(true);
+    expect(state(watch.health(6500))).toBe("unanswered");
+    watch.broker("offline", 6600, 0);
+    watch.broker("online", 6700, 0);
+    expect(watch.due(6700, 0)).toBe(true);
+    watch.heard(13_100);
+    expect(state(watch.health(13_199))).toBe("live");
+    expect(state(watch.health(13_200))).toBe("unanswered");
+    watch.answering(13_200);
+    expect(state(watch.health(13_200))).toBe("live");
+    expect(watch.due(17_000, 0)).toBe(true);
+    watch.heard(30_000);
+    expect(state(watch.health(30_000))).toBe("live");
+  });
+
   test("a device without a network is offline sooner, unless it hears a broker of its own", () => {
     const watch = online();
     watch.heard(1000);

@@ -24,8 +24,10 @@ export function badgeWords(health: Health, host: string, robots: number, held = 
     case "silent":
       return {
         state: "silent",
-        text: "Connected, but the swarm is silent. If it was started again, its code is another: scan it again.",
+        text: "Connected, but the swarm is silent. Scan its code again; if that does not help, tell the operator.",
       };
+    case "unanswered":
+      return { state: "unanswered", text: "The swarm is heard, but does not answer. If that lasts, tell the operator." };
     case "clock":
       return { state: "clock", text: `Your clock is ${duration(health.skew_s)}: set it to automatic.` };
     case "live":

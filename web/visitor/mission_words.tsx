@@ -1,6 +1,9 @@
 // A mission in words: how much is decoded, and how far the chosen robot is.
 
-import { type Swarm, type SwarmLink, shortName, useSwarm, type Walk } from "../client";
+import { driftWords, type Swarm, type SwarmLink, shortName, useSwarm, type Walk } from "../client";
+
+// The line from which on it is about the robot's wheels.
+const LEARNT = 3;
 
 interface Props {
   readonly link: SwarmLink | undefined;
@@ -15,7 +18,10 @@ export function MissionWords({ link, selected }: Props) {
   return (
     <section className="panel mission" data-testid="mission" data-state={state} aria-label="Mission" aria-live="polite">
       {lines.map((line, i) => (
-        <p key={i}>{line}</p>
+        // What a robot learns changes every second: nobody wants that read aloud.
+        <p key={i} aria-live={i >= LEARNT ? "off" : undefined}>
+          {line}
+        </p>
       ))}
     </section>
   );
@@ -33,7 +39,10 @@ export function missionWords(swarm: Swarm, selected: string | undefined): string
   const decoded = progress.nodes - progress.left;
   const [state, line] = overall(walks, decoded, progress.nodes);
   const dark = progress.left === 0 ? "Nothing is dark any more." : `${progress.left} still dark: only who finds them can read them.`;
-  return [state, line, dark, chosen?.walk ? `${shortName(chosen)}: ${walkWords(chosen.walk)}` : driven].join("\n");
+  if (!chosen?.walk) return [state, line, dark, driven].join("\n");
+  const learnt = driftWords(chosen.walk.drift);
+  const told = [`${shortName(chosen)}: ${walkWords(chosen.walk)}`, learnt && `By its landmarks its wheels err: ${learnt}.`];
+  return [state, line, dark, ...told.filter(Boolean)].join("\n");
 }
 
 function overall(walks: readonly Walk[], decoded: number, nodes: number): readonly [string, string] {
@@ -52,7 +61,7 @@ export function walkWords({ phase, decoded, of, why }: Walk): string {
   const because = why === "" ? "" : ` (${why})`;
   switch (phase) {
     case "waiting":
-      return "waiting to begin";
+      return `waiting to begin${because}`;
     case "seeking":
       return `seeking the next landmark${count}`;
     case "returning":

@@ -1,6 +1,6 @@
 // Without an invitation: what to do, and two ways to bring one along by hand.
 
-import { type SubmitEvent, useId, useState } from "react";
+import { type InputHTMLAttributes, type SubmitEvent, useId, useState } from "react";
 import { DEFAULT_ROOT } from "../client";
 import { type Found, readLink, readTyped } from "./invitation_store";
 
@@ -48,20 +48,9 @@ export function NoCode({ problem, onFound }: Props) {
         </p>
       )}
       <form className="panel" onSubmit={submitLink}>
-        <label htmlFor={`${id}link`}>Or paste the link from under the code</label>
+        <label htmlFor={id}>Or paste the link from under the code</label>
         <div className="row">
-          <input
-            id={`${id}link`}
-            data-testid="link"
-            type="text"
-            inputMode="url"
-            autoComplete="off"
-            autoCapitalize="none"
-            spellCheck={false}
-            placeholder="http://…#v=1&pin=…"
-            value={link}
-            onChange={(event) => setLink(event.target.value)}
-          />
+          <Typed id={id} testid="link" inputMode="url" placeholder="http://…#v=1&pin=…" value={link} onTyped={setLink} />
           <button type="submit" className="primary" data-testid="link-join" disabled={link.trim() === ""}>
             Join
           </button>
@@ -70,41 +59,11 @@ export function NoCode({ problem, onFound }: Props) {
       <details className="panel">
         <summary>Type the pin instead</summary>
         <form className="fields" onSubmit={submitTyped}>
-          <label htmlFor={`${id}pin`}>Pin</label>
-          <input
-            id={`${id}pin`}
-            data-testid="pin"
-            type="text"
-            inputMode="numeric"
-            autoComplete="off"
-            value={pin}
-            onChange={(event) => setPin(event.target.value)}
-          />
-          <label htmlFor={`${id}broker`}>Broker</label>
-          <input
-            id={`${id}broker`}
-            data-testid="broker"
-            type="text"
-            inputMode="url"
-            autoComplete="off"
-            autoCapitalize="none"
-            spellCheck={false}
-            placeholder="ws://192.168.1.7:9001/mqtt"
-            value={broker}
-            onChange={(event) => setBroker(event.target.value)}
-          />
+          <Field label="Pin" testid="pin" inputMode="numeric" value={pin} onTyped={setPin} />
+          <Field label="Broker" testid="broker" inputMode="url" placeholder="ws://192.168.1.7:9001/mqtt" value={broker} onTyped={setBroker} />
           <div className="row">
             <div className="grow">
-              <label htmlFor={`${id}root`}>Topic root</label>
-              <input
-                id={`${id}root`}
-                data-testid="root"
-                type="text"
-                autoCapitalize="none"
-                spellCheck={false}
-                value={root}
-                onChange={(event) => setRoot(event.target.value)}
-              />
+              <Field label="Topic root" testid="root" value={root} onTyped={setRoot} />
             </div>
             <div>
               <label htmlFor={`${id}mqtt`}>MQTT</label>
@@ -117,28 +76,10 @@ export function NoCode({ problem, onFound }: Props) {
           <p className="hint">Only if the broker asks visitors for a login:</p>
           <div className="row">
             <div className="grow">
-              <label htmlFor={`${id}user`}>Name</label>
-              <input
-                id={`${id}user`}
-                data-testid="user"
-                type="text"
-                autoComplete="off"
-                autoCapitalize="none"
-                spellCheck={false}
-                value={user}
-                onChange={(event) => setUser(event.target.value)}
-              />
+              <Field label="Name" testid="user" value={user} onTyped={setUser} />
             </div>
             <div className="grow">
-              <label htmlFor={`${id}password`}>Password</label>
-              <input
-                id={`${id}password`}
-                data-testid="password"
-                type="password"
-                autoComplete="off"
-                value={password}
-                onChange={(event) => setPassword(event.target.value)}
-              />
+              <Field label="Password" testid="password" type="password" value={password} onTyped={setPassword} />
             </div>
           </div>
           <button type="submit" className="primary" data-testid="typed-join">
@@ -147,5 +88,32 @@ export function NoCode({ problem, onFound }: Props) {
         </form>
       </details>
     </main>
+  );
+}
+
+type Words = InputHTMLAttributes<HTMLInputElement> & { readonly testid: string; readonly onTyped: (words: string) => void };
+
+/** Nothing that is typed here is prose, or to be remembered by the browser. */
+function Typed({ testid, onTyped, ...more }: Words) {
+  return (
+    <input
+      data-testid={testid}
+      type="text"
+      autoComplete="off"
+      autoCapitalize="none"
+      spellCheck={false}
+      onChange={(event) => onTyped(event.target.value)}
+      {...more}
+    />
+  );
+}
+
+function Field({ label, ...more }: Words & { readonly label: string }) {
+  const id = useId();
+  return (
+    <>
+      <label htmlFor={id}>{label}</label>
+      <Typed id={id} {...more} />
+    </>
   );
 }

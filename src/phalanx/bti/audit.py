@@ -22,7 +22,7 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import request, rounds, trusted
 from .fleet import BOUND, PAPER, Fleet, records
-from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK
+from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK, MARK_BYTES
 from .refusal import Refusal
 
 INPUT, RECV, SEND, ACMD = table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD
@@ -94,8 +94,11 @@ def make_work(config: BtiConfig) -> Work:
 
 
 @kernel
-def open_request(w: Work, q: Row, length: int) -> int:
-    """The request's parts are found and fill it exactly; `w.case` is set. Source: docs/spec/rebound.md."""
+def open_request(w: Work, q: Row, length: int, src: int) -> int:
+    """The request's parts are found and fill it exactly, and it names its sender as the auditee; `w.case` is set.
+
+    Returns: 0 or a `Refusal`. Source: docs/spec/rebound.md.
+    """
     if length < request.HEAD_BYTES or q[0] != request.VERSION or q[request.AT_FLAGS] > 1:
         return Refusal.MALFORMED
     c = w.case[0]
@@ -110,18 +113,33 @@ def open_request(w: Work, q: Row, length: int) -> int:
     c.waiting = 0
     if c.end != length or c.tee == 0:
         return Refusal.MALFORMED
-    if q[request.AT_FLAGS] == 1 and (c.start_len != rounds.BOOTED_BYTES or c.tokens != 0):
+    if q[request.AT_FLAGS] and (c.start_len != rounds.BOOTED_BYTES or c.tokens != 0):
         return Refusal.MALFORMED
     if q[request.AT_FLAGS] == 0 and (c.start_len < rounds.CHECKPOINT_BYTES or c.start_len > w.state.shape[0]):
         return Refusal.MALFORMED
+    if c.tee != src:
+        return Refusal.NOT_THE_SENDER
     return 0
+
+
+@kernel
+def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
+    """All checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
+    refused = open_request(w, q, length, src)
+    if refused == 0:
+        refused = check_start(f, i, w, q)
+    if refused == 0:
+        refused = check_authenticators(f, i, w, q)
+    if refused == 0:
+        refused = check_chains(f, w, q)
+    return int(refused)
 
 
 @kernel
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
-    if q[request.AT_FLAGS] == 1:
+    if q[request.AT_FLAGS]:
         c.step = 0
         # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
         t_key = get_u32(q, c.start_at + rounds.AT_T_KEY)
@@ -190,7 +208,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
     bound = s.profile == BOUND
     w.held[:] = 0
     at, newest, due, checkpoints = c.at, -1, c.due, 0
-    if q[request.AT_FLAGS] == 1:
+    if q[request.AT_FLAGS]:
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
         newest = get_u32(q, c.start_at + rounds.AT_T_KEY)
     longest = ENTRY_HEAD_BYTES + s.frame_max
@@ -216,7 +234,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
                 copy(w.tops[3], 0, w.tops[1], 0, HASH_BYTES)
             else:
                 return Refusal.ENTRY_MALFORMED
-            at += 1
+            at += MARK_BYTES
             continue
         if at + ENTRY_HEAD_BYTES > c.end or kind < INPUT or kind > ACMD:
             return Refusal.ENTRY_MALFORMED
@@ -264,7 +282,7 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:
     while c.at < c.end:
         kind = q[c.at]
         if kind & MARK:
-            c.at += 1
+            c.at += MARK_BYTES
             if kind == CHECKPOINT:
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT
             continue
@@ -339,3 +357,19 @@ def check_state(w: Work, q: Row, state_len: int) -> int:
     if not same(hckpt, 0, q, request.AT_HCKPT, HASH_BYTES):
         return Refusal.CHECKPOINT_WRONG
     return 0
+
+
+@kernel
+def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
+    """The auditor's a-node signs that the auditee's log is right up to this request; `mac` (8,) gets the token's.
+
+    Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
+    """
+    tee, t = w.case[0].tee, get_u32(q, request.AT_T)
+    top, hckpt = (
+        q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES],
+        q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES],
+    )
+    treq = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
+    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], tee, t, top, treq, hckpt, mac)
+    return 0 if code >= 0 else Refusal.REQUEST_INVALID

@@ -47,6 +47,8 @@ ROBOT = np.dtype(
         ("request_to", "u2"),
         ("request_len", "i8"),  # of the request under way, 0 if none
         ("request_next", "i8"),  # its next fragment
+        ("repeats", "i8"),  # how often fragments of it were said again
+        ("repeat_at", "i8"),  # when the next fragment may be said, ms of the robot's clock
         ("tokens_start", "i8"),
         ("tokens_pending", "i8"),
         ("peers", "i8"),
@@ -56,7 +58,6 @@ ROBOT = np.dtype(
         ("tokens_got", "i8"),
         ("audits_passed", "i8"),
         ("audits_refused", "i8"),
-        ("requests_dropped", "i8"),  # over the auditor's own limits
     ],
     align=True,
 )
@@ -113,7 +114,7 @@ class Fleet(NamedTuple):
     request: NDArray[np.uint8]  # (N, R): the request under way
     rx: NDArray[np.uint8]  # (N, RX_SLOTS, R): requests that arrive in fragments
     rx_info: NDArray[Any]  # (N, RX_SLOTS) RX
-    taken: NDArray[np.int64]  # (N, 12 f_max): when the last requests were taken for audit
+    taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
 
 
 FleetType, FleetRef, pack = reference(Fleet)

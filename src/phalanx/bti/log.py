@@ -14,6 +14,7 @@ from phalanx.wire.fields import Row, copy
 from .fleet import Fleet
 
 MARK = table.MARK
+MARK_BYTES = table.CHECKED.size
 FLUSH_S, FLUSH_A, CHECKPOINT = table.MARK_FLUSH_S, table.MARK_FLUSH_A, table.MARK_CHECKPOINT
 EVIDENCE = table.MARK_EVIDENCE
 EVIDENCE_HEAD_BYTES = table.EVIDENCE.size

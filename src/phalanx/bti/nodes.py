@@ -55,8 +55,9 @@ class Limits:
         """The limits that leave an honest robot room and nobody more than a few times its needs.
 
         Ordinary frames: 4 times the airtime of its state broadcasts. AUDIT frames: twice that of a round's requests to
-        2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies. A frame takes
-        `fixed_us`, however short, and each byte its ns on top.
+        2 f_max + 1 auditors, each the log of t_val with checkpoint and overhead, and of 6 f_max replies; and at least
+        those requests and the replies to n_max neighbours, each asking twice. A frame takes `fixed_us`, however short,
+        and each byte its ns on top.
 
         Source: RoboRebound §3.8, §5.1; docs/spec/rebound-nodes.md.
         """
@@ -67,8 +68,8 @@ class Limits:
         fragments = -(-request_bytes // (config.frame_max_bytes - AUDIT_FRAGMENT.size))
         sent_bytes = request_bytes + fragments * AUDIT_FRAGMENT.size
         requests_us = auditors * (fragments * fixed_us + sent_bytes * ns_per_byte_unicast / 1000)
-        replies_us = 6 * config.f_max * (fixed_us + AUDIT_TOKEN.size * ns_per_byte_unicast / 1000)
-        audit_us = 2 * (requests_us + replies_us)
+        reply_us = fixed_us + AUDIT_TOKEN.size * ns_per_byte_unicast / 1000
+        audit_us = max(2 * (requests_us + 6 * config.f_max * reply_us), requests_us + 2 * config.n_max * reply_us)
         return cls(
             f_max=config.f_max,
             t_val_ms=config.t_val_ms,

@@ -9,11 +9,11 @@ from __future__ import annotations
 from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
+from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from .fleet import PENDING, START, Fleet
-from .rounds import flush_marks, next_candidate, peer_at
+from .rounds import again_after, flush_marks, mixed, next_candidate, peer_at
 
 VERSION = table.REQUEST_VERSION
 AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
@@ -34,6 +34,8 @@ AT_REQUEST, AT_INDEX, AT_COUNT = map(table.AUDIT_FRAGMENT.at, ("request", "index
 REPLY_T, REPLY_MAC = map(table.AUDIT_TOKEN.at, ("t", "mac"))
 AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
+# So often fragments of one request are said again that did not arrive.
+REPEATS = 4
 
 
 @kernel
@@ -44,7 +46,7 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     Source: RoboRebound §3.7.
     """
     r = f.robot[i]
-    if r.quota <= 0 or r.log_full == 1:
+    if r.quota <= 0 or r.log_full == 1 or r.request_len > 0:
         return 0
     tor = next_candidate(f, i, now)
     if tor == 0:
@@ -53,7 +55,7 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     if code < 0:
         r.quota = 0
         return code
-    asked = f.peer[i, peer_at(f, i, tor, True)]
+    asked = f.peer[i, peer_at(f, i, tor)]
     asked.asked = r.round_no
     asked.asked_ms = now
     asked.claimed = r.checkpoint_no
@@ -61,6 +63,8 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
     r.request_no = (r.request_no + 1) & 0xFFFF
     r.request_to = tor
     r.request_next = 0
+    r.repeats = 0
+    r.repeat_at = now
     r.asked_at = now
     r.request_len = _write(f, i, treq, auth_s, auth_a)
     r.requests_sent += 1
@@ -107,13 +111,18 @@ def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
 
 
 @kernel
-def next_fragment(f: Fleet, i: int, frame: Row) -> int:
-    """The next fragment of the request under way; its length, 0 when all have been cut. Source: RoboRebound §3.7."""
+def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
+    """The next fragment of the request under way; its length, 0 when all have been cut or the next has to wait.
+
+    Source: RoboRebound §3.7.
+    """
     r = f.robot[i]
     body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
     count = (r.request_len + body - 1) // body
     if r.request_len == 0 or r.request_next >= count:
         r.request_len = 0
+        return 0
+    if now < r.repeat_at:
         return 0
     audit_head(frame, r.id, r.request_to, FRAGMENT)
     put_u16(frame, AT_REQUEST, r.request_no)
@@ -124,6 +133,30 @@ def next_fragment(f: Fleet, i: int, frame: Row) -> int:
     copy(frame, FRAGMENT_HEAD_BYTES, f.request[i], begin, length)
     r.request_next += 1
     return int(FRAGMENT_HEAD_BYTES + length)
+
+
+@kernel
+def not_arrived(f: Fleet, i: int, now: int) -> None:
+    """The fragment last said, which did not arrive, is said again after a while; after so many the next robot is asked.
+
+    Who is out of the robot's hearing, and knows when it asks, could talk over each of its requests: so it waits a time
+    that nobody knows who has not heard this request, out of a MAC in it, and each time about twice as long. A robot of
+    which nothing arrived may be asked again at such a time too.
+    Source: docs/adr/0028; RoboRebound §5.2.
+    """
+    r, s = f.robot[i], f.settings[0]
+    if r.request_len == 0:
+        return
+    drawn = mixed(get_u32(f.request[i], AT_AUTH_S), r.repeats)
+    if r.repeats < REPEATS:
+        r.request_next = max(r.request_next - 1, 0)
+        r.repeat_at = now + 1 + drawn % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
+        r.repeats += 1
+        return
+    if r.request_next == 1:
+        f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + drawn % (s.t_audit // 2)
+    r.request_len = 0
+    r.quota += 1
 
 
 @kernel
@@ -186,10 +219,8 @@ def _place(f: Fleet, i: int, src: int) -> int:
 @kernel
 def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
     """One request of a robot each T_audit / 2, whether it is ever whole or not. Source: RoboRebound §5.1."""
-    r = f.robot[i]
-    at = peer_at(f, i, src, True)
+    at = peer_at(f, i, src)
     if at < 0 or now - f.peer[i, at].took < f.settings[0].t_audit // 2:
-        r.requests_dropped += 1
         return False
     f.peer[i, at].took = now
     return True

@@ -56,8 +56,8 @@ def mixed(one: int, other: int) -> int:
 
 
 @kernel
-def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
-    """The row of a robot in the table of peers, -1 if it is not there; made, it replaces the one silent longest.
+def peer_at(f: Fleet, i: int, rob_id: int) -> int:
+    """The row of a robot in the table of peers, in the place of the one silent longest if it is new; -1 of none.
 
     Source: docs/spec/rebound.md (constant memory).
     """
@@ -65,7 +65,7 @@ def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
     for k in range(r.peers):
         if f.peer[i, k].id == rob_id:
             return k
-    if not make or rob_id == 0 or rob_id == r.id:
+    if rob_id == 0 or rob_id == r.id:
         return -1
     at = r.peers
     if at < f.peer.shape[1]:
@@ -83,7 +83,7 @@ def peer_at(f: Fleet, i: int, rob_id: int, make: bool) -> int:
 @kernel
 def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
     """The robot counts as in range now. Source: docs/spec/rebound.md (ghost auditors)."""
-    at = peer_at(f, i, rob_id, True)
+    at = peer_at(f, i, rob_id)
     if at >= 0:
         f.peer[i, at].heard = now
 
@@ -92,9 +92,8 @@ def heard(f: Fleet, i: int, rob_id: int, now: int) -> None:
 def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
 
-    Within each sort, who did not answer the last time comes later: an auditor takes 12 f_max requests per T_val, and
-    those with few neighbours need its time more than those with many (seen: corner robots of a grid starved). After
-    that the order differs from robot to robot, so that no auditor is everybody's favourite.
+    Within each sort, who did not answer the last time comes later: what an auditor has heard the least of, it may be
+    out of range. After that the order differs from robot to robot, so that no auditor is everybody's favourite.
     Source: docs/spec/rebound.md (ghost auditors).
     """
     r, s = f.robot[i], f.settings[0]
@@ -134,6 +133,8 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
     r, s = f.robot[i], f.settings[0]
     if r.got > s.f_max:
         return -1
+    if r.request_len > 0:
+        return int(max(r.repeat_at, now + 1))
     soon = r.asked_at + s.retry
     return int(soon if soon > now else max(now + s.retry, r.asked_at + again_after(f)))
 
@@ -154,10 +155,12 @@ def begin_round(f: Fleet, i: int) -> None:
 
 @kernel
 def retry(f: Fleet, i: int) -> int:
-    """Tokens still missing in this round; as many further robots may now be asked. Source: RoboRebound §5.2."""
+    """Tokens still missing in this round; as many further robots may now be asked, or a fragment said again.
+
+    Source: RoboRebound §5.2.
+    """
     r = f.robot[i]
-    missing = f.settings[0].f_max + 1 - r.got
-    missing = max(missing, 0)
+    missing = max(f.settings[0].f_max + 1 - r.got, 0)
     if r.request_len == 0:
         r.quota = missing
     return int(missing)
@@ -218,7 +221,7 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     if code < 0:
         return int(code)
     r.tokens_got += 1
-    at = peer_at(f, i, tor, True)
+    at = peer_at(f, i, tor)
     if at >= 0:
         p = f.peer[i, at]
         number = r.start_no if which == START else r.checkpoint_no

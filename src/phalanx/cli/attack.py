@@ -108,9 +108,9 @@ def _show(trial: FlockTrial | MissionTrial | TeamTrial, attack: Attack, goal_m: 
     kept = "" if isinstance(trial, FlockTrial) else f": {'NOT SO' if trial.broken else 'so it is'}"
     rows = {
         "attack": f"{trial.attack}{against}: {attack.does}",
-        "defence": f"{trial.defence}, which should make it: {trial.declared}{kept}",
+        "defence": trial.defence + (f", which should make it: {trial.declared}{kept}" if attack.stopped_by else ""),
     }
-    if trial.declared == "stopped":
+    if trial.declared == "stopped" and attack.stopped_by:
         rows["stopped by"] = attack.stopped_by
     if isinstance(trial, TeamTrial):
         print_rows(rows | _team(trial))

@@ -12,14 +12,15 @@ from pathlib import Path
 
 import click
 
-from phalanx.errors import PhalanxError
+from phalanx.config import LinkConfig
+from phalanx.errors import PhalanxError, UsageError
 from phalanx.experiments.figure import MATPLOTLIB_HINT
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import DEFAULT_PORT
-from phalanx.io import Login, Server, parse_broker_url
-from phalanx.io.broker import AMQTT_LACKS, BROKER_HINT, has_amqtt, why_no_phone_gets_in
-from phalanx.io.broker_url import websocket_of
+from phalanx.io import Server, parse_broker_url
+from phalanx.io.broker import AMQTT_LACKS, BROKER_HINT, for_browsers, has_amqtt
 from phalanx.io.mosquitto import find_mosquitto
+from phalanx.io.phones import PhonesDoor
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
 from .login import login_in, read_login
@@ -40,15 +41,24 @@ class Finding:
 
 
 def doctor(
-    broker: str | None, broker_ws: str, broker_login: Path | None, visitors_login: Path | None, as_json: bool
+    broker: str | None,
+    broker_ws: str,
+    root: str,
+    broker_login: Path | None,
+    visitors_login: Path | None,
+    as_json: bool,
 ) -> int:
     """Prints a line for each finding; 1 if something has to be mended."""
+    if not broker and (broker_ws or broker_login or visitors_login):
+        raise UsageError("no broker to try", "--broker URL")
     url = parse_broker_url(broker, read_login(broker_login)) if broker else None
     visitors = login_in(visitors_login)
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:
-        findings.append(asyncio.run(_reach(Server(url), str(url))))
-        findings.append(asyncio.run(_phones(broker_ws or websocket_of(url), visitors)))
+        config = LinkConfig(root=root)
+        websocket = for_browsers(broker_ws)
+        server = Server(url, config=config, broker_for_visitors=websocket, login_for_visitors=visitors)
+        findings += asyncio.run(_reach(server, str(url)))
     if as_json:
         print_json({"findings": [asdict(finding) for finding in findings]})
     else:
@@ -120,17 +130,23 @@ def _clock() -> Finding:
     return Finding("clock", True, f"{now}, not known to be synchronized: messages more than 30 s off are refused")
 
 
-async def _phones(websocket: str, login: Login | None) -> Finding:
-    trouble, hint = await why_no_phone_gets_in(websocket, login)
-    return Finding("broker, for phones", not trouble, trouble or f"{websocket} takes them", hint)
-
-
-async def _reach(server: Server, url: str) -> Finding:
+async def _reach(server: Server, url: str) -> list[Finding]:
+    """The broker for the gateway, and for phones; what they say is answered, if the gateway is in."""
+    door = PhonesDoor(server)
     try:
         async with server:
             await server.wait_connected(3)
+            here = Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")
+            return [here, await _phones(server, door)]
     except TimeoutError:
-        return Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port and firewall")
+        here = Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port and firewall")
     except PhalanxError as error:
-        return Finding("broker", False, str(error), getattr(error, "hint", ""))
-    return Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")
+        here = Finding("broker", False, str(error), getattr(error, "hint", ""))
+    return [here, await _phones(server, door)]
+
+
+async def _phones(server: Server, door: PhonesDoor) -> Finding:
+    trouble, hint = await door.trouble()
+    through = "what they say and are told gets through" if server.connected else "what gets through was not tried"
+    well = f"{server.broker_for_visitors} lets them in; {through}"
+    return Finding("broker, for phones", not trouble, trouble or well, hint)

@@ -12,15 +12,16 @@ import click
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io import ANY, Client, Login, Server, parse_broker_url
-from phalanx.io.broker import open_broker, warn_if_phones_are_locked_out
+from phalanx.io.broker import open_broker
 from phalanx.io.broker_url import BrokerUrl
+from phalanx.io.phones import PhonesDoor, warn_if_phones_are_locked_out
 from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 
-from .login import login_in, read_login
+from .login import login_for, login_in, read_login
 from .options import link_config
 from .run import run
-from .terminal import plain, print_json, talk
+from .terminal import counted, plain, print_json, talk, timed
 
 DRIVE_EVERY_S = 0.1
 STATUS = ("active", "quiet", "lost")
@@ -175,6 +176,8 @@ async def _drive(robots: _Robots, called: str, wheels_pct: tuple[int, int], for_
         print_json(
             {"address": address, "commands": sent, "from": before.get("lh2_position"), "to": after.get("lh2_position")}
         )
+    elif robots.unlisted:
+        click.echo(f"{counted(sent, 'command')} to {plain(address)}; nobody says whether there is such a robot")
     else:
         click.echo(f"before  {_row(before)}\nafter   {_row(after)}")
 
@@ -197,9 +200,9 @@ def serve(
 ) -> None:
     """Serves the link until it is stopped: every request is its own answer, and every command is told to everybody."""
     # Here, for it brings pages and missions along: a visitor need not wait for that.
-    from phalanx.gateway.up import connected_within, for_at_most  # noqa: PLC0415
+    from phalanx.gateway.waits import connected_within, for_at_most  # noqa: PLC0415
 
-    config, login = link_config(said), read_login(broker_login)
+    config, login = link_config(said), login_for(broker, broker_login)
     visitors = login_in(visitors_login)
     where = open_broker(broker, login=login, websocket=broker_ws, visitors_login=visitors, root=config.root)
 
@@ -220,7 +223,8 @@ def serve(
             server.on_event = lambda said: _tell(said, url(), events)
             async with server:
                 await connected_within(server, wait_s)
-                await warn_if_phones_are_locked_out(running)
+                if running.name == "external":
+                    await warn_if_phones_are_locked_out(PhonesDoor(server))
                 _tell(server.epoch, url(), events, ready=True)
                 async with for_at_most(duration_s):
                     await server.run()
@@ -247,7 +251,7 @@ def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> No
     if ready:
         told["event"] = "ready"
     if events:
-        print_json(told)
+        print_json(timed(told))
     else:
         words = (plain(value, 1000) for key, value in told.items() if key not in ("pin", "topic"))
         click.echo("  ".join(words))

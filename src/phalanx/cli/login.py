@@ -10,6 +10,7 @@ from pathlib import Path
 
 from phalanx.errors import UsageError
 from phalanx.io import Login
+from phalanx.io.broker import EMBEDDED
 
 
 def read_login(path: Path | None) -> Login | None:
@@ -23,6 +24,13 @@ def read_login(path: Path | None) -> Login | None:
     return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", ""))
 
 
+def login_for(broker: str, path: Path | None) -> Login | None:
+    """The same, for a broker by this name or URL. Raises: UsageError: as `read_login`, or a file for one of our own."""
+    if path is not None and broker in EMBEDDED:
+        raise UsageError("a login for a broker of our own", "give it with a --broker URL only")
+    return read_login(path)
+
+
 def login_in(path: Path | None) -> Login | None:
     """The login in a file, if one is given.
 
@@ -30,16 +38,24 @@ def login_in(path: Path | None) -> Login | None:
     """
     if path is None:
         return None
-    try:
-        with path.open() as file:  # not more of it than a login has: it may be a device
-            lines = file.read(4096).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not text"
-        raise UsageError(f"cannot read {path}: {reason}", "a file with one line user:password") from error
-    username, colon, password = lines[0].partition(":") if lines else ("", "", "")
+    username, colon, password = first_line(path, "a file with one line user:password").partition(":")
     if not (username and colon):
         raise UsageError(f"{path} does not hold user:password", "one line, the name first")
     return Login(username, password)
+
+
+def first_line(path: Path, hint: str) -> str:
+    """What a secret's file says in its first line, "" if it is empty.
+
+    Raises: UsageError: it cannot be read; `hint` is what it should be.
+    """
+    try:
+        with path.open() as file:  # not more of it than a secret has: it may be a device
+            lines = file.read(4096).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not text"
+        raise UsageError(f"cannot read {path}: {reason}", hint) from error
+    return lines[0] if lines else ""
 
 
 def kept_token(path: Path) -> str:

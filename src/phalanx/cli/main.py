@@ -26,6 +26,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 ABOUT = {
     "attack": "Compromise a robot, or its mission, and see what that can do and what stops it.",
     "doctor": "Look at what is installed, which ports are free, the clock, and whether a broker is reachable.",
+    "keys": "Who is in the swarm: master keys, mission keys, and keys that sign missions and orders.",
     "link": "Who may command: visit a swarm from a terminal, or serve the link alone.",
     "mission": "What may be done: missions that a robot can only read by living them.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
@@ -91,7 +92,9 @@ class _Group(click.Group):
 )
 def phalanx(log_level: str) -> None:
     """Keep a robot swarm in honest hands: who may command, what may be done, what is really done."""
-    logging.basicConfig(level=log_level.upper(), format=LOGGED, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
+    # In the place of a status line, not behind it.
+    line = f"\r\x1b[2K{LOGGED}" if sys.stderr.isatty() else LOGGED
+    logging.basicConfig(level=log_level.upper(), format=line, datefmt="%Y-%m-%dT%H:%M:%S%z", force=True)
 
 
 def main() -> None:

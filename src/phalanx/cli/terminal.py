@@ -119,8 +119,8 @@ class EventLines:
         self._thread.start()
 
     def __call__(self, event: dict[str, Any]) -> None:
-        """Print `event` soon."""
-        line = json_line(event)
+        """Print `event` soon, with the time of now."""
+        line = json_line(timed(event))
         if self._put_bytes - self._got_bytes + len(line) > self._limit_bytes:
             self.lost += 1
             return
@@ -152,9 +152,14 @@ class EventLines:
         while (line := self._waiting.get()) is not None:
             if self.lost:
                 lost, self.lost = self.lost, 0
-                print_json({"event": "lost", "count": lost})
+                print_json(timed({"event": "lost", "count": lost}))
             write_line(line)
             self._got_bytes += len(line)
+
+
+def timed(event: dict[str, Any]) -> dict[str, Any]:
+    """`event`, and when it is told: seconds since 1970, to the millisecond."""
+    return {**event, "at_s": round(time.time(), 3)}
 
 
 def json_line(value: Any) -> str:

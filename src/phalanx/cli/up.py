@@ -25,13 +25,13 @@ from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .login import kept_token, login_in, read_login
+from .login import kept_token, login_for, login_in
 from .mission.files import Wanted
 from .options import link_config
 from .qr import qr_text
 from .run import run
 from .stop_word import heed_stop_words
-from .terminal import EventLines, end_status_line, plain, status_line, talk
+from .terminal import EventLines, Progress, end_status_line, plain, status_line, talk
 
 
 def up(
@@ -58,7 +58,7 @@ def up(
     token = kept_token(operator_token_file) if operator_token_file else ""
     options = UpOptions(
         link=link_config(served),
-        login=read_login(broker_login),
+        login=login_for(served["broker"], broker_login),
         visitors_login=login_in(visitors_login),
         operator_token=token,
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
@@ -102,28 +102,31 @@ def _orders(wanted: Wanted, world: str | None) -> tuple[FloorPlan, Orders | None
 
 
 def _run_for_people(options: UpOptions, swarm: Callable[[], Swarm]) -> None:
-    watch: list[asyncio.Task[None]] = []
-    late: list[Running] = []  # its robots have no shields yet
+    status: list[asyncio.Task[None]] = []
+    gateway: list[Running] = []
 
     def started(running: Running) -> None:
-        watch.append(asyncio.ensure_future(_keep_status(running)))
+        gateway.append(running)
         if sys.stdin.isatty():  # what else is there was not typed for us
             heed_stop_words(running.hold)
-        if running.summary()["compiling"]:
-            late.append(running)
+
+    def tell(event: dict[str, Any]) -> None:
+        _tell(options, event)
+        if event["event"] == "ready":
+            status.append(asyncio.ensure_future(_keep_status(*gateway)))
 
     try:
-        run(run_gateway(options, partial(_tell, options, late), started, swarm=swarm))
+        run(run_gateway(options, tell, started, swarm=swarm))
     except PhalanxError:
         status_line("")  # the error says what it said
         raise
     end_status_line()
 
 
-def _tell(options: UpOptions, late: list[Running], event: dict[str, Any]) -> None:
+def _tell(options: UpOptions, event: dict[str, Any]) -> None:
     match event["event"]:
         case "waiting":
-            status_line(f"no broker at {event['broker']} yet ({event['trouble'] or 'no answer'}); waiting for it")
+            status_line(f"Enter: stop all  waiting for {event['broker']} ({event['trouble'] or 'no answer'})")
         case "ready":
             status_line("")
             click.echo(f"operator  {event['operator_url']}")
@@ -133,7 +136,7 @@ def _tell(options: UpOptions, late: list[Running], event: dict[str, Any]) -> Non
             end_status_line()
             click.echo("a new code; the old one works for a while yet")
             _show_code("visitors", event["qr_url"])
-        case "shielded" if late:
+        case "prepared" if event["late_shields"]:
             talk("shields are up: robots audit each other from now on")
         case "mission" if event["what"] != "decoded":
             end_status_line()
@@ -156,13 +159,16 @@ def _show_code(what: str, url: str) -> None:
 
 
 async def _keep_status(running: Running) -> None:
+    preparing = Progress(0.0, 15.0)  # where there is no terminal
     while True:
         now = running.summary()
+        if now["preparing"] and not sys.stderr.isatty():
+            preparing.tell(now["preparing"], 0.0)
         minutes, seconds = divmod(int(now["rotates_in_s"]), 60)
         status_line(
             "ALL STOPPED: go and Enter frees them" if now["held"] else "Enter: stop all",
             *([] if now["connected"] else ["broker away, trying again"]),
-            *(["no shields yet"] if now["compiling"] else []),
+            *([now["preparing"]] if now["preparing"] else []),
             f"new code {minutes}:{seconds:02d}",
             *(f"{now[what]} {what}" for what in ("visitors", "refused", "robots", "commands")),
         )

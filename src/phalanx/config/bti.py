@@ -125,8 +125,8 @@ class BtiConfig:
 
     @property
     def audits_taken(self) -> int:
-        """Requests that a robot audits per T_val at most (docs/adr/0015)."""
-        return 12 * self.f_max
+        """Requests that a robot audits per T_val at most: each neighbour's share, one a T_audit / 2 (docs/adr/0027)."""
+        return self.n_max * -(-2 * self.t_val_ms // self.t_audit_ms)
 
     @property
     def tokens_kept(self) -> int:

@@ -9,6 +9,8 @@ from phalanx.errors import UsageError
 from .parameter import check_limits, check_within, within
 
 FARTHEST_M = 1e6
+# As the paper's law has it: as hard as it comes.
+NO_CROWD = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +56,9 @@ class FlockConfig:
     c2_beta: float = within(0.0, 0.0, 1e3, "damper of obstacles")
     c1_gamma: float = within(0.001, 0.0, 1e3, "spring of the goal. The paper prints it negative and adds; we subtract")
     c2_gamma: float = within(0.06, 0.0, 1e3, "damper of the goal, likewise")
+    crowd: float = within(
+        4.0, 0.1, NO_CROWD, "all neighbours together push no harder than so many do, each at its hardest (`bound` only)"
+    )
     limit_mps2: float = within(5.0, 0.0, 1e3, "largest acceleration along each axis")
     n_max: int = within(24, 1, 1024, "neighbours that a robot remembers: not more than BtiConfig.n_max, made as rows")
     forget_ms: int = within(

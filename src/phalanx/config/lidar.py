@@ -3,22 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
+
+from phalanx.errors import UsageError
 
 from .parameter import check_limits, check_within, within
+
+LIKE = "like 270 or 270,1080,30,0.01: up to 360 degrees, beams, metres of range and of noise"
+
+
+def _turn(word: str) -> float:
+    if not 1 <= float(word) <= 360:
+        raise ValueError(word)
+    return math.radians(float(word))
+
+
+# What a command line says of a lidar, in this order.
+PARSED: dict[str, Callable[[str], Any]] = {
+    "fov_rad": _turn,
+    "beams": int,
+    "range_max_m": float,
+    "noise_m": float,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarConfig:
-    """A 2-D lidar; the paper's field of view, beams and rate.
+    """A 2-D lidar; the paper's field of view and beams.
 
     Raises: UsageError: a value is out of range.
-    Source: Encoded graphs §V-A (270 degrees, 1080 samples, 10 Hz); the rest: data sheet of a Hokuyo UTM-30LX.
+    Source: Encoded graphs §V-A (270 degrees, 1080 samples); the rest: data sheet of a Hokuyo UTM-30LX.
     """
 
     beams: int = within(1080, 2, 8192)  # in one sweep
     fov_rad: float = within(1.5 * math.pi, 0.01, 2 * math.pi)  # the field of view, centred on forward
-    rate_hz: float = within(10.0, 0.1, 100)
     range_min_m: float = within(0.1, 0, 10)  # nearer it says nothing
     range_max_m: float = within(30.0, 0.1, 60)  # farther it misses
     noise_m: float = within(0.01, 0, 1)  # standard deviation of a range
@@ -27,6 +47,21 @@ class LidarConfig:
     def __post_init__(self) -> None:
         check_limits(self)
         check_within("range_max_m", self.range_max_m, self.range_min_m + 0.1, 60)
+
+    @classmethod
+    def parse(cls, text: str) -> LidarConfig:
+        """The lidar that a command line asks for: DEGREES[,BEAMS[,RANGE_M[,NOISE_M]]]; of the rest the default.
+
+        Raises: UsageError: it is not written so, or no lidar is like that.
+        """
+        words = text.split(",")
+        if len(words) > len(PARSED):
+            raise UsageError(f"lidar {text!r}", LIKE)
+        try:
+            said = {name: kind(word) for (name, kind), word in zip(PARSED.items(), words, strict=False)}
+        except ValueError as error:
+            raise UsageError(f"lidar {text!r}", LIKE) from error
+        return cls(**said)
 
     @property
     def angle_min_rad(self) -> float:

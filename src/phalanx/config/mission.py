@@ -77,13 +77,15 @@ class MissionConfig:
     odometry_way_m: float = within(0.02, 0.0, 1.0)  # with the root of the way in metres
     odometry_turn_deg: float = within(0.8, 0.0, 90.0)  # with the root of the turn in radians
     odometry_per_m_deg: float = within(0.2, 0.0, 90.0)  # with the root of the way in metres
+    # Things of one look, of a kind and turned alike, that nobody surveyed; 0 where the whole building is drawn
+    strangers_per_m2: float = within(0.0, 0.0, 1000.0)
     kdf_tries: int = within(12, 1, 100_000)  # slow tries in one step (sealed profile): 12 take 0.1 s at N = 2^12
     hash_tries: int = within(200_000, 1, 1 << 30)  # fast tries in one step (paper profile)
     tried_limit: int = within(4096, 16, 1 << 20)  # tries that are remembered, so that they are not made again
-    arrive_m: float = within(0.7, 0.01, 10.0)  # so near is there, on the way back
-    passing_m: float = within(5.0, 0.0, 1e6)  # a pose so far from its last fix still reaches a node decoded before
+    arrive_m: float = within(0.7, 0.01, 10.0)  # so near is there, at a node decoded before
     # Without a validation for so long, back to the last validated state; a node may say otherwise.
     timeout_s: float = within(60.0, 0.1, 1e6)
+    rounds: int = within(2, 0, 255)  # so often ways that were blocked are tried again, when no other is left
     messages_kept: int = within(8, 1, 64)  # encoded messages that are remembered; the oldest is forgotten first
 
     def __post_init__(self) -> None:

@@ -75,11 +75,3 @@ def open_jwe(token: bytes, key: Key, max_bytes: int) -> tuple[bytes, bytes]:
         return iv, key.cipher.decrypt(iv, sealed, HEADER_SEGMENT)
     except InvalidTag as error:
         raise NotAuthentic("the tag does not verify") from error
-
-
-def jwe_iv(token: bytes) -> bytes:
-    """The IV of a JWE that we sealed ourselves.
-
-    Raises: MalformedJwe.
-    """
-    return _segments(token, len(token))[0]

@@ -8,6 +8,7 @@ instruction. hashlib stays the oracle: tests compare the two, and `sha3_256` is 
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,6 +169,16 @@ class Targets:
         return int(self._order[row])
 
 
+@lru_cache(maxsize=256)  # a robot that sees the same asks for the same, six times a step
+def _padded(message: bytes, at: int) -> NDArray[np.uint64]:
+    assert not any(message[at : at + 8]), "the patch is put over zeros"
+    length = len(message)
+    padded = bytearray(message.ljust((length // RATE_BYTES + 1) * RATE_BYTES, b"\x00"))
+    padded[length] = SUFFIX
+    padded[-1] |= 0x80
+    return np.frombuffer(padded, "<u8").astype(np.uint64, copy=False)
+
+
 def find_patched(message: bytes, at: int, patches: NDArray[np.uint64], targets: Targets) -> tuple[int, int] | None:
     """Which of many messages has a digest that is wanted; they differ in eight bytes, zeros in `message`, from `at` on.
 
@@ -175,11 +186,6 @@ def find_patched(message: bytes, at: int, patches: NDArray[np.uint64], targets: 
     Returns: (index of the patch, place of the digest in the targets' list), of the first that matches, or None.
     Source: Encoded graphs §V-A (search()).
     """
-    assert not any(message[at : at + 8]), "the patch is put over zeros"
-    length = len(message)
-    padded = bytearray(message.ljust((length // RATE_BYTES + 1) * RATE_BYTES, b"\x00"))
-    padded[length] = SUFFIX
-    padded[-1] |= 0x80
-    template = np.frombuffer(padded, "<u8").astype(np.uint64, copy=False)
+    template = _padded(message, at)
     found, row = _find(template, at // 8, np.uint64(at % 8 * 8), patches, targets.rows)
     return None if found < 0 else (found, targets.place(row))

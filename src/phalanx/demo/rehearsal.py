@@ -23,6 +23,7 @@ from phalanx.errors import Unavailable
 from phalanx.io.children import die_with_parent
 from phalanx.robot import Led, Point
 from phalanx.sim.audited import loop
+from phalanx.sim.compiling import telling_of_compiling
 from phalanx.sim.swarms.protected import ProtectedSwarm
 
 # Long enough for a round of audits, for attacks to be refused, and for the robots to be stopped.
@@ -58,8 +59,8 @@ def rehearse(defence: str, wanted: Callable[[], bool] = lambda: True) -> None:
         note.touch()
 
 
-async def rehearse_elsewhere(defence: str) -> None:
-    """A process of its own has rehearsed; it ends when we do.
+async def rehearse_elsewhere(defence: str, tell: Callable[[str], None]) -> None:
+    """A process of its own has rehearsed; it ends when we do. `tell` hears how far it is.
 
     Raises: Unavailable: it failed.
     """
@@ -69,13 +70,15 @@ async def rehearse_elsewhere(defence: str) -> None:
         "phalanx.demo.rehearsal",
         defence,
         stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
         preexec_fn=die_with_parent,
     )
-    said = b""
+    assert child.stdout is not None, "asked for above"
     try:
+        async for line in child.stdout:
+            tell(line.decode().strip())
         _, said = await child.communicate()
     finally:
         if child.returncode is None:
@@ -112,6 +115,11 @@ def _note(defence: str) -> Path | None:
     return Path(run.stats.cache_path) / f"rehearsed-{defence}-{made_of.hexdigest()[:16]}"
 
 
+def _say(_: str, share: float) -> None:
+    print(f"{100 * share:.0f} % compiled", flush=True)  # noqa: T201 - to whoever started us
+
+
 if __name__ == "__main__":
     os.nice(NICE)
-    rehearse(sys.argv[1])
+    with telling_of_compiling(_say):
+        rehearse(sys.argv[1])

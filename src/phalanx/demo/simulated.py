@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,7 +19,6 @@ from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robo
 from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
 
 DEFAULT_F_MAX = 3
-PATIENCE_S = 10.0  # a process of their own takes a few seconds at any time
 NO_SHIELDS_YET = "what audits need is being compiled, until then nothing stops a robot that lies"
 
 
@@ -86,19 +84,23 @@ class SoonProtected(Dotbots):
     """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
 
     def __init__(self, robots: int, seed: int, protection: Protection) -> None:
+        self.preparing = "no shields yet"
         super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
         self._count, self._seed, self._protection = robots, seed, protection
 
-    async def protected(self) -> ProtectedSwarm:
+    async def ready(self) -> ProtectedSwarm:
         """The same robots, where they are when all is compiled, auditing each other.
 
         Raises: Unavailable: it cannot be compiled.
         """
         defence = self._protection.defence
-        await rehearse_elsewhere(defence)
+        await rehearse_elsewhere(defence, self._hear)
         await rehearse_here(defence)
         f_max, now = self._protection.f_max, self.robots()
         return ProtectedSwarm(self._count, self._seed, time.time, defence=defence, f_max=f_max, now=now)
+
+    def _hear(self, how_far: str) -> None:
+        self.preparing = f"no shields yet, {how_far}"
 
 
 @contextlib.contextmanager
@@ -111,37 +113,22 @@ def mission_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
 ) -> Iterator[MissionSwarm]:
-    """Simulated robots that live missions in a building, ready to run, while the body does; they begin with `orders`.
+    """Simulated robots that live missions in a building, while the body runs; they begin with `orders` when all is
+    compiled that they run.
 
-    As `simulated_swarm`; no `defence` is none where an audit could not show what the mission needs.
-    Raises: UsageError: too many robots, or a building without walls or a start. Unavailable: they do not come up.
+    As `simulated_swarm`.
+    Raises: UsageError: too many robots, or a building without walls or a start.
     """
     protection = choose_protection(robots, defence, f_max)
-    if orders is not None and orders.unauditable and defence is None and protection.defence != "none":
-        note = f"what robots read from {orders.unauditable} cannot be audited yet: they run unprotected"
-        protection = Protection("none", protection.f_max, note)
     if orders is not None:
         orders.run(robots=robots, defence=protection.defence, f_max=protection.f_max)  # before anything is compiled
     if protection.note:
         talk(protection.note)
-    with contextlib.ExitStack() as stack:
-        with _patiently(talk):
-            if protection.defence == "none":
-                swarm = MissionSwarm(plan, robots, seed, time.time)
-            else:
-                swarm = ShieldedMissionSwarm(plan, robots, seed, time.time, protection.defence, protection.f_max)
-            stack.enter_context(swarm)
+    if protection.defence == "none":
+        swarm = MissionSwarm(plan, robots, seed, time.time)
+    else:
+        swarm = ShieldedMissionSwarm(plan, robots, seed, time.time, protection.defence, protection.f_max)
+    with swarm:
         if orders is not None:
             swarm.begin(orders)
         yield swarm
-
-
-@contextlib.contextmanager
-def _patiently(talk: Callable[[str], None]) -> Iterator[None]:
-    slow = threading.Timer(PATIENCE_S, talk, ["preparing what robots run; the first time, this takes minutes"])
-    slow.daemon = True
-    slow.start()
-    try:
-        yield
-    finally:
-        slow.cancel()

@@ -14,7 +14,7 @@ from typing import Any
 
 from phalanx.errors import UsageError
 
-MATPLOTLIB_HINT = "make setup, or pip install matplotlib"
+MATPLOTLIB_HINT = "make setup, or pip install 'phalanx-swarm[reproduce]'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +35,16 @@ SEEDS = Option("seeds", 20, "Runs of each case.", 1, 10_000)
 class Figure:
     """One figure or table of a paper.
 
-    What it is made by has `draw(table, picture)`, which draws into an empty picture and returns the footer or None; and
+    What it is made by has `draw(table, picture)`, which draws into an empty picture and returns the footer or None.
+    Most figures are measured case by case. Those have
 
-    - `COLUMNS`, `cases(seeds)`, the cases' names in the order to measure them, `measure_case(case, tell)`, the rows of
-      one and what else is kept of it, or only the rows, and `compare(table)`, the statements; and `origin()`, if more
-      than the version must agree for two measurements to share a file;
-    - or `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)`, where it is measured otherwise.
+    - `COLUMNS`;
+    - `cases(seeds)`: the cases' names, in the order to measure them;
+    - `measure_case(case, tell)`: the rows of one, and what else is kept of it if anything is;
+    - `compare(table)`: the statements;
+    - `origin()`, if more than the version must agree for two measurements to share a file.
+
+    The others have `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)`.
     """
 
     name: str  # as typed, and of its files

@@ -5,8 +5,8 @@
     fixed;3;0.06;0;seed 4,1.41,...               as many lines as the case has
     # end fixed;3;0.06;0;seed 4 {...}            and what else is kept of it, if anything is
 
-Where a case is a line, it ends with the line. Only this file writes such CSVs, and only it knows what of them is whole:
-what was cut short at its end, by a crash or a full disk, is ignored when reading and cut off before writing on.
+Where a case is a line, it ends with the line. Only this file writes such CSVs, and only it knows what of them is whole.
+A crash or a full disk may cut the end short: that is ignored when reading, and cut off before writing on.
 """
 
 from __future__ import annotations

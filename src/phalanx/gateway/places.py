@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.wire.table import PASS_BY, ROBOT_PLACE, TURN_DEG
+
 # As JSON: a record's six bytes are eight characters, and this much stands around a piece's records.
-RECORD_CHARS = 8
+RECORD_CHARS = ROBOT_PLACE.size * 4 // 3
 AROUND_CHARS = 56
-TURN_DEG = 360
-# Numbers that a record leaves out. One more fits its 16 bits, and is the word of a record that is no robot.
-MOST_SKIPPED = 180
-NOBODY = MOST_SKIPPED + 1
 # To leave out more takes longer than to begin anew.
-MOST_LEFT_OUT = NOBODY * (AROUND_CHARS // RECORD_CHARS)
+MOST_LEFT_OUT = PASS_BY * (AROUND_CHARS // RECORD_CHARS)
 FARTHEST = 0xFFFF
 
 
@@ -38,13 +36,13 @@ class Places:
         self._step_mm = max(1, -(-extent // FARTHEST))
         self._first = int(numbers[0])
         skipped = np.diff(numbers, prepend=self._first - 1) - 1
-        robots = np.cumsum(skipped // NOBODY + 1) - 1
-        self._records = np.zeros((int(robots[-1]) + 1, 3), "<u2")
-        self._records[:, 0] = NOBODY * TURN_DEG
-        self._records[robots, 0] = (skipped % NOBODY) * TURN_DEG + rows[:, 3] % TURN_DEG
-        self._records[robots, 1:] = np.rint((at - self._corner) / self._step_mm)
-        passed = np.full(len(self._records), NOBODY)
-        passed[robots] = skipped % NOBODY + 1
+        robots = np.cumsum(skipped // PASS_BY + 1) - 1
+        self._records = np.zeros(int(robots[-1]) + 1, ROBOT_PLACE.dtype)
+        self._records["w"] = PASS_BY * TURN_DEG
+        self._records["w"][robots] = (skipped % PASS_BY) * TURN_DEG + rows[:, 3] % TURN_DEG
+        self._records["x"][robots], self._records["y"][robots] = np.rint((at - self._corner) / self._step_mm).T
+        passed = np.full(len(self._records), PASS_BY)
+        passed[robots] = skipped % PASS_BY + 1
         self._next = self._first + np.cumsum(passed)
 
     def __len__(self) -> int:

@@ -9,7 +9,7 @@ import logging
 import secrets
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,19 +18,19 @@ from urllib.parse import urlsplit
 import segno
 
 from phalanx.config import LinkConfig
-from phalanx.errors import Unavailable, Unknown, UsageError
+from phalanx.errors import Unknown, UsageError
 from phalanx.io import Login, Server, parse_broker_url
-from phalanx.io.broker import RunningBroker, open_broker, warn_if_phones_are_locked_out
+from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
 from phalanx.io.files import allow_files
+from phalanx.io.phones import PhonesDoor, no_way_from, warn_if_phones_are_locked_out
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, free_port, lan_address
 from phalanx.io.server import Happening
 from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
 from phalanx.robot.on_mission import OnMission
-from phalanx.robot.shield import SoonShielded
-from phalanx.robot.swarm import Stepped
+from phalanx.robot.swarm import Preparing, Stepped
 
 from . import vocabulary
 from .events import tell_event
@@ -39,6 +39,7 @@ from .kept_stop import KeptStop
 from .missions.desk import MissionDesk
 from .serve_pages import OperatorPages, VisitorPages
 from .site import beside
+from .waits import for_at_most, until_connected
 
 log = logging.getLogger(__name__)
 
@@ -46,7 +47,6 @@ DEFAULT_PORT = 8080
 WORLD_HZ = 50
 MANY_FILES = 16_384
 REPORT_S = 1.0
-WAIT_QUIETLY_S = 1.5
 ASK_FOR_PHONES_S = 20.0
 
 Say = Callable[[dict[str, Any]], None]
@@ -54,7 +54,7 @@ Say = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UpOptions:
-    """What to run. Raises: UsageError: a page is none."""
+    """What to run. Raises: UsageError: a page is none, or both have one port."""
 
     broker: str = "auto"  # auto, mosquitto, amqtt or a URL
     broker_ws: str = ""  # websocket URL of a broker elsewhere, where it is not one port further
@@ -76,6 +76,8 @@ class UpOptions:
         for page in (self.frontend, self.page_url):
             if page and (urlsplit(page).scheme not in ("http", "https") or urlsplit(page).fragment):
                 raise UsageError(f"{page!r} is not a page", "an http:// or https:// URL without a fragment")
+        if self.port and self.port == self.operator_port:
+            raise UsageError(f"port {self.port} for both pages", "--port and --operator-port are two")
 
 
 class Running:
@@ -94,7 +96,10 @@ class Running:
         self._started_at_s = time.monotonic()
         self._told: Counter[str] = Counter()
         self._qr: tuple[str, str] = ("", "")
-        self._no_phone = ""  # why none gets in
+        self._door = PhonesDoor(server) if broker.name == "external" else None
+        self._no_phone = self._blocked = no_way_from(options.frontend or page_url, server.broker_for_visitors)
+        if self._blocked:
+            log.warning("%s; hint: a wss:// one, with --broker URL --broker-ws", self._blocked)
         self._kept_stop = KeptStop(options.stop_file)
         if self._kept_stop.was_held():
             self.gateway.brakes.hold()
@@ -126,11 +131,11 @@ class Running:
         return {
             "robots": len(self.gateway.swarm.robots()),
             "visitors": len(self.gateway.visitors.present(time.monotonic())),
-            "commands": self._server.counters["commands"],
+            "commands": self._count("commands"),
             "refused": sum(self._server.rejected.values()),
             "rotates_in_s": self._server.rotates_in_s,
             "connected": self._server.connected,
-            "compiling": isinstance(self.gateway.swarm, SoonShielded),
+            "preparing": swarm.preparing if isinstance(swarm := self.gateway.swarm, Preparing) else "",
             "held": self.gateway.brakes.held,
         }
 
@@ -156,6 +161,7 @@ class Running:
                 "name": self._broker.name,
                 "url": str(self._broker.url),
                 "connected": server.connected,
+                "trouble": server.trouble,
                 "phones": self._no_phone,
             },
             "visitors": [
@@ -178,7 +184,7 @@ class Running:
             ],
             "shields": self.gateway.shields.state(names.__getitem__) if self.gateway.shields else None,
             "mission": self.gateway.missions.state() if self.gateway.missions else None,
-            "counters": {key: server.counters[key] for key in ("commands", "requests", "notifications", "knocks")}
+            "counters": {key: self._count(key) for key in ("commands", "requests", "notifications", "knocks")}
             | {"reconnects": server.reconnects},
             "rejected": dict(server.rejected),
         }
@@ -209,7 +215,7 @@ class Running:
     async def run(self) -> None:
         """Let the world turn, tell visitors, report refusals, until cancelled."""
         phones = self._ask_again_for_phones()
-        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._shield(), phones)
+        work = (self._turn(), self.gateway.run(), self._server.run(), self._report(), self._prepare(), phones)
         tasks = [asyncio.ensure_future(job) for job in work]
         try:
             await asyncio.gather(*tasks)  # not a TaskGroup: the one error that ends it should arrive as itself
@@ -218,16 +224,26 @@ class Running:
                 task.cancel()
 
     async def ask_for_phones(self) -> None:
-        """The page, and the log when it changes, say why no phone gets into a broker that is not ours."""
-        before, self._no_phone = self._no_phone, await warn_if_phones_are_locked_out(self._broker, self._no_phone)
+        """The page, and the log when it changes, say why phones do not get through a broker that is not ours."""
+        if self._door is None or self._blocked:
+            return
+        before, self._no_phone = self._no_phone, await warn_if_phones_are_locked_out(self._door, self._no_phone)
         if before and not self._no_phone:
             log.warning("phones get in again")
 
+    def _count(self, what: str) -> int:
+        """How often that came, but for what we asked ourselves through the phones' door."""
+        return max(0, self._server.counters[what] - (self._door.counters[what] if self._door else 0))
+
     async def _ask_again_for_phones(self) -> None:
-        while self._broker.name == "external":
-            await asyncio.sleep(ASK_FOR_PHONES_S)
-            if self._server.connected:
+        asked_at_s, reconnects = time.monotonic(), self._server.reconnects
+        while self._door:
+            await asyncio.sleep(REPORT_S)
+            is_due = time.monotonic() - asked_at_s >= ASK_FOR_PHONES_S or self._server.reconnects != reconnects
+            if self._server.connected and is_due:
+                reconnects = self._server.reconnects
                 await self.ask_for_phones()
+                asked_at_s = time.monotonic()
 
     def _qr_svg(self) -> str:
         if self._qr[0] != self.qr_url:
@@ -245,11 +261,11 @@ class Running:
             swarm.step(min(now_s - before_s, 0.2))
             before_s = now_s
 
-    async def _shield(self) -> None:
-        if isinstance(swarm := self.gateway.swarm, SoonShielded):
-            await self.gateway.adopt(await swarm.protected())
-        if self.gateway.shields:
-            self._say({"event": "shielded"})
+    async def _prepare(self) -> None:
+        before = self.gateway.swarm
+        if isinstance(before, Preparing) and (ready := await before.ready()) is not before:
+            await self.gateway.adopt(ready)
+        self._say({"event": "prepared", "late_shields": self.gateway.swarm is not before})
 
     async def _report(self) -> None:
         connected = True
@@ -276,18 +292,6 @@ class Running:
         self._say(event)
 
 
-@contextlib.asynccontextmanager
-async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
-    """The body is ended quietly after `duration_s`, if that is given; a TimeoutError of its own is passed on."""
-    limit = asyncio.timeout(duration_s)
-    try:
-        async with limit:
-            yield
-    except TimeoutError:
-        if not limit.expired():
-            raise
-
-
 async def up(
     options: UpOptions,
     say: Say,
@@ -297,14 +301,16 @@ async def up(
 ) -> None:
     """Run a gateway until cancelled, or for as long as the options say.
 
-    `say` is told every event; the first of a running gateway is "ready", before it perhaps "waiting". Just after
-    "ready" `started` has the gateway. The robots are made after all that can be wrong.
+    `say` is told every event; the first of a running gateway is "ready", before it perhaps "waiting", and "held" or
+    "released". Before the broker is waited for `started` has the gateway, so that it can be stopped. The robots are
+    made after all that can be wrong.
 
     Raises: UsageError, Unavailable: a bad option, a port in use, a broker that refuses us.
     """
     loopback_only = options.host in (LOOPBACK, "localhost")
     advertised = lan_address() if options.host in EVERYWHERE else options.host
-    port = free_port(DEFAULT_PORT, options.host) if options.port is None else options.port
+    preferred = DEFAULT_PORT if options.operator_port != DEFAULT_PORT else 0
+    port = free_port(preferred, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
@@ -350,35 +356,12 @@ async def up(
             connected=lambda: server.connected,
         )
         operator = await stack.enter_async_context(beside(operators))
+        started(running)
         await stack.enter_async_context(server)
-        await _until_connected(server, say, options.wait_s)
+        await until_connected(server, say, options.wait_s)
+        await running.ask_for_phones()
         async with for_at_most(options.duration_s):
-            await running.ask_for_phones()
             say(running.ready(f"http://{LOOPBACK}:{operator.port}/#token={token}"))
             if running.gateway.brakes.held:
                 say({"event": "held"})
-            started(running)
             await running.run()
-
-
-async def _until_connected(server: Server, say: Say, wait_s: float) -> None:
-    async def tell() -> None:
-        await asyncio.sleep(WAIT_QUIETLY_S)
-        say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
-
-    telling = asyncio.ensure_future(tell())
-    try:
-        await connected_within(server, wait_s)
-    finally:
-        telling.cancel()
-
-
-async def connected_within(server: Server, wait_s: float) -> None:
-    """Waits for a server's broker.
-
-    Raises: Unavailable: it does not answer in time, or refuses us.
-    """
-    try:
-        await server.wait_connected(wait_s)
-    except TimeoutError as error:
-        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error

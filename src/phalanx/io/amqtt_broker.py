@@ -22,12 +22,12 @@ from .files import a_share
 from .listeners import Listeners
 from .packets import MAX_PACKET_BYTES, MAX_TOPIC_BYTES
 from .ports import LOOPBACK, PortTaken
+from .visitor_packets import MAX_KEEPALIVE_S, is_one_topic
 
 # Write buffers stop growing here (asyncio's and websockets' high-water marks); what comes later waits in tasks.
 STALLED_BYTES = 32 * 1024
 STALLED_CHECKS = 3
 CHECK_S = 1.0
-MAX_KEEPALIVE_S = 120
 PROGRAMS, BROWSERS = 200, 1000  # connections, by TCP and by websocket
 SUBSCRIPTIONS = 32  # of one client; a visitor has two, and two more while it follows a rotation
 DENIED = 0x80  # SUBACK
@@ -56,9 +56,11 @@ class _CappedBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
         return hmac.compare_digest((session.password or "").encode(), login.password.encode())
 
     async def add_subscription(self, subscription: tuple[str, int], session: Any) -> int:
-        """At QoS 0, and not without end."""
+        """At QoS 0, and not without end; a visitor's names one topic."""
         held = sum(session is holder for holders in self._subscriptions.values() for holder, _ in holders)
         if held >= SUBSCRIPTIONS or len(subscription[0]) > MAX_TOPIC_BYTES:
+            return DENIED
+        if session.username != self._at.login.username and not is_one_topic(subscription[0].encode()):
             return DENIED
         code: int = await super().add_subscription((subscription[0], 0), session)
         return code

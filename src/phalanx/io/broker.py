@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import importlib.util
 import logging
@@ -11,11 +10,10 @@ from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.link.qrurl import Login
 
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
-from .connection import Connection
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
 from .ports import EVERYWHERE, LOOPBACK, PortTaken, free_port
@@ -25,7 +23,6 @@ log = logging.getLogger(__name__)
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
 AMQTT_LACKS = "which is slower and has no guard: a stranger can fill it, and take all its connections"
-PROBE_S = 2.0
 PORT_TRIES = 5
 
 
@@ -71,11 +68,9 @@ async def open_broker(
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
         if "://" not in kind:
-            log.warning("%r is taken for a host: %s; hint: %s, or a URL", kind, url, ", ".join(EMBEDDED))
-        browsers = parse_broker_url(websocket) if websocket else None
-        if browsers and not browsers.websockets:
-            raise UsageError(f"browsers cannot use {browsers}", "a ws:// or wss:// URL")
-        yield RunningBroker("external", url, url, str(browsers) if browsers else websocket_of(url), 5, visitors_login)
+            meant = did_you_mean(kind, EMBEDDED) if "." not in kind else ""  # test.mosquitto.org is a host
+            log.warning("%r is taken for a host: %s; hint: %s%s, or a URL", kind, url, meant, ", ".join(EMBEDDED))
+        yield RunningBroker("external", url, url, for_browsers(websocket) or websocket_of(url), 5, visitors_login)
         return
     if websocket or visitors_login:
         what = "a websocket address" if websocket else "a login of visitors"
@@ -94,6 +89,16 @@ async def open_broker(
         visitors = BrokerUrl("mqtt", LOOPBACK, at.visitors_port)
         ws = str(BrokerUrl("ws", LOOPBACK if ws_host in EVERYWHERE else ws_host, at.ws_port, "/mqtt"))
         yield RunningBroker(name, visitors, at.gateway, ws, 4 if name == "amqtt" else 5)
+
+
+def for_browsers(websocket: str) -> str:
+    """A broker's URL for browsers, whole; "" if none is given. Raises: UsageError: not a URL, or not by websocket."""
+    if not websocket:
+        return ""
+    at = parse_broker_url(websocket)
+    if not at.websockets:
+        raise UsageError(f"browsers cannot use {at}", "a ws:// or wss:// URL")
+    return str(at)
 
 
 def _own_login() -> Login:
@@ -127,41 +132,3 @@ def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
     from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra
 
     return amqtt(at)
-
-
-async def why_no_phone_gets_in(websocket: str, login: Login | None = None) -> tuple[str, str]:
-    """Why pages, which come by websocket with the visitors' login, cannot connect; and a hint. Empty if they can."""
-    at = parse_broker_url(websocket, login)
-    try:
-        async with asyncio.timeout(PROBE_S):
-            _, writer = await asyncio.open_connection(at.host, at.port)
-            writer.close()
-    except (OSError, TimeoutError):
-        return f"nothing listens at {at}, where phones will look for the broker", "--broker-ws"
-    link = Connection(at, "probe", tuple, _ignore, _ignore)
-    trying = link.start()
-    try:
-        await link.wait_connected(PROBE_S)
-    except Unavailable as error:
-        if login:
-            return f"phones are locked out: {error} of visitors", "the name or password in --visitors-login is wrong"
-        return f"phones are locked out: {error}", "--visitors-login, or a way in without one, to our topics only"
-    except TimeoutError as error:
-        return f"phones are locked out: {error}", "--broker-ws"
-    finally:
-        trying.cancel()
-        await asyncio.wait([trying])
-    return "", ""
-
-
-async def _ignore(*_: object) -> None: ...
-
-
-async def warn_if_phones_are_locked_out(broker: RunningBroker, known: str = "") -> str:
-    """Why no phone will get into a broker that is not ours, or "": the log says it too, unless it is `known`."""
-    if broker.name != "external":
-        return ""
-    trouble, hint = await why_no_phone_gets_in(broker.websocket, broker.visitors_login)
-    if trouble not in ("", known):
-        log.warning("%s; hint: %s", trouble, hint)
-    return trouble

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
+from pathlib import Path
 
 from phalanx.errors import Unavailable
 
@@ -58,7 +59,7 @@ async def a_child(
             await process.communicate()
 
 
-async def answer(host: str, port: int, said: bytes, length: int) -> bytes | None:
+async def answer(where: tuple[str, int] | Path, said: bytes, length: int) -> bytes | None:
     """So many bytes that come there after `said`; b"" if they do not come in time, None if we could not even ask.
 
     By hand, for nothing of it may outlive a cancellation.
@@ -66,7 +67,10 @@ async def answer(host: str, port: int, said: bytes, length: int) -> bytes | None
     writer = None
     try:
         async with asyncio.timeout(PROBE_TIMEOUT_S):
-            reader, writer = await asyncio.open_connection(host, port)
+            if isinstance(where, Path):
+                reader, writer = await asyncio.open_unix_connection(where)
+            else:
+                reader, writer = await asyncio.open_connection(*where)
             writer.write(said)
             return await reader.readexactly(length)
     except (TimeoutError, asyncio.IncompleteReadError, ConnectionError):

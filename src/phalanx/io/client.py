@@ -23,7 +23,8 @@ from .connection import Connection
 
 log = logging.getLogger(__name__)
 
-NOTIFICATION_LIMIT = 256
+# What may wait for whoever reads notifications. Of so many sealed bytes, all of them {}, json made 76 MB.
+UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024
 # A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
 ASK_AGAIN_S = 1.5
 
@@ -65,7 +66,9 @@ class Client:
         self._running: asyncio.Task[None] | None = None
         self._waiting: dict[int, list[asyncio.Future[Any]]] = {}
         self._part_at_s: dict[int, float] = {}
-        self._heard: asyncio.Queue[Any] = asyncio.Queue(NOTIFICATION_LIMIT)
+        self._unread: asyncio.Queue[tuple[Any, int]] = asyncio.Queue()
+        self._unread_bytes = 0
+        self.dropped = 0  # notifications that nobody read in time
         self.moves = 0
 
     @property
@@ -154,12 +157,17 @@ class Client:
                 f"{'behind' if self.skew_s > 0 else 'ahead of'} the swarm's",
                 "set the clock, best by NTP",
             )
-        raise Unavailable(f"no answer from the swarm within {timeout_s:g} s", "the code may have changed: scan again")
+        raise Unavailable(
+            f"no answer from the swarm within {timeout_s:g} s",
+            "the code may have changed: scan again; if it has not, the operator's page may say what is in the way",
+        )
 
     async def notifications(self) -> AsyncIterator[Any]:
-        """Payloads that the server sends to everybody, as they come; the oldest are dropped if nobody reads."""
+        """Payloads that the server sends to everybody, as they come; if nobody reads, the oldest are `dropped`."""
         while True:
-            yield await self._heard.get()
+            payload, size = await self._unread.get()
+            self._unread_bytes -= size
+            yield payload
 
     def _entered(self) -> Connection:
         if self._link is None:
@@ -185,11 +193,16 @@ class Client:
             return
         self.skew_s = None
         if isinstance(said, Notification):
-            if self._heard.full():
-                self._heard.get_nowait()
-            self._heard.put_nowait(said.payload)
+            self._keep(said.payload, len(token))
         else:
             self._on_answer(said)
+
+    def _keep(self, payload: Any, size: int) -> None:
+        self._unread.put_nowait((payload, size))
+        self._unread_bytes += size
+        while self._unread.qsize() > UNREAD or (self._unread_bytes > UNREAD_BYTES and self._unread.qsize() > 1):
+            self._unread_bytes -= self._unread.get_nowait()[1]
+            self.dropped += 1
 
     def _on_answer(self, said: Reply | ReplyPart) -> None:
         if said.number not in self._waiting:

@@ -15,7 +15,6 @@ import ssl
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
-from functools import partial
 from typing import cast
 
 import aiomqtt
@@ -27,7 +26,7 @@ from phalanx.errors import Overrun, PeerError, Unavailable
 from phalanx.link.messages import Ask, Publish, Subscribe
 
 from .broker_url import BrokerUrl
-from .packets import MAX_PACKET_BYTES, CheckedClient, Emptied
+from .packets import MAX_PACKET_BYTES, READ_FOR_S, CheckedClient, Emptied
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
@@ -43,7 +42,9 @@ INCOMING_BYTES = 64 * 1024 * 1024
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
+LOGIN_HINT = "--broker-login, or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD"
 _ERRNO = re.compile(r"\[Errno (-?\d+)\]")
+_CODE = re.compile(r"^\[code:\d+\] ")
 DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
 
 
@@ -215,6 +216,7 @@ class Connection:
 
     async def _live(self) -> None:
         emptied = Emptied()
+        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES)
         client = CheckedClient(
             self.broker.host,
             self.broker.port,
@@ -228,9 +230,7 @@ class Connection:
             keepalive=KEEPALIVE_S,
             timeout=CONNECT_TIMEOUT_S,
             max_queued_incoming_messages=INCOMING_MESSAGES,
-            queue_type=cast(
-                "type[asyncio.Queue[aiomqtt.Message]]", partial(Incoming, self._overrun, emptied, self._note_wait)
-            ),
+            queue_type=cast("type[asyncio.Queue[aiomqtt.Message]]", lambda maxsize: incoming),  # noqa: ARG005
             properties=_connect_properties() if self.mqtt == 5 else None,
             logger=_SILENT,
             on_dropped=self._on_dropped,
@@ -253,11 +253,18 @@ class Connection:
             try:
                 await self._on_connect(again)
                 async for message in client.messages:
-                    payload = message.payload
-                    await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
+                    until_s = time.monotonic() + READ_FOR_S
+                    await self._hear(message)
+                    # aiomqtt takes some turns of the loop for each; as many more may have come in each.
+                    while not incoming.empty() and time.monotonic() < until_s:
+                        await self._hear(incoming.get_nowait())
             finally:
                 watching.cancel()
                 self._client = None
+
+    async def _hear(self, message: aiomqtt.Message) -> None:
+        payload = message.payload
+        await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
 
     def _overrun(self) -> None:
         self._on_dropped(Overrun("arrived faster than they were read; dropped unread"))
@@ -302,7 +309,7 @@ class Connection:
         if number in REFUSED_LOGIN:
             raise Unavailable(
                 f"the broker at {self.broker} refused the login",
-                "set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD",
+                "its name or password is wrong" if self.broker.login else LOGIN_HINT,
             ) from error
         if "CERTIFICATE_VERIFY_FAILED" in words:
             raise Unavailable(
@@ -319,6 +326,7 @@ def _in_words(error: BaseException) -> str:
     text = str(error)
     number = _ERRNO.search(text)
     if number is None:
+        text = _CODE.sub("", text)
         return text or ("no answer" if isinstance(error, TimeoutError) else type(error).__name__)
     # Names that are not found have numbers of their own, below 0.
     return os.strerror(int(number[1])).lower() if int(number[1]) > 0 else text.partition("] ")[2].lower()

@@ -20,16 +20,23 @@ HELLO, WELCOME = b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x0a\x00\x00", b"\x20\x02\x00
 
 
 @contextlib.asynccontextmanager
-async def guarded(at: Listeners, broker: Path) -> AsyncIterator[None]:
+async def guarded(at: Listeners, broker: Path, watched: Path) -> AsyncIterator[None]:
     """Visitors are let in where `at` says, and passed on to the broker's socket, for as long as the context lasts.
+
+    We ourselves come to see whether it serves at the path `watched`: a place that we share with nobody, for a guard
+    that has much to do with others still serves.
 
     Raises: PortTaken. Unavailable: it cannot listen there.
     """
     # We listen, not the guard: who comes while it starts again waits for a moment, and nobody takes its ports.
-    with _listening(LOOPBACK, at.visitors_port) as tcp, _listening(at.ws_host, at.ws_port) as websockets:
-        numbers = [each.fileno() for each in (tcp, websockets)]
+    with (
+        _listening_to_us(watched) as us,
+        _listening(LOOPBACK, at.visitors_port) as tcp,
+        _listening(at.ws_host, at.ws_port) as websockets,
+    ):
+        numbers = [each.fileno() for each in (us, tcp, websockets)]
         words = (sys.executable, "-m", "phalanx.io.guard", str(broker), *map(str, numbers))
-        async with kept("the guard", partial(a_child, *words, pass_fds=numbers), partial(_serves, tcp)):
+        async with kept("the guard", partial(a_child, *words, pass_fds=numbers), partial(_serves, watched)):
             yield
 
 
@@ -45,8 +52,16 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
         yield listening
 
 
-async def _serves(tcp: socket.socket) -> bool | None:
-    """Whether a visitor gets through, in time; None if we do not know."""
-    host, port = tcp.getsockname()[:2]
-    said = await answer(host, port, HELLO, len(WELCOME))
+@contextlib.contextmanager
+def _listening_to_us(path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        path.chmod(0o600)
+        listening.listen()
+        yield listening
+
+
+async def _serves(watched: Path) -> bool | None:
+    """Whether we get through, in time; None if we do not know."""
+    said = await answer(watched, HELLO, len(WELCOME))
     return None if said is None else said == WELCOME

@@ -23,14 +23,14 @@ from .guarding import guarded
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
 from .private_folder import CONFIG, private_folder
+from .visitor_packets import MAX_KEEPALIVE_S
 
 # Our own packets are small, an older page's list the largest; one of these holds up a phone's websocket for seconds.
 EMBEDDED_PACKET_BYTES = 512 * 1024
 MEMORY_BYTES = 256 * 1024 * 1024
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
-MAX_KEEPALIVE_S = 120
 ROUNDS = 101
-SOCKET = "run/visitors"
+SOCKET, WATCHED = "run/visitors", "watched"
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 
@@ -110,7 +110,10 @@ async def mosquitto(at: Listeners) -> AsyncIterator[None]:
         _write(folder, at)
         child = partial(a_child, program, "-c", str(folder / CONFIG), user=_whose())
         begins = partial(_until_it_serves, url=at.gateway)
-        async with kept("mosquitto", child, partial(serves, at.gateway), begins), guarded(at, folder / SOCKET):
+        async with (
+            kept("mosquitto", child, partial(serves, at.gateway), begins),
+            guarded(at, folder / SOCKET, folder / WATCHED),
+        ):
             yield
 
 
@@ -142,7 +145,7 @@ async def serves(url: BrokerUrl) -> bool | None:
     message = _packet(0x30, topic + bytes(PROBE_BYTES))
     said = _packet(0x10, hello) + _packet(0x82, b"\x00\x01" + topic + b"\x00") + message
     # CONNACK, SUBACK and the message itself.
-    heard = await answer(url.host, url.port, said, 4 + 5 + len(message))
+    heard = await answer((url.host, url.port), said, 4 + 5 + len(message))
     return None if heard is None else heard.endswith(message)
 
 

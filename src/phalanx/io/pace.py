@@ -17,17 +17,13 @@ class Pace:
         self._left = at_once if at_first is None else at_first
         self._at_s: float | None = None
 
-    @property
-    def is_rested(self) -> bool:
-        """Whether half of what may be said at once was left at the last word."""
-        return self._left > self._at_once / 2
-
-    def may(self, now_s: float) -> bool:
-        """Whether one more may be said, `now_s` on a clock that never runs backwards; it is counted if so."""
+    def wait_s(self, now_s: float, words: int = 1) -> float:
+        """How long so many may not be said, `now_s` on a clock that never runs backwards; 0 if they may."""
         if self._at_s is not None:
             self._left = min(self._at_once, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True
+        return max(0.0, (words - self._left) / self._per_s)
+
+    def said(self, words: int = 1) -> None:
+        """So many were said; those that were too many are waited for, but as many as may be said at once at most."""
+        self._left = max(-self._at_once, self._left - words)

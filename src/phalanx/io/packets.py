@@ -148,6 +148,7 @@ class CheckedClient(aiomqtt.Client):
         self._is_websocket = more.get("transport") == "websockets"
         self._on_dropped = on_dropped
         self._emptied = emptied
+        self._again: asyncio.Handle | None = None
         paho: Any = self._client
         # A broker can send a topic that aiomqtt raises on. Unsuppressed, paho would read the same packet again for
         # ever, and log it each time, escape sequences included.
@@ -178,6 +179,8 @@ class CheckedClient(aiomqtt.Client):
         """Read packets until the socket is empty, or for `READ_FOR_S`."""
         paho: Any = self._client
         until_s = time.monotonic() + READ_FOR_S
+        if self._again:  # or there would be one more of these in every turn of the loop that finds the socket readable
+            self._again.cancel()
         try:
             while time.monotonic() < until_s:
                 if paho._sock is None:  # noqa: SLF001
@@ -194,7 +197,7 @@ class CheckedClient(aiomqtt.Client):
             self._emptied.read(empty=False)
             if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
                 # Decrypted already: the loop does not see it on the socket.
-                self._loop.call_soon(self._read)
+                self._again = self._loop.call_soon(self._read)
         except Exception as error:  # noqa: BLE001  # as in aiomqtt: the connection broke
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)

@@ -6,12 +6,15 @@ import contextlib
 import errno
 import logging
 import socket
+from random import SystemRandom  # whoever seeds the other one draws what all who do so draw
 
 from phalanx.errors import Unavailable
 
 log = logging.getLogger(__name__)
 
 LOOPBACK = "127.0.0.1"
+# Below what systems give to outgoing connections: one of those is soon some flood's, before anybody listens there.
+QUIET = range(20_000, 32_768)
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
 
 
@@ -42,9 +45,11 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     """
     if is_free(preferred, host) and preferred:
         return preferred
-    with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
-        probe.bind((host, 0))
-        port: int = probe.getsockname()[1]
+    port = next((port for port in SystemRandom().sample(QUIET, 20) if is_free(port, host)), 0)
+    if not port:
+        with socket.socket(_family(host), socket.SOCK_STREAM) as probe:
+            probe.bind((host, 0))
+            port = int(probe.getsockname()[1])
     if preferred:
         log.warning("port %d is in use: %d is taken instead", preferred, port)
     return port

@@ -1,12 +1,13 @@
 """Seats at a server: so many in all, and none that one address has to itself.
 
-When all are taken, one more takes that of whoever was silent longest of those from where most are: so whoever has one
-address pushes out only who shares it.
+When all are taken, one more takes that of one from where most are: so whoever has one address pushes out only who
+shares it. It is whoever was silent longest, of those first who never spoke.
 """
 
 from __future__ import annotations
 
 import ipaddress
+import itertools
 from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
@@ -25,22 +26,35 @@ Who = TypeVar("Who", bound=Seated)
 
 
 class _Place(Generic[Who]):
-    """Who comes from one place: those who said nothing that we serve yet, and the others, who was silent longest first.
+    """Who comes from one place: those whom we served nothing yet, those whom we did, and of those who ever spoke.
 
-    So whoever comes by the thousand makes us search nothing.
+    In each row who was silent longest is first: so whoever comes by the thousand makes us search nothing.
     """
 
     def __init__(self) -> None:
         self.strangers: dict[Who, None] = {}
-        self.known: dict[Who, None] = {}
+        self.served: dict[Who, None] = {}
+        self.spoke: dict[Who, None] = {}
 
     def __len__(self) -> int:
-        return len(self.strangers) + len(self.known)
+        return len(self.strangers) + len(self.served) + len(self.spoke)
+
+    def __iter__(self) -> Iterator[Who]:
+        return itertools.chain(self.strangers, self.served, self.spoke)
 
     def first(self, but: Who) -> Who:
         """Who should leave. Those who come and say nothing push out each other, once they are more than the others."""
-        rows = (self.strangers, self.known) if len(self.strangers) > len(self.known) else (self.known, self.strangers)
-        return next((who for row in rows for who in row if who is not but), but)
+        known = itertools.chain(self.served, self.spoke)
+        row = itertools.chain(self.strangers, known) if 2 * len(self.strangers) > len(self) else known
+        return next((who for who in row if who is not but), but)
+
+    def drop(self, who: Who) -> dict[Who, None] | None:
+        """It is in no row any more; in which it was."""
+        for row in (self.strangers, self.served, self.spoke):
+            if who in row:
+                del row[who]
+                return row
+        return None
 
 
 class Seats(Generic[Who]):
@@ -50,43 +64,53 @@ class Seats(Generic[Who]):
         self._most = most
         self._count = 0
         self._from: dict[str, _Place[Who]] = {}
+        # Places by how many come from there, which was silent longest first: so whoever comes from everywhere makes us
+        # search nothing either.
+        self._crowds: dict[int, dict[str, None]] = {}
+        self._crowd = 0
 
     def __iter__(self) -> Iterator[Who]:
-        for place in self._from.values():
-            yield from place.strangers
-            yield from place.known
+        return itertools.chain.from_iterable(self._from.values())
 
     def __len__(self) -> int:
         return self._count
 
     def take(self, who: Who) -> None:
         """One more; somebody leaves if that is one too many."""
-        self._from.setdefault(who.place, _Place()).strangers[who] = None
+        place = self._from.setdefault(who.place, _Place())
+        place.strangers[who] = None
         self._count += 1
+        self._is_now(who.place, len(place) - 1, len(place))
         if self._count > self._most:
-            crowd = max(map(len, self._from.values()))
-            firsts = [place.first(who) for place in self._from.values() if len(place) == crowd]
-            min(firsts, key=lambda each: (each is who, each.heard_at_s)).leave()
+            crowded = next(iter(self._crowds[self._crowd]))
+            self._from[crowded].first(who).leave()
 
-    def heard(self, who: Who) -> None:
-        """It said something that we serve, just now."""
+    def _is_now(self, place: str, before: int, crowd: int) -> None:
+        if before:
+            del self._crowds[before][place]
+            if not self._crowds[before]:
+                del self._crowds[before]
+        if crowd:
+            self._crowds.setdefault(crowd, {})[place] = None
+        if self._crowd not in self._crowds or crowd > self._crowd:
+            self._crowd = crowd
+
+    def heard(self, who: Who, *, speaks: bool = False) -> None:
+        """It said something that we serve, just now; or what is for others, and `speaks`."""
         place = self._from.get(who.place, _Place())
-        for row in (place.strangers, place.known):
-            if who in row:
-                del row[who]
-                place.known[who] = None
-                return
+        row = place.drop(who)
+        if row is not None:
+            (place.spoke if speaks or row is place.spoke else place.served)[who] = None
+            self._is_now(who.place, len(place), len(place))
 
     def gone(self, who: Who) -> None:
         """It has left."""
         place = self._from.get(who.place, _Place())
-        for row in (place.strangers, place.known):
-            if who in row:
-                del row[who]
-                self._count -= 1
-                if not place:
-                    del self._from[who.place]
-                return
+        if place.drop(who) is not None:
+            self._count -= 1
+            self._is_now(who.place, len(place) + 1, len(place))
+            if not place:
+                del self._from[who.place]
 
 
 def place_of(address: str) -> str:

@@ -26,6 +26,7 @@ from phalanx.link.pin import Pin
 from phalanx.link.qrurl import Login, QrUrl
 from phalanx.link.server_side import ServerSide
 
+from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import Connection
 
@@ -79,6 +80,7 @@ class Server:
         self._commands: dict[str, Callable[[Command], Any]] = {}
         self._requests: dict[int | str, Callable[[Request], Any]] = {}
         self._link: Connection | None = None
+        self._answers = Answers(self._deal_with)
         self._mqtt = mqtt
         self._tasks: list[asyncio.Task[None]] = []
         self._reached = asyncio.Event()
@@ -161,7 +163,8 @@ class Server:
             self._mqtt,
             self._on_dropped,
         )
-        self._tasks = [self._link.start(), asyncio.create_task(self._rotate())]
+        others = (self._rotate(), self._answers.run())
+        self._tasks = [self._link.start(), *map(asyncio.create_task, others)]
         return self
 
     async def __aexit__(
@@ -244,6 +247,15 @@ class Server:
 
     async def _on_message(self, topic: str, token: bytes) -> None:
         said = self._side.receive(topic, token, self._clock(), time.monotonic())
+        if not isinstance(said, Request):
+            await self._deal_with(said)
+            return
+        try:
+            self._answers.ask(said)
+        except PeerError as error:
+            self._report(self._side.reject(error))
+
+    async def _deal_with(self, said: Command | Request | Knock | Rejected) -> None:
         try:
             said = await self._handle(said)
         except PeerError as error:

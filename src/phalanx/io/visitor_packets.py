@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from phalanx.errors import PeerError, TooLarge
 
-CONNECT, PUBLISH, SUBSCRIBE, UNSUBSCRIBE = 0x10, 0x30, 0x82, 0xA2
+CONNECT, PUBLISH, SUBSCRIBE, UNSUBSCRIBE, PINGREQ, DISCONNECT = 0x10, 0x30, 0x82, 0xA2, 0xC0, 0xE0
 # Above the longest message that a server reads: 48 KiB of plaintext, 4/3 of that sealed, and its topic.
 LONGEST = {CONNECT: 2048, PUBLISH: 80 * 1024, SUBSCRIBE: 2048, UNSUBSCRIBE: 2048}
 LONGEST_OTHER = 128
@@ -16,10 +16,10 @@ SUBSCRIPTIONS = 8
 # mosquitto 2.0.11 keeps 31 bytes for ever of each filter that a session has already: so often that may be, no more.
 REPEATED = 8
 FILTER_BYTES, FILTER_LEVELS = 1024, 16
-# PINGREQ, DISCONNECT, and what answers a PUBLISH.
-OTHERS = (0xC0, 0xE0, 0x40, 0x50, 0x62, 0x70)
+OTHERS = (PINGREQ, DISCONNECT)
 VERSIONS = ((b"MQTT", 5), (b"MQTT", 4), (b"MQIsdp", 3))
-CLEAN, SESSION_EXPIRY = 0x02, 0x11
+CLEAN, WILL, SESSION_EXPIRY = 0x02, 0x04, 0x11
+MAX_KEEPALIVE_S = 120
 # How long a property of CONNECT is, by its id; a negative one begins with so many strings' lengths.
 _PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0x26: -2, 0x15: -1, 0x16: -1}
 
@@ -30,15 +30,29 @@ class NotForVisitorsError(PeerError):
     reason = "not_for_visitors"
 
 
-class VisitorPackets:
-    """One visitor's stream of MQTT, cut into packets that are whole and may be passed on."""
+def is_one_topic(name: bytes) -> bool:
+    """Whether a filter names one topic, and so nothing of what others are told; not a group's either."""
+    return b"+" not in name and b"#" not in name and not name.startswith(b"$")
 
-    def __init__(self) -> None:
+
+class VisitorPackets:
+    """One visitor's stream of MQTT, cut into packets that are whole and may be passed on.
+
+    `client_id` is one that nobody else has, and takes the place of its own: a broker hangs up on whoever had the same.
+    """
+
+    def __init__(self, client_id: bytes) -> None:
         self.connected = False
+        self._client_id = client_id
         self._mqtt = 4
         self._came = bytearray()
         self._filters: set[bytes] = set()
         self._repeated = 0
+
+    @property
+    def answers(self) -> frozenset[bytes]:
+        """Topics for answers that it reads."""
+        return frozenset(name for name in self._filters if name.rpartition(b"/")[0].endswith(b"/reply"))
 
     def add(self, data: bytes) -> None:
         """More of the stream."""
@@ -68,26 +82,37 @@ class VisitorPackets:
         del came[: at + length]
         try:
             if kind == CONNECT:
-                self._keep_nothing_of(packet, at)
-            elif kind in (SUBSCRIBE, UNSUBSCRIBE):
+                return self._keep_nothing_of(packet[at:])
+            if kind in (SUBSCRIBE, UNSUBSCRIBE):
                 self._count(kind, packet[at:])
         except IndexError:
             raise NotForVisitorsError("shorter than it says") from None
         return bytes(packet)
 
-    def _keep_nothing_of(self, packet: bytearray, at: int) -> None:
-        """The session ends with its connection, whatever was asked for."""
-        name = bytes(packet[at + 2 : at + 2 + _u16(packet, at)])
-        at += 2 + len(name)
+    def _keep_nothing_of(self, packet: bytearray) -> bytes:
+        """A CONNECT whose session ends with its connection, whatever was asked for."""
+        name = bytes(packet[2 : 2 + _u16(packet, 0)])
+        at = 2 + len(name)
         self._mqtt = packet[at]
         # Exactly: mosquitto leaves the highest bit out, and would take 0x85 for 5.
         if (name, self._mqtt) not in VERSIONS:
             raise NotForVisitorsError("no such version")
+        if packet[at + 1] & WILL:  # a message that would wait for no turn
+            raise NotForVisitorsError("a will")
         packet[at + 1] |= CLEAN
         self.connected = True
-        if self._mqtt != 5:
-            return
-        size, at = _varint(packet, at + 4)
+        at += 4
+        if self._mqtt == 5:
+            at = self._forget_session(packet, at)
+        elif not 0 < _u16(packet, at - 2) <= MAX_KEEPALIVE_S:  # by MQTT 5 the broker says how long
+            packet[at - 2 : at] = MAX_KEEPALIVE_S.to_bytes(2, "big")
+        if size := _u16(packet, at):  # by MQTT 5, whoever says none is told
+            packet[at : at + 2 + size] = len(self._client_id).to_bytes(2, "big") + self._client_id
+        return bytes([CONNECT]) + _as_varint(len(packet)) + packet
+
+    def _forget_session(self, packet: bytearray, at: int) -> int:
+        """Where the properties end that begin there."""
+        size, at = _varint(packet, at)
         end = at + size
         while at < end:
             kind, at = packet[at], at + 1
@@ -101,6 +126,7 @@ class VisitorPackets:
             at += max(size, 0)
         if at != end or end > len(packet):
             raise NotForVisitorsError("properties that do not end")
+        return end
 
     def _count(self, kind: int, body: bytearray) -> None:
         at, named = 2, 0
@@ -114,6 +140,8 @@ class VisitorPackets:
             if len(name) > FILTER_BYTES or name.count(b"/") >= FILTER_LEVELS:
                 raise NotForVisitorsError("a filter like none of ours")
             if kind == SUBSCRIBE:
+                if not is_one_topic(name):
+                    raise NotForVisitorsError("what is for others")
                 self._repeated += name in self._filters
                 self._filters.add(name)
                 end += 1
@@ -139,3 +167,8 @@ def _varint(data: bytearray, at: int) -> tuple[int, int]:
         if data[at - 1] < 128:
             return value, at
     raise NotForVisitorsError("a length without an end")
+
+
+def _as_varint(value: int) -> bytes:
+    """For up to 16 383."""
+    return bytes([value]) if value < 128 else bytes([value & 127 | 128, value >> 7])

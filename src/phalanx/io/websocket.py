@@ -12,7 +12,7 @@ import hashlib
 from phalanx.errors import PeerError
 
 LONGEST_REQUEST = 8192
-FRAMES_AT_ONCE = 2000  # of a visitor; others wait meanwhile, and so many words of theirs never come in one piece
+FRAMES_AT_ONCE = 16  # of a visitor; others wait meanwhile
 LONGEST_CONTROL = 125
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
 UNMASKED = bytes(4)
@@ -32,25 +32,34 @@ class NoWebsocketError(PeerError):
 class Websocket:
     """One connection. After each `read`, `replies` is to be sent to the other end and emptied, and it may be `closed`.
 
-    The server's end, which agrees to a request first; or a client's that was agreed to already.
+    The server's end, which agrees to a request first, and reads on later if it `has_more`; or a client's that was
+    agreed to already.
     """
 
     def __init__(self, *, server: bool = True) -> None:
         self.replies = b""
+        self.frames = 0  # that the last `read` began
         self.closed = False
         self._server = server
         self._is_open = not server
         self._head = bytearray()  # of a request or a frame, as far as it has come
+        self._unread = b""
         self._left = self._turn = 0  # bytes of the frame to come; which byte of the mask is next
         self._mask = b""
         self._opcode = BINARY
         self._control = bytearray()
 
-    def read(self, data: bytes) -> bytes:
-        """What `data` carries of the stream that the other end sends.
+    @property
+    def has_more(self) -> bool:
+        """Whether something that came is not read yet: a visitor's frames above `FRAMES_AT_ONCE`."""
+        return bool(self._unread) and not self.closed
+
+    def read(self, data: bytes = b"") -> bytes:
+        """What `data` carries of the stream that the other end sends, after what was left of it before.
 
         Raises: NoWebsocketError: it is to be hung up on.
         """
+        data, self._unread, self.frames = self._unread + data, b"", 0
         if not self._is_open:
             self._head += data
             end = self._head.find(b"\r\n\r\n")
@@ -63,12 +72,13 @@ class Websocket:
             data = bytes(self._head[end + 4 :])
             self._head.clear()
         carried = bytearray()
-        at = frames = 0
+        at = 0
         while at < len(data) and not self.closed:
             if not self._left:
-                frames += 1
-                if self._server and frames > FRAMES_AT_ONCE:
-                    raise NoWebsocketError("frames without words")
+                if self._server and self.frames == FRAMES_AT_ONCE:
+                    self._unread = data[at:]
+                    break
+                self.frames += 1
                 at = self._begin_frame(data, at)
                 if not self._mask:
                     break

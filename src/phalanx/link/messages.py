@@ -61,11 +61,12 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A visitor's request. `words` is the whole payload, for extensions such as `frames`."""
+    """A visitor's request. `words` is the whole payload, for extensions such as `frames`; it came in `size` bytes."""
 
     number: int
     client_id: str
     words: dict[str, Any] = field(repr=False)
+    size: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,21 +6,26 @@ import math
 
 from phalanx.errors import CacheFull, Replayed, Stale
 
-LEAST_OF_A_SECOND = 64  # of a small cache too
+LEAST_AT_ONCE = 64  # of a small cache too: a list of many robots comes in one second
 
 
 class ReplayCache:
     """Remembers (epoch, IV) until the message would be stale anyway: until |now - timestamp| passes `tolerance_s`.
 
-    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of
-    one second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
+    When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. It fills no faster
+    than it empties, but for an eighth at once: so it is full for no longer than somebody floods, however the flood is
+    dated.
 
     Source: docs/spec/link.md; the published packages have none and accept a replayed ciphertext.
     """
 
     def __init__(self, capacity: int, tolerance_s: float) -> None:
         self._capacity = capacity
-        self._of_a_second = max(LEAST_OF_A_SECOND, int(capacity / (2 * tolerance_s)))
+        self._at_once = max(LEAST_AT_ONCE, capacity / 8)
+        # Dated ahead, a message stays for twice the tolerance, and up to two seconds more until its second is swept.
+        self._a_second = capacity * 7 / 8 / (2 * tolerance_s + 2)
+        self._room = self._at_once
+        self._filled_at_s = -math.inf
         self._tolerance_s = tolerance_s
         self._seen: set[tuple[str, bytes]] = set()
         # Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
@@ -50,11 +55,14 @@ class ReplayCache:
             raise Replayed("this IV was seen before")
         if len(self._seen) >= self._capacity:
             raise CacheFull(f"{self._capacity} messages within {2 * self._tolerance_s:g} s")
-        due = self._by_second.setdefault(second, [])
-        if len(due) >= self._of_a_second:
-            raise CacheFull(f"{self._of_a_second} messages of one second")
+        if now_s > self._filled_at_s:
+            self._room = min(self._at_once, self._room + (now_s - self._filled_at_s) * self._a_second)
+        self._filled_at_s = now_s
+        if self._room < 1:
+            raise CacheFull(f"{self._a_second:g} messages a second")
+        self._room -= 1
         self._seen.add(entry)
-        due.append(entry)
+        self._by_second.setdefault(second, []).append(entry)
 
     def _sweep(self, now_s: float) -> None:
         if now_s <= self._swept_to + 1:

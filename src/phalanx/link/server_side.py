@@ -153,7 +153,7 @@ class ServerSide:
             return self._knock(uptime_s)
         if isinstance(sub, CommandTopic):
             return Command(sub, opened.payload, opened.bound.seen)
-        return _parse_request(opened.payload)
+        return _parse_request(opened.payload, len(token))
 
     def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:
         known = (self._epoch, self._old) if self._old else (self._epoch,)
@@ -210,7 +210,7 @@ class ServerSide:
         )
 
 
-def _parse_request(payload: Any) -> Request:
+def _parse_request(payload: Any, size: int) -> Request:
     if not isinstance(payload, dict):
         raise BadPayload("a request is an object")
     number, client_id = payload.get("request"), payload.get("reply")
@@ -218,4 +218,4 @@ def _parse_request(payload: Any) -> Request:
         raise BadPayload("no whole number under 'request'")
     if not isinstance(client_id, str) or not CLIENT_ID.fullmatch(client_id):
         raise BadPayload("no client id under 'reply'")
-    return Request(number, client_id, payload)
+    return Request(number, client_id, payload, size)

@@ -5,39 +5,16 @@ Source: RoboRebound §3.7; docs/spec/rebound.md (Auditor).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, trusted
+from phalanx.bti import audit
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
-from phalanx.bti.request import AT_FLAGS, AT_HCKPT, AT_T, AT_TOP_A, AT_TREQ_MAC
+from phalanx.bti.request import AT_FLAGS
 from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.kernel import kernel
-from phalanx.wire.fields import Row, get_u32
-from phalanx.wire.table import HASH_BYTES, MAC_BYTES
+from phalanx.wire.fields import Row
 
 from .controllers import dispatch
-
-
-@kernel
-def open_request(w: Work, q: Row, length: int, src: int) -> int:
-    """The request has a form, and names its sender as the auditee. Returns: 0 or a `Refusal`."""
-    refused = audit.open_request(w, q, length)
-    if refused == 0 and w.case[0].tee != src:
-        refused = Refusal.NOT_THE_SENDER
-    return int(refused)
-
-
-@kernel
-def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
-    """All checks that come before the replay. Returns: 0 or a `Refusal`. Source: RoboRebound §3.7."""
-    refused = open_request(w, q, length, src)
-    if refused == 0:
-        refused = audit.check_start(f, i, w, q)
-    if refused == 0:
-        refused = audit.check_authenticators(f, i, w, q)
-    if refused == 0:
-        refused = audit.check_chains(f, w, q)
-    return int(refused)
 
 
 @kernel
@@ -48,7 +25,7 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
     """
     c, s = w.case[0], f.settings[0]
     state = w.state[CHECKPOINT_BYTES:]
-    if q[AT_FLAGS] == 1:
+    if q[AT_FLAGS]:
         state_len = dispatch.begin(s.controller, f.params, c.tee, state)
     else:
         state_len = c.start_len - CHECKPOINT_BYTES
@@ -73,16 +50,3 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
             refused = audit.check_state(w, q, state_len)
             if refused:
                 return int(refused)
-
-
-@kernel
-def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
-    """The auditor's a-node signs that the auditee's log is right up to this request; `mac` (8,) gets the token's.
-
-    Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
-    """
-    tee, t = w.case[0].tee, get_u32(q, AT_T)
-    top, hckpt = q[AT_TOP_A : AT_TOP_A + HASH_BYTES], q[AT_HCKPT : AT_HCKPT + HASH_BYTES]
-    treq = q[AT_TREQ_MAC : AT_TREQ_MAC + MAC_BYTES]
-    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], tee, t, top, treq, hckpt, mac)
-    return 0 if code >= 0 else Refusal.REQUEST_INVALID

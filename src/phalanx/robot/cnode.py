@@ -22,7 +22,7 @@ from phalanx.errors import PeerError
 from phalanx.wire import table
 from phalanx.wire.fields import Row, get_u32, row
 
-from . import auditor, node
+from . import node
 from .controllers.mission.evidence import EvidenceController
 from .controllers.python_controller import (
     Act,
@@ -92,6 +92,7 @@ class CNode:
         self.make_controller = make_controller
         # Asked for at every event: reading a record's field takes a microsecond.
         self.id, self.profile = int(fleet.robot[i].id), int(fleet.settings[0].profile)
+        self._step_of, self._frame_max = fleet.robot["step"], int(fleet.settings[0].frame_max)
         self.controller = make_controller(self.id) if make_controller else None
         self.raw = b""
 
@@ -139,7 +140,7 @@ class CNode:
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """The radio is done with the last fragment."""
         if not arrived:
-            node.give_up(self.f, self.i)
+            request.not_arrived(self.f, self.i, now_ms)
         return self.next_frame(now_ms)
 
     # --- what lying robots do differently ---
@@ -162,17 +163,16 @@ class CNode:
     def decide(self, entry_len: int) -> list[Send | Act]:
         """The controller's outputs for the INPUT in `work.entry`."""
         if self.controller:
-            r = self.f.robot[self.i]
             reading = self.w.entry[ENTRY_HEAD_BYTES:entry_len].tobytes()
-            step, t_ms = int(r.step), self._entry_time()
+            step, t_ms = int(self._step_of[self.i]), self._entry_time()
             evidence = b""
             if isinstance(self.controller, EvidenceController):
                 evidence = self.evidence(step, t_ms, reading)
                 self.keep_evidence(evidence)
             outputs = _ask(self.controller, step, t_ms, reading, evidence)
-            r.step += 1
+            self._step_of[self.i] += 1
             self.keep_state()
-            return checked_outputs(outputs, int(self.f.settings[0].frame_max), self.controller)
+            return checked_outputs(outputs, self._frame_max, self.controller)
         n = node.think(self.f, self.i, self.w, entry_len)
         return unpack_outputs(self.w.out[:n].tobytes())
 
@@ -180,9 +180,11 @@ class CNode:
         """What to keep of `raw`: nothing if the log is half full, as the rest is for what comes without being asked."""
         assert isinstance(self.controller, EvidenceController)
         kept = self.controller.keep(step, t_ms, reading, self.raw)
+        if self.profile == PLAIN:
+            return kept
         room = self.f.log.shape[1] // 2 - int(self.f.robot[self.i].log_len)
         fits = log.EVIDENCE_HEAD_BYTES + len(kept) <= room and len(kept) <= self.w.evidence.shape[0]
-        return kept if fits or self.profile == PLAIN else b""
+        return kept if fits else b""
 
     def keep_evidence(self, evidence: bytes) -> None:
         """The evidence is in the log, right behind its INPUT."""
@@ -226,9 +228,9 @@ class CNode:
 
     def next_frame(self, now_ms: int) -> list[Action]:
         """The next fragment of an audit request, if one is due."""
-        n = int(request.next_fragment(self.f, self.i, self.w.frame))
+        n = int(request.next_fragment(self.f, self.i, now_ms, self.w.frame))
         if n == 0 and self.make_request(now_ms):
-            n = int(request.next_fragment(self.f, self.i, self.w.frame))
+            n = int(request.next_fragment(self.f, self.i, now_ms, self.w.frame))
         if n > 0:
             return self.send(now_ms, self.w.frame[:n].tobytes(), int(self.f.robot[self.i].request_to))
         at_ms = int(rounds.next_retry(self.f, self.i, now_ms))
@@ -256,7 +258,7 @@ class CNode:
         """As `node.judge`, with the mission's plain-Python controller."""
         place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
         q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
-        refused = auditor.examine(self.f, self.i, self.w, q, length, src)
+        refused = audit.examine(self.f, self.i, self.w, q, length, src)
         if not refused:
             try:
                 refused = self._replay(q)

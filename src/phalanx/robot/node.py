@@ -7,7 +7,7 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 
 from __future__ import annotations
 
-from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, RECV, SEND, Work
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.kernel import kernel
@@ -165,23 +165,23 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
     q = f.rx[i, place]
-    refused = auditor.open_request(w, q, f.rx_info[i, place].len, src)
+    refused = audit.open_request(w, q, f.rx_info[i, place].len, src)
     if refused == 0:
-        refused = auditor.issue(f, i, w, q, w.small[2])
+        refused = audit.issue(f, i, w, q, w.small[2])
     return int(refused)
 
 
 @kernel
 def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
-    """Whether one more request is audited: 12 f_max a T_val in all, and no token request twice.
+    """Whether one more request is audited: what N_max neighbours may ask in T_val, and no token request twice.
 
-    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0015.
+    Each neighbour's share of that is its own: `take_fragment` begins one request of each in T_audit / 2.
+    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0027.
     """
     r, s = f.robot[i], f.settings[0]
     oldest = r.accepted % f.taken.shape[1]
-    at = rounds.peer_at(f, i, src, True)
+    at = rounds.peer_at(f, i, src)
     if at < 0 or t <= f.peer[i, at].took_t or now - f.taken[i, oldest] < s.t_val:
-        r.requests_dropped += 1
         return False
     f.peer[i, at].took_t = t
     f.taken[i, oldest] = now
@@ -196,7 +196,7 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     Returns: REPLY; `told[TOLD_REFUSAL]` says what was found. Source: RoboRebound §3.7.
     """
     q, length = f.rx[i, place], f.rx_info[i, place].len
-    refused = auditor.examine(f, i, w, q, length, src)
+    refused = audit.examine(f, i, w, q, length, src)
     if refused == 0:
         refused = auditor.replay(f, w, q)
     return answer(f, i, w, place, src, refused)
@@ -236,17 +236,8 @@ def next_frame(f: Fleet, i: int, w: Work, now: int) -> int:
     Returns: its length; 0 when there is nothing to send now. `told[TOLD_TO]` is whom to. Source: RoboRebound §3.7.
     """
     r = f.robot[i]
-    n = request.next_fragment(f, i, w.frame)
+    n = request.next_fragment(f, i, now, w.frame)
     if n == 0 and request.make_request(f, i, now, w.small[0], w.small[1], w.small[2]) > 0:
-        n = request.next_fragment(f, i, w.frame)
+        n = request.next_fragment(f, i, now, w.frame)
     w.told[TOLD_TO] = r.request_to
     return int(n)
-
-
-@kernel
-def give_up(f: Fleet, i: int) -> None:
-    """The robot asked cannot be reached: the next one is asked at once. Source: RoboRebound §5.2."""
-    r = f.robot[i]
-    if r.request_len > 0:
-        r.request_len = 0
-        r.quota += 1

@@ -5,6 +5,7 @@ Of what nobody has decoded there is nothing here to tell but how much it is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -13,6 +14,15 @@ from phalanx.mission import Built, Mission
 from phalanx.mission.landmarks import FloorPlan
 
 from .swarm import Point, Swarm
+
+# What a robot has learnt that its odometry leaves out: of the way and of turns in thousandths, and to the left for each
+# metre in hundredths of a degree. Source: Encoded graphs §VI-F.
+Drift = tuple[int, int, int]
+
+
+def drift_of(way: float, turn: float, curve_radpm: float) -> Drift:
+    """What is told of a belief's drift: its shares, and radians per metre."""
+    return round(1000 * way), round(1000 * turn), round(100 * math.degrees(curve_radpm))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +35,7 @@ class Walk:
     decoded: int  # nodes, of its part of the mission
     of: int
     why: str  # it fell back or stopped, or ""
+    drift: Drift = (0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +100,14 @@ class OnMission(Swarm, Protocol):
     def check(self, plain: Mission) -> None:
         """Nothing, if these robots can live such a mission; asked before it is compiled, which takes its time.
 
-        Raises: UsageError: they audit each other, and no audit can show what they would read.
+        Raises: UsageError: they lack a sensor that it wants.
         """
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """What has all robots begin a mission, of which each part is built, in their order, when it is called.
 
         That raises PeerError if one must not.
-        Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
+        Raises: UsageError: as `check`, or robots cannot be put where a part begins.
         """
 
     def progress(self) -> Progress | None:

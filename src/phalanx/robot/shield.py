@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -69,14 +69,3 @@ class Unprotected(Swarm, Protocol):
     @property
     def unprotected(self) -> str:
         """Why not, for people; "" where nobody expects it."""
-
-
-@runtime_checkable
-class SoonShielded(Unprotected, Protocol):
-    """Robots that can be driven at once, and will audit each other in a while."""
-
-    def protected(self) -> Awaitable[Shielded]:
-        """The same robots, where they are then, auditing each other.
-
-        Raises: Unavailable: they cannot.
-        """

@@ -9,6 +9,11 @@ from typing import Any
 
 from phalanx.kernel import kernel
 
+# The demo's robots.
+BODY_M = 0.04  # radius: how near to the wall the middle can come
+AXLE_M = 0.075
+TOP_SPEED_MPS = 0.3  # of a wheel at 100 %
+
 
 def turned(left: Any, right: Any, axle: Any, dt_s: Any) -> Any:
     """(way ahead of the middle, radians from the left wheel's side to the right's) of a robot in `dt_s`.

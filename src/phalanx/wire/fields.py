@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
 
-from .record import LARGEST_NUMBER
+from .record import LARGEST_NUMBER, Field
 
 Row: TypeAlias = NDArray[np.uint8]
 
-U32_BYTES = F32_BYTES = 4
+U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
 _INT64: Any = np.int64
 
 

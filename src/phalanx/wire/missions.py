@@ -15,6 +15,8 @@ COUNT_U32 = Record("count_u32", (Field("count", "u32", ""),), "the same")
 # --- what is hashed ------------------------------------------------------------------------------------------------
 
 CANONICAL = Record("canonical", (Field("observables", "rest", "in the order of their tags"),), "what is hashed", 1)
+# Kinds of an observable, in the order in which they are hashed.
+OF_LANDMARK, OF_POSITION, OF_SENSOR, OF_ACTION, OF_TIME, OF_MESSAGE, OF_PREVIOUS, OF_DIRECTION = range(1, 9)
 OBSERVABLE = Record("observable", (Field("kind", "u8", ""), Field("content", "v16", "")), "one of what is hashed")
 _XY = (Field("x", "i32", "cells from the offset"), Field("y", "i32", ""))
 _CELL = (*_XY, Field("bin", "i16", "of the orientation, or -1"), Field("area", "i32", "in steps, or -1"))
@@ -28,6 +30,7 @@ POSITION = Record("position", _XY, "content: where the robot is")
 WINDOW = Record("window", (Field("number", "i64", ""),), "content: when, ⌊t / window⌋")
 DIRECTION = Record("direction", (Field("sector", "u16", ""), Field("of", "u16", "")), "content: where a way leads")
 NAME = Record("name", (Field("text", "v8", "UTF-8"),), "of an action; of an argument; or a text that is its value")
+OF_NUMBER, OF_TEXT = 0, 1  # kinds of an argument
 ARGUMENT = Record("argument", (Field("kind", "u8", ""),), "after an argument's name: 0 a number, 1 a text")
 NUMBER = Record("number", (Field("thousandths", "i64", ""),), "an argument's value")
 
@@ -89,7 +92,11 @@ SIGNATURE = Record("signature", (Field("key", "b32", "Ed25519"), Field("signatur
 
 # --- what binds, and what is sealed --------------------------------------------------------------------------------
 
+# What the paper profile's other hashes begin with, beside CANONICAL's tag; behind the first its index.
+MESSAGE, BINDING, VISITED = b"\x10message", b"\x11bind", b"\x12visited"
+NTH = Record("nth", (Field("index", "u8", "of a message that a node gives out"),), "in such a message's hash (paper)")
 BOUND = Record("bound", (Field("node", "u32", ""), Field("observed", "v16", "")), "in a paper node's binding")
+TRIED = Record("tried", (Field("mark", "b32", "M"), Field("key", "b32", "W")), "what scrypt makes of an observation")
 OF_NODE = Record("of_node", (Field("node", "u32", ""),), "what is sealed is bound to it")
 OF_ALIAS = Record("of_alias", (*OF_NODE.fields, Field("alias", "u8", "")), "the same")
 OF_WAY = Record("of_way", (*OF_NODE.fields, Field("target", "u32", "")), "the same")
@@ -131,6 +138,18 @@ CLAIM = Record(
     ),
     "a decoded node, as auditors are shown it; then the canonical bytes",
 )
+OF_READING, OF_CODE = 0, 1
+SENSED = Record(
+    "sensed",
+    (Field("kind", "u8", ""), Field("content", "v16", "")),
+    "behind a scan's ranges: 0 what another sensor read, 1 a code in the camera's picture",
+)
+_CORNERS = tuple(Field(f"{axis}{k}", "i32", "1/64 pixel") for k in (1, 2, 3, 4) for axis in "xy")
+SEEN_CODE = Record(
+    "seen_code",
+    (*_CORNERS, Field("text", "rest", "")),
+    "content: corners from its top left one, as the code is read, in 1/64 pixel; text: UTF-8",
+)
 WALK = Record(
     "walk",
     (
@@ -143,6 +162,7 @@ WALK = Record(
         Field("left_at_m", "f64", "way at the last node"),
         Field("pulled_x_m", "f64", "what fixes have moved since then"),
         Field("pulled_y_m", "f64", ""),
+        Field("round", "u8", "how often blocked ways were taken up again"),
     ),
     "no node is 0xFFFFFFFF; since NaN: not begun; then, with a u32 count each, decoded, lengths, blocked, and "
     "reported u32; then u8 heard, v8 each",
@@ -178,7 +198,7 @@ WALK_BLOCKED = Record("walk_blocked", _ENDS, "a way that timed out or was blocke
 
 HASHED = (CANONICAL, OBSERVABLE, LANDMARK, POSITION, WINDOW, DIRECTION, NAME, ARGUMENT, NUMBER)
 FILE = (HEADER, RISING, NODE, PAPER_ALIAS, PAPER_WAY, SEALED_ALIAS, SEALED_WAY, SIGNED, SIGNATURE)
-SEALED = (BOUND, OF_NODE, OF_ALIAS, OF_WAY, OF_SECTOR, PLACE, DO)
+SEALED = (NTH, BOUND, TRIED, OF_NODE, OF_ALIAS, OF_WAY, OF_SECTOR, PLACE, DO)
 KEY = (START_KEY, GATE, HINT, KEY_MESSAGE)
 WALKED = (WALK, WALK_NODE, WALK_LANDMARK, WALK_WAY, WALK_LENGTH, WALK_BLOCKED)
 RECORDS = (COUNT_U8, COUNT_U16, COUNT_U32, *HASHED, *FILE, *SEALED, *KEY, CLAIM, *WALKED)

@@ -47,6 +47,11 @@ class Field:
         return struct.calcsize(f"<{self.form}")
 
     @property
+    def dtype(self) -> str:
+        """That part as numpy has it, of an array of such fields."""
+        return f"<{self.form}"
+
+    @property
     def form(self) -> str:
         """That part as `struct` writes it."""
         known = {**INTEGERS, **FLOATS, **LENGTHS, "rest": ""}
@@ -77,6 +82,11 @@ class Record:
     def form(self) -> struct.Struct:
         """Its fixed part as numbers and bytes in a row, unchecked: for whoever reads his own bytes, and for liars."""
         return struct.Struct("<" + "".join(field.form for field in self.all_fields))
+
+    @cached_property
+    def dtype(self) -> list[tuple[str, str]]:
+        """Its fixed part as numpy has it, of an array of such records."""
+        return [(field.name, field.dtype) for field in self.all_fields]
 
     def at(self, name: str) -> int:
         """Where the field begins.

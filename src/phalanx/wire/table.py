@@ -85,6 +85,7 @@ ACCELERATION = Record(
 )
 
 # Robots that visitors drive (docs/spec/vocabulary.md): x to the right, y down.
+TELL_WHEELS, TELL_LED, TELL_ROUTE = 1, 2, 3  # actions of an order
 ORDER = Record(
     "order",
     (
@@ -122,6 +123,7 @@ WHEELS_STATE = Record(
 )
 
 # Robots on encoded missions (docs/spec/mission.md).
+RANGE = Field("range", "u16", "mm; 0 says nothing, 0xFFFF a miss")
 MISSION_READING = Record(
     "mission_reading",
     (
@@ -130,7 +132,7 @@ MISSION_READING = Record(
         Field("y", "i32", ""),
         Field("heading", "i32", "µrad, the same frame"),
         Field("travelled_mm", "u32", "since the start, forwards and backwards"),
-        Field("scan_sha1", "b20", "of the scan: u16 mm a beam, 0 says nothing, 0xFFFF a miss"),
+        Field("scan_sha1", "b20", "of the scan, a range for each beam, and what other sensors read"),
         Field("clear", "rest", "a byte for each sector: the nearest hit, in steps of 2 cm, 255 from 5.1 m on"),
     ),
     "reading of a mission robot's odometry and lidar",
@@ -222,6 +224,11 @@ TOKEN = Record(
 
 # --- what trusted nodes hand out -----------------------------------------------------------------------------------
 
+BOARD = Record(
+    "board",
+    (Field("id", "u16", "robot id"), Field("master", "b20", "master key")),
+    "what trusted nodes are given when they are made",
+)
 AUTHENTICATOR = Record(
     "authenticator",
     (Field("top", "b20", "of the chain, just flushed"), Field("id", "u16", "robot id"), Field("mac", "b8", "")),
@@ -361,6 +368,20 @@ CRUMB = Record(
     "a place of the way back",
 )
 
+# --- what pages are told -------------------------------------------------------------------------------------------
+
+TURN_DEG = 360
+PASS_BY = 181  # so many numbers are left out by a record that is no robot
+ROBOT_PLACE = Record(
+    "robot_place",
+    (
+        Field("w", "u16", "TURN_DEG · (how many numbers are left out before this one) + direction, whole degrees"),
+        Field("x", "u16", "in the piece's steps from its left"),
+        Field("y", "u16", "from its top"),
+    ),
+    "where a robot is, in a frame; with a w of 181 · 360 or more it is no robot, and leaves out 181 numbers",
+)
+
 # --- spaces in which a first byte is one record's ------------------------------------------------------------------
 
 LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE)  # beside ENTRY, whose first byte is its type
@@ -369,7 +390,7 @@ DRIVEN = (*ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
 ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
-HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST)
+HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
 REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, WHEELS_MEMORY, MISSION_MEMORY, CRUMB)
-RECORDS = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT, *SHOWN, *REMEMBERED, *missions.RECORDS)
+RECORDS = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS)

@@ -3,26 +3,32 @@
 import { CacheFull, Replayed, Stale } from "./errors";
 
 /** Of a small cache too: a list of many robots comes in one second. */
-const LEAST_OF_A_SECOND = 64;
+const LEAST_AT_ONCE = 64;
 
 /**
  * Remembers (epoch, IV) until the message would be stale anyway.
  *
- * When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. The messages of one
- * second have their share of it: those dated ahead, which are remembered longest, do not take the others' room.
+ * When full it refuses: forgetting inside the window would let a flood reopen the door to a replay. It fills no faster
+ * than it empties, but for an eighth at once: so it is full for no longer than somebody floods, however the flood is dated.
  */
 export class ReplayCache {
   readonly #capacity: number;
-  readonly #ofASecond: number;
+  readonly #atOnce: number;
+  readonly #aSecond: number;
   readonly #tolerance_s: number;
   readonly #seen = new Set<string>();
   // Entries by the whole second in which they expire: a sweep drops whole seconds and never sorts.
   readonly #bySecond = new Map<number, string[]>();
   #sweptTo = Number.NEGATIVE_INFINITY;
+  #room: number;
+  #filledAt_s = Number.NEGATIVE_INFINITY;
 
   constructor(capacity: number, tolerance_s: number) {
     this.#capacity = capacity;
-    this.#ofASecond = Math.max(LEAST_OF_A_SECOND, Math.floor(capacity / (2 * tolerance_s)));
+    this.#atOnce = Math.max(LEAST_AT_ONCE, capacity / 8);
+    // Dated ahead, a message stays for twice the tolerance, and up to two seconds more until its second is swept.
+    this.#aSecond = (capacity * 7) / 8 / (2 * tolerance_s + 2);
+    this.#room = this.#atOnce;
     this.#tolerance_s = tolerance_s;
   }
 
@@ -46,9 +52,14 @@ export class ReplayCache {
     const entry = `${epoch} ${iv}`;
     if (this.#seen.has(entry)) throw new Replayed("this IV was seen before");
     if (this.#seen.size >= this.#capacity) throw new CacheFull(`${this.#capacity} messages at once`);
-    const due = this.#bySecond.get(second);
-    if (due && due.length >= this.#ofASecond) throw new CacheFull(`${this.#ofASecond} messages of one second`);
+    if (now_s > this.#filledAt_s) {
+      this.#room = Math.min(this.#atOnce, this.#room + (now_s - this.#filledAt_s) * this.#aSecond);
+    }
+    this.#filledAt_s = now_s;
+    if (this.#room < 1) throw new CacheFull(`${this.#aSecond} messages a second`);
+    this.#room -= 1;
     this.#seen.add(entry);
+    const due = this.#bySecond.get(second);
     if (due) due.push(entry);
     else this.#bySecond.set(second, [entry]);
   }

@@ -235,7 +235,7 @@ describe.skipIf(!haveBroker || !haveBrowser)("in a real browser", () => {
     );
     // Without a graphics card, on a shared machine: a phone does better.
     expect(frames).toBeGreaterThan(20);
-    expect(await at("badge").textContent()).toBe("Live · 200 robots");
+    await vi.waitFor(async () => expect(await at("badge").textContent()).toBe("Live · 200 robots"), { timeout: 5000 });
   });
 
   test("nothing was complained of: no policy refused anything, nothing failed to load", () => {

@@ -12,6 +12,7 @@ from .runs import runs
 @click.command(epilog="Example: phalanx doctor --broker wss://broker.example.org:8884/mqtt")
 @option("--broker", help="Also try to reach this broker: mqtt(s):// or ws(s):// URL.")
 @option("--broker-ws", default="", help="Websocket URL of that broker, where browsers find it.")
+@option("--root", help="First part of every MQTT topic.", default="/qrkey")
 @login_option
 @option("--visitors-login", type=FILE, help="File with user:password that phones say to that broker.")
 @json_option

@@ -28,6 +28,12 @@ door_option = option(
     help="Metres between jambs of what counts as a doorway; without, as the map says, or 1.2,2.5 as in the paper.",
     metavar="LEAST,MOST",
 )
+lidar_option = option(
+    "--lidar",
+    help="What robots see with: field of view, beams, and metres of range and noise.",
+    metavar="DEGREES[,BEAMS[,RANGE[,NOISE]]]",
+    default="270,1080,30,0.01",
+)
 offset_option = option(
     "--offset-mm",
     help="Round offsets of cells to so much: they tell less, and robots know places less exactly.",
@@ -60,6 +66,7 @@ def mission() -> None:
 @map_option("Floor plan: explore it, or check the mission against it.")
 @start_option
 @door_option
+@lidar_option
 @option("--sign-key", help="Ed25519 key of the operator, PEM.", type=FILE)
 @option("--robots", help="Who may run it: 1,2,7 or 1-5; anybody without.", metavar="IDS", default="")
 @option(
@@ -105,6 +112,7 @@ def verify() -> None:
 @map_option("The mission that build makes of this map, or what to check against.")
 @start_option
 @door_option
+@lidar_option
 @option("--open-start", help="Suppose that the start key was captured too.", is_flag=True)
 @offset_option
 @option("--trial", help="Live it so often in its map, from as many seeds, and report.", type=click.IntRange(1, 1000))
@@ -158,6 +166,7 @@ def crack() -> None:
     shell_complete=a_map,
 )
 @door_option
+@lidar_option
 @furnish_option
 @option("--robots", help="How many; without, one for each part of the mission.", type=int)
 @option(
@@ -182,7 +191,7 @@ def crack() -> None:
 @defence_option(
     default="none",
     show_default=True,
-    help="Whether robots audit each other: up to 32, without codes, sensors and --meet.",
+    help="Whether robots audit each other: up to 32, without --meet.",
 )
 @option(
     "--f-max",

@@ -63,9 +63,9 @@ def schema() -> None:
 def check() -> None:
     """Whether a controller answers the same with the same bytes, and where it does not.
 
-    An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So it lives
-    through the same calls in four processes with other clocks, time zones and orders of sets; compiled and not; beside
-    another robot's controller; and from each of its checkpoints on; also with frames and readings that liars and broken
-    sensors make. Ends with 1 if any byte differs, or something is raised; a call
-    that takes 10 s of processor time ends it too.
+    An auditor runs a robot's controller again, and convicts a robot whose controller answers otherwise. So the
+    controller lives through the same calls in four processes, with other clocks, time zones and orders of sets. It is
+    compiled and not, beside another robot's controller, and goes on from each of its checkpoints. Some frames and
+    readings are as liars and broken sensors make them. Ends with 1 if any byte differs, if something is raised, or if a
+    call takes 10 s of processor time.
     """

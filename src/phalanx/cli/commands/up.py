@@ -70,7 +70,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @duration_option
 @option(
     "--events",
-    help="Print a JSON object a line instead of a QR code; the first is 'ready' ('waiting' while there is no broker).",
+    help="Print a JSON object a line instead of a QR code, at_s in each is its time; the first is 'ready' ('waiting'"
+    " while there is no broker).",
     is_flag=True,
 )
 @runs("up", "up")

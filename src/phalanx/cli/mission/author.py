@@ -14,11 +14,12 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, end_status_line, print_json, status_line, talk
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
-from phalanx.mission.landmarks.sites import landmarks_of
+from phalanx.mission.landmarks.sites import is_shown, landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import audit
 from phalanx.sim.building.floorplan import load_floorplan
@@ -38,7 +39,6 @@ from .files import (
 )
 from .run import parse_start
 
-SAME_M = 0.05  # a landmark of the mission is one of the map, if it is so near
 WARNINGS = 10  # told by build
 TELL_LOCKS = 16  # from one word of progress to the next
 # What a header that is silent about these says.
@@ -54,6 +54,7 @@ def build_files(
     plan: str | None,
     start: str | None,
     doors: str | None,
+    lidar: str,
     sign_key: Path | None,
     robots: str,
     valid: str,
@@ -74,7 +75,8 @@ def build_files(
         offset_mm=offset_mm,
     )
     key = read_signing_key(sign_key) if sign_key else None
-    told = explored(plan, start, "build", doors) if source is None else checked(source, plan, start)
+    eye = LidarConfig.parse(lidar)
+    told = explored(plan, start, "build", doors, eye) if source is None else checked(source, plan, start)
     _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
@@ -100,7 +102,9 @@ def build_files(
             click.echo(f"{row['key']}   start key: send it over the link, keep it from everybody else")
 
 
-def explored(name: str | None, start: str | None, what: str, doors: str | None = None) -> Mission:
+def explored(
+    name: str | None, start: str | None, what: str, doors: str | None = None, lidar: LidarConfig | None = None
+) -> Mission:
     """The mission to find every landmark of a map, which `what` is done with. Raises: UsageError: none can be made."""
     if name is None:
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
@@ -113,7 +117,7 @@ def explored(name: str | None, start: str | None, what: str, doors: str | None =
         talk(f"{plan.name} does not say where robots begin: in its roomiest place, for run: --start {x},{y}")
     status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")
     try:
-        return survey(plan)
+        return survey(plan, lidar=lidar)
     finally:
         end_status_line()
 
@@ -125,11 +129,11 @@ def checked(source: str, plan: str | None, start: str | None) -> Mission:
     floor = load_floorplan(plan) if plan else None
     told = read_plain(source)
     if floor is not None:
-        shown = [landmark for site in landmarks_of(floor) for landmark in site.aliases]
+        sites = landmarks_of(floor)
         for node in told.nodes:
             for alias in node.see:
                 for thing in alias:
-                    if isinstance(thing, Landmark) and not any(_same(thing, other) for other in shown):
+                    if isinstance(thing, Landmark) and not is_shown(thing, sites):
                         click.echo(f"phalanx: warning: {node.name}: the map shows no such {thing.type}", err=True)
     return told
 
@@ -141,10 +145,6 @@ def _warn(told: Mission, profile: Profile, of: str) -> None:
     if len(looks) > WARNINGS:
         more = f"{len(looks) - WARNINGS} more; phalanx mission audit {of}--profile {profile.name.lower()} tells them"
         click.echo(f"phalanx: warning: {more}", err=True)
-
-
-def _same(a: Landmark, b: Landmark) -> bool:
-    return a.type == b.type and abs(a.x_m - b.x_m) <= SAME_M and abs(a.y_m - b.y_m) <= SAME_M
 
 
 def _seeded(seed: int) -> Callable[[int], bytes]:

@@ -7,14 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-import yaml
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 from phalanx.errors import Unavailable, UsageError, did_you_mean
+from phalanx.io.private_file import write_private
 from phalanx.mission import (
     EncodedMission,
     Mission,
@@ -23,11 +23,11 @@ from phalanx.mission import (
     check_signature,
     parse_mission,
     parse_start_key,
-    plain_mission,
 )
 from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.written import WrittenMission
 from phalanx.mission.file.records import FILE_LIMIT, FOREVER_S, OPEN_START
-from phalanx.mission.landmarks.floorplan import FloorPlan, not_yaml, of_doors
+from phalanx.mission.landmarks.floorplan import FloorPlan, of_doors
 from phalanx.mission.refused import MalformedMission
 from phalanx.sim.building.floorplan import drawn_like, load_floorplan
 from phalanx.sim.builtin import built_in
@@ -38,26 +38,6 @@ TEXT_LIMIT = 32 << 20
 MAGIC = b"PHXM"
 ENDING = ".phxm"
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
-
-
-class _UniqueKeys(_Loader):  # type: ignore[misc]
-    """YAML, in which a name given twice is an error: the second would silently replace the first."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key, _ in node.value:
-            name = self.construct_object(key, deep=True)
-            if isinstance(name, str | int | float) and name in seen:
-                raise yaml.constructor.ConstructorError(None, None, f"{name!r} is there twice", key.start_mark)
-            seen.add(name if isinstance(name, str | int | float) else id(key))
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
-        return mapping
-
-
-_UniqueKeys.add_constructor(
-    yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, lambda loader, node: loader.construct_mapping(node, deep=True)
-)
 
 
 def read_bytes(path: Path, limit: int, what: str) -> bytes:
@@ -79,16 +59,14 @@ def read_plain(source: str) -> Mission:
     data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
     if data.startswith(MAGIC):
         raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
-    try:
-        words = yaml.load(data, Loader=_UniqueKeys)  # noqa: S506  # a safe loader, with one more check
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise not_yaml(error, source, "docs/spec/mission.md shows a mission") from error
+    written = WrittenMission(data, source)
+    words = written.words
     if words is None:
         raise UsageError(f"{source} is empty", wanted)
     if isinstance(words, dict) and "nodes" not in words and words.keys() & {"walls", "image"}:
         hint = f"--map {source} is for build, and --world {source} where a mission runs"
         raise UsageError(f"{source} is a map, not a mission", hint)
-    mission = plain_mission(words)
+    mission = written.mission()
     if Path(mission.floor_plan).suffix:  # a file, and no map that comes with Phalanx
         mission = replace(mission, floor_plan=str(Path(source).parent / mission.floor_plan))
     try:
@@ -199,10 +177,10 @@ def check_folder(out: Path) -> None:
 
 def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
     """Put a file there; a secret one so that others cannot read it. Raises: Unavailable: it cannot be written."""
+    if secret:
+        write_private(path, data, replace=True)
+        return
     try:
-        if secret:
-            path.unlink(missing_ok=True)
-            path.touch(mode=0o600)
         path.write_bytes(data)
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another --out") from error

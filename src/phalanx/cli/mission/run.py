@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build
 from phalanx.mission.authoring.survey import roomiest
@@ -21,7 +22,7 @@ from phalanx.sim.building.floorplan import DEFAULT
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.orders import orders_of_files
 from phalanx.sim.missions.recording import write_recording
-from phalanx.sim.missions.report import Report
+from phalanx.sim.missions.report import Report, drift_words
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import check_count
 
@@ -32,6 +33,7 @@ def run(
     sources: tuple[str, ...],
     world: str | None,
     doors: str | None,
+    lidar: str,
     furnish: str | None,
     robots: int | None,
     named: str,
@@ -63,8 +65,8 @@ def run(
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
-    drawn = OdometryNoise.parse(noise)
-    setting = orders.run(robots=count, noise=drawn, begin_s=begin_s, keep_trace=record is not None, **how)
+    senses = {"noise": OdometryNoise.parse(noise), "lidar": LidarConfig.parse(lidar)}
+    setting = orders.run(robots=count, **senses, begin_s=begin_s, keep_trace=record is not None, **how)
     progress = Progress()
     try:
         reports = run_mission(
@@ -152,7 +154,7 @@ def _lacking(reports: list[Report]) -> list[str]:
         if not report.decoded
     ]
     if lacks := sorted({what for report in reports for what in report.lacks}):
-        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml brings codes and actions")
+        lines.append(f"not in this world: {', '.join(lacks)}; --furnish MISSION.yaml brings codes, beacons and actions")
     return lines
 
 
@@ -182,8 +184,7 @@ def _show(told: dict[str, Any]) -> None:
         ]
         click.echo(f"{words:22}{'   '.join(cells) or '-'}")
     for row in told["drift"]:
-        curve = f"{math.degrees(row['curve_radpm']):+.2f}° a metre"
-        learnt = f"way {100 * row['way']:+.1f} %   turns {100 * row['turn']:+.1f} %   {curve}"
+        learnt = drift_words((row["way"], row["turn"], row["curve_radpm"]))
         click.echo(f"robot {row['robot']:<4} its wheels err by   {learnt}")
     for row in told["actions"]:
         click.echo(f"robot {row['robot']:<4} {row['t_s']:>7.1f} s   did {row['action']}")

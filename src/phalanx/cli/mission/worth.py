@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, end_status_line, print_json
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.landmarks import FloorPlan
@@ -35,22 +36,24 @@ def tell_worth(
     plan: str | None,
     start: str | None,
     doors: str | None,
+    lidar: str,
     open_start: bool,
     offset_mm: int,
     trial: int | None,
     as_json: bool,
 ) -> None:
     """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
-    rates, form = Rates(), Profile[profile.upper()]
-    told = explored(plan, start, "audit", doors) if source is None else checked(source, plan, start)
+    rates, form, eye = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
+    told = explored(plan, start, "audit", doors, eye) if source is None else checked(source, plan, start)
     name = plan or told.floor_plan
     floor = building(name, doors) if name else None
     if trial and floor is None:
         raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
     shown = shown_by(floor, offset_mm) if floor else None
-    outlook = look_ahead(told, None, floor)
+    outlook = look_ahead(told, None, floor, eye)
     report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook)
-    lived = _lived(told, BuildOptions(profile=form, offset_mm=offset_mm), floor, trial) if trial and floor else None
+    options = BuildOptions(profile=form, offset_mm=offset_mm)
+    lived = _lived(told, options, floor, eye, trial) if trial and floor else None
     if as_json:
         print_json({**report.told(), "rates": asdict(rates), "trial": lived})
         return
@@ -88,7 +91,7 @@ def _show(report: Audit, rates: Rates) -> None:
     )
 
 
-def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, times: int) -> dict[str, Any]:
+def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, lidar: LidarConfig, times: int) -> dict[str, Any]:
     """What became of a mission that was lived so often, by a robot for each of its parts."""
     draws = random.Random(0).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
     orders = orders_of(told, build(told, options, draws), plan)
@@ -96,7 +99,7 @@ def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, times: int) ->
     rows: list[dict[str, Any]] = []
     progress = Progress()
     for seed in range(times):
-        run = orders.run(noise=NOISE, seed=seed, duration_s=limit_s)
+        run = orders.run(noise=NOISE, lidar=lidar, seed=seed, duration_s=limit_s)
         reports = run_mission(
             run,
             on_progress=lambda share: progress.tell(f"lived {len(rows)} of {times} times", (len(rows) + share) / times),

@@ -1,7 +1,7 @@
 """Qrkey Fig. 4: what a broker costs in packets and in milliseconds, and what our sealing adds to it.
 
-Every 500 ms a packet of 20 characters is published and received back by subscribing to its topic, once as it is and
-once sealed, half an interval apart: both see the same broker and the same network. The packet is
+Every 500 ms a packet of 20 characters is published, and received back by subscribing to its topic. It goes once as it
+is and once sealed, half an interval apart, so that both see the same broker and the same network. The packet is
 
     7 digits   sequence number, from 0
     13 digits  when it was sent, milliseconds since 1970

@@ -1,7 +1,7 @@
 """What Figures 8a, 8b, 8c and 10 have in common: one drive through the office, and its localisation by what is encoded.
 
-The drive is recorded once (true poses, turns of the wheels, ranges); then every noise of the odometry, every kind of
-landmark and every grid is replayed on the same scans, as the paper does with its recording of 150 s.
+The drive is recorded once: true poses, turns of the wheels, ranges. Every noise of the odometry, every kind of landmark
+and every grid is then replayed on the same scans, as the paper does with its recording of 150 s.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A small building and an errand in it: on this, attacks on missions are tried.
 
-Three rooms in a row: into the second by a door, into the third by another; a code on its far wall says which shelf it
-is, and what was picked there is handed over at a door in the side, when a controller has released it.
+Three rooms lie in a row, with doors between them. A code on the far wall of the third says which shelf it is. What is
+picked there is handed over at a door in the side, when a controller has released it.
 """
 
 from __future__ import annotations

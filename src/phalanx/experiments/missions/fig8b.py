@@ -1,9 +1,9 @@
 """Encoded graphs Fig. 8b: errors of odometry alone and with encoded landmarks, for growing noise of the odometry.
 
-The paper says neither what sigma is of nor how far its features reach. Five answers are measured; the cliff that it
-reports near sigma_t = 0.06 comes with a factor that is always 1 + sigma and features no farther than 3 m. With that
-factor a robot is lost at sigma_r = 0.05 for the last 25 s: the drive turns by 207 degrees within ten seconds, for the
-robot by 10 more, and headings are searched up to 6. The factor that Stage draws leaves half of that at most.
+The paper says neither what sigma is of nor how far its features reach. So five answers are measured. It reports a cliff
+near sigma_t = 0.06: that comes with a factor that is always 1 + sigma, and features no farther than 3 m. With this
+factor a robot is lost at sigma_r = 0.05 for the last 25 s. The drive turns by 207 degrees within ten seconds. The robot
+takes that for 10 more, and headings are searched up to 6. The factor that Stage draws leaves half of that at most.
 """
 
 from __future__ import annotations

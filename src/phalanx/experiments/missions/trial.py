@@ -1,8 +1,8 @@
 """One attack on a mission against one defence, beside the same errand without it; and whether the verdict is borne out.
 
-The defences: `none` is a robot that follows the same mission as a plain graph and believes what it senses; `paper` is
-one with the paper profile, unsigned, which runs whatever it gets; `bound` is ours: sealed, signed, bound to this robot
-and to a window of time, and started once.
+The defences: a robot with `none` follows the same mission as a plain graph, and believes what it senses. With `paper`
+it has the paper profile, unsigned, and runs whatever it gets. With `bound`, ours, the mission is sealed, signed, bound
+to this robot and to a window of time, and started once.
 """
 
 from __future__ import annotations

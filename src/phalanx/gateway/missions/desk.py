@@ -18,10 +18,11 @@ from itertools import pairwise
 from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, Unknown, UsageError
-from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build, plain_mission
+from phalanx.mission import BuildOptions, Landmark, Mission, Node, Profile, build
 from phalanx.mission.authoring.apart import apart_in
+from phalanx.mission.authoring.written import WrittenMission
 from phalanx.mission.landmarks import Site, landmarks_of
-from phalanx.mission.landmarks.floorplan import read_yaml
+from phalanx.mission.landmarks.sites import is_shown
 from phalanx.mission.worth.audit import Rates, audit
 from phalanx.robot.on_mission import OnMission
 
@@ -34,7 +35,6 @@ LOCKS_MAX = 5000
 ALIASES_MAX = 100
 SITES_MAX = 5000
 DIGITS = 3  # millimetres
-SAME_M = 0.05  # a landmark of the mission is one of the building, if it is so near
 
 
 class _Replaced(Exception):
@@ -118,7 +118,7 @@ class MissionDesk:
             job.told = {"state": "failed", "error": f"the compiler broke ({type(error).__name__})", "hint": ""}
 
     def _work(self, job: _Job, text: str, profile: Profile) -> dict[str, Any]:
-        plain = plain_mission(_words(text))
+        plain = _written(text).mission()
         self._swarm.check(plain)
         job.locks = sum(len(node.see) for node in plain.nodes)
         if job.locks > LOCKS_MAX:
@@ -173,19 +173,19 @@ def parse_profile(word: object) -> Profile:
     raise UsageError("no such profile", "sealed or paper")
 
 
-def _words(text: str) -> dict[Any, Any]:
+def _written(text: str) -> WrittenMission:
     data = text.encode(errors="replace")
     if len(data) > TEXT_MAX_BYTES:
         raise UsageError(f"a mission of {len(data)} bytes", f"at most {TEXT_MAX_BYTES} from this page")
     if text.count("*") > ALIASES_MAX:
         raise UsageError("a mission that repeats itself too often", f"at most {ALIASES_MAX} aliases (*) from this page")
-    return read_yaml(data, "the mission", "begin anew, or with a mission that comes with Phalanx")
+    return WrittenMission(data, "mission")
 
 
 def _read(text: str) -> dict[str, Any]:
-    told = _words(text)
-    plain = plain_mission(told)
-    words = _named(told)
+    written = _written(text)
+    plain = written.mission()
+    words = _named(written.words)
     places = {node.name: _place(node) for node in plain.nodes}
     return {
         "name": plain.name,
@@ -239,18 +239,17 @@ def _alias(landmark: Landmark) -> dict[str, Any]:
     return words
 
 
-def _unseen(plain: Mission, sites: Iterable[Site]) -> list[str]:
+def _unseen(plain: Mission, sites: Sequence[Site]) -> list[str]:
     """Nodes of which the building shows no such landmark: no robot will find them. Codes can be hung up."""
-    shown = [landmark for site in sites for landmark in site.aliases]
-
-    def is_shown(thing: Landmark) -> bool:
-        near = (other for other in shown if other.type == thing.type and abs(other.x_m - thing.x_m) <= SAME_M)
-        return thing.text is not None or any(abs(other.y_m - thing.y_m) <= SAME_M for other in near)
-
     return [
         node.name
         for node in plain.nodes
-        if not all(is_shown(thing) for alias in node.see for thing in alias if isinstance(thing, Landmark))
+        if not all(
+            thing.text is not None or is_shown(thing, sites)
+            for alias in node.see
+            for thing in alias
+            if isinstance(thing, Landmark)
+        )
     ]
 
 

@@ -6,6 +6,7 @@ Nothing here knows what no robot has decoded.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from phalanx.robot.on_mission import Decoded, Lit, News, NotValidated, OnMission, Progress, Walk
@@ -37,18 +38,18 @@ class MissionWatch:
         walks = {walk.address: walk for walk in self._swarm.walks()}
         for address, news in self._swarm.news():
             self._say({"event": "mission", "robot": address, "who": walks[address].name, **_what(news, walks[address])})
-        changed = [walk for address, walk in walks.items() if walk != self._told.get(address)]
-        self._told = walks
+        # Once a second in any case: whoever missed the frame with which it began finds out. And no more often of a
+        # drift alone, which changes a little with every landmark.
+        is_due = progress != self._told_progress or uptime_s >= self._tell_at_s
+        changed = [walk for address, walk in walks.items() if _differs(walk, self._told.get(address), is_due)]
+        self._told |= {walk.address: walk for walk in changed}
         new = lit[self._told_lit :]
         self._told_lit = len(lit)
-        told: list[Any] = []
-        # Once a second in any case: whoever missed the frame with which it began finds out.
-        if progress is not None and (progress != self._told_progress or uptime_s >= self._tell_at_s):
+        if is_due:
             self._tell_at_s = uptime_s + TELL_EVERY_S
-            told = [tell_progress(progress)]
         self._told_progress = progress
         return {
-            "mission": told,
+            "mission": [tell_progress(progress)] if is_due and progress is not None else [],
             "lit": [tell_lit(each) for each in new],
             "walks": [[number(walk.address), *tell_walk(walk)] for walk in changed],
         }
@@ -85,10 +86,14 @@ class MissionWatch:
                 "completed": progress.completed,
             },
             "robots": {
-                walk.address: {"phase": walk.phase, "decoded": walk.decoded, "of": walk.of, "why": walk.why}
+                walk.address: dict(zip(("phase", "decoded", "of", "why", "drift"), tell_walk(walk), strict=True))
                 for walk in self._swarm.walks()
             },
         }
+
+
+def _differs(walk: Walk, told: Walk | None, in_drift: bool) -> bool:
+    return told is None or walk != (told if in_drift else replace(told, drift=walk.drift))
 
 
 def _what(news: News, walk: Walk) -> dict[str, Any]:
@@ -116,5 +121,5 @@ def tell_lit(lit: Lit) -> list[Any]:
 
 
 def tell_walk(walk: Walk) -> list[Any]:
-    """`[phase, decoded, of, why]`."""
-    return [walk.phase, walk.decoded, walk.of, walk.why]
+    """`[phase, decoded, of, why, [way, turn, curve]]`."""
+    return [walk.phase, walk.decoded, walk.of, walk.why, list(walk.drift)]

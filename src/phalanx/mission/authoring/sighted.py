@@ -26,24 +26,27 @@ NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 OTHER_M = 0.5
 # Seen from so many of those places, and from so many of these within so much of its middle place, it is a landmark.
 SEEN_SHARE, STEADY_SHARE, STEADY_M = 0.3, 0.85, 0.1
-# The lidar's own noise is the robot's to bear.
-_CLEAR = LidarConfig(noise_m=0.0, drop_out=0.0)
 Pose = tuple[float, float, float]
 
 
-def sighted(plan: FloorPlan, sites: Sequence[Site]) -> tuple[list[Site], list[Landmark]]:
+def sighted(
+    plan: FloorPlan, sites: Sequence[Site], lidar: LidarConfig | None = None
+) -> tuple[list[Site], list[Landmark]]:
     """(sites that are seen, where they are seen; all that was seen beside them).
 
     Codes are left as they are: a lidar does not show them.
     """
-    lidar, chance = Lidar(plan.walls, _CLEAR), np.random.default_rng(0)
+    lidar = lidar or LidarConfig()
+    # Its noise is the robot's to bear.
+    eye, chance = Lidar(plan.walls, replace(lidar, noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
+    extraction = plan.extraction.for_noise(lidar.noise_m)
     kept, beside = [], []
     for site in sites:
         if site.type == "qr":
             kept.append(site)
             continue
         places = _places(plan, site)
-        looks = [extract(lidar.sweep(pose, chance), plan.extraction).landmarks(*pose) for pose in places]
+        looks = [extract(eye.sweep(pose, chance), extraction).landmarks(*pose) for pose in places]
         aliases = [_as_seen(alias, looks) for alias in site.aliases]
         seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
         found = tuple(alias for alias in aliases if alias is not None)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 from phalanx.mission.graph import Draft, Mission
@@ -38,20 +39,21 @@ SHORT = {"doorway": "door", "concave_left": "corner", "concave_right": "corner",
 log = logging.getLogger(__name__)
 
 
-def survey(plan: FloorPlan, coding: CodingConfig | None = None) -> Mission:
-    """The mission to visit all doorways, rooms, concave corners and codes of a floor plan.
+def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConfig | None = None) -> Mission:
+    """The mission to visit all doorways, rooms, concave corners and codes of a floor plan that such a lidar shows.
 
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
     warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
-    something beside it that looks the same: no robot would know one from the other.
+    something beside it that looks the same: no robot would know one from the other. Ways lead to the six nearest in
+    sight.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
-    Source: Encoded graphs §IV-A, Fig. 6; none for which ways are taken (the six nearest in sight).
+    Source: Encoded graphs §IV-A, Fig. 6.
     """
     if plan.start is None:
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     begun_at(plan, plan.start)
-    in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT])
+    in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for site in in_sight for alias in site.aliases]
     others = (*look_alikes_of(plan), *beside)
     told = set(alone(all_aliases, others, APART_M))

@@ -1,4 +1,4 @@
-"""Canonical bytes: one meaning, one spelling. The table of tags in docs/spec/mission.md is this file's.
+"""Canonical bytes: one meaning, one spelling (docs/spec/mission.md).
 
 A version byte, then for every observable, in the order of the tags: tag u8, length u16, content; all little-endian.
 Texts and readings go in as their SHA3-256, so that the bytes of one shape always have one length.
@@ -30,10 +30,8 @@ from phalanx.wire import missions as table
 from .reader import Reader, text_of
 
 LARGEST_ARGUMENT = 1e12
-LANDMARK, POSITION, SENSOR, ACTION, TIME, MESSAGE, PREVIOUS, DIRECTION = range(1, 9)
 AT_POSITION = 1 + len(LANDMARK_TYPES)  # Shape.place of a node that is the robot's own position
 ARG_LIMIT, NAME_LIMIT = 16, 200
-NUMBER, TEXT = 0, 1  # kinds of arguments
 MILLI = 1000
 _BEGIN = table.CANONICAL.encode(observables=b"")
 
@@ -123,9 +121,9 @@ def place_bytes(shape: Shape, cell: Cell, text: str | None = None) -> bytes:
     if not shape.place:
         return b""
     if shape.place == AT_POSITION:
-        return _tlv(POSITION, table.POSITION.form.pack(cell.x, cell.y))
+        return _tlv(table.OF_POSITION, table.POSITION.form.pack(cell.x, cell.y))
     content = table.LANDMARK.form.pack(shape.place - 1, cell.x, cell.y, cell.bin, cell.area)
-    return _tlv(LANDMARK, content + (sha3_256((text or "").encode()) if shape.text else b""))
+    return _tlv(table.OF_LANDMARK, content + (sha3_256((text or "").encode()) if shape.text else b""))
 
 
 def cell_at(shape: Shape) -> int:
@@ -144,9 +142,13 @@ def action_bytes(action: Action) -> bytes:
     out = [_short(action.name)]
     for name, value in sorted(action.args):
         if isinstance(value, str):
-            out += [_short(name), table.ARGUMENT.form.pack(TEXT), _short(value)]
+            out += [_short(name), table.ARGUMENT.form.pack(table.OF_TEXT), _short(value)]
         elif abs(value) < LARGEST_ARGUMENT:
-            out += [_short(name), table.ARGUMENT.form.pack(NUMBER), table.NUMBER.form.pack(round(value * MILLI))]
+            out += [
+                _short(name),
+                table.ARGUMENT.form.pack(table.OF_NUMBER),
+                table.NUMBER.form.pack(round(value * MILLI)),
+            ]
         else:
             raise UsageError(f"argument {name!r} of {action.name!r} is {value}", "a text, or a number below 1e12")
     return b"".join(out)
@@ -159,10 +161,10 @@ def parse_action(raw: bytes) -> Action:
     args: list[tuple[str, float | str]] = []
     while reader.left:
         key, kind = _name(reader), reader.number(table.ARGUMENT)
-        if kind > TEXT or len(args) == ARG_LIMIT:
+        if kind > table.OF_TEXT or len(args) == ARG_LIMIT:
             raise MalformedMission("not an action's argument")
-        value: float | str = _name(reader) if kind == TEXT else reader.number(table.NUMBER) / MILLI
-        if kind == NUMBER and not abs(float(value)) < LARGEST_ARGUMENT:
+        value: float | str = _name(reader) if kind == table.OF_TEXT else reader.number(table.NUMBER) / MILLI
+        if kind == table.OF_NUMBER and not abs(float(value)) < LARGEST_ARGUMENT:
             raise MalformedMission("a number in an action that cannot be said")
         args.append((key, value))
     return Action(name, tuple(args))
@@ -205,17 +207,17 @@ def canonical(
     Source: docs/spec/mission.md; Encoded graphs §III-A, Fig. 2, with tags for the paper's "+".
     """
     out = [_BEGIN, place]
-    out += [_tlv(SENSOR, digest) for digest in sorted(sha3_256(value) for value in sensors)]
+    out += [_tlv(table.OF_SENSOR, digest) for digest in sorted(sha3_256(value) for value in sensors)]
     if action is not None:
-        out.append(_tlv(ACTION, action_bytes(action)))
+        out.append(_tlv(table.OF_ACTION, action_bytes(action)))
     if window is not None:
-        out.append(_tlv(TIME, table.WINDOW.form.pack(window)))
-    out += [_tlv(MESSAGE, digest) for digest in sorted(sha3_256(value) for value in messages)]
+        out.append(_tlv(table.OF_TIME, table.WINDOW.form.pack(window)))
+    out += [_tlv(table.OF_MESSAGE, digest) for digest in sorted(sha3_256(value) for value in messages)]
     if previous is not None:
-        out.append(_tlv(PREVIOUS, previous))
+        out.append(_tlv(table.OF_PREVIOUS, previous))
     return with_direction(b"".join(out), direction) if direction else b"".join(out)
 
 
 def with_direction(node: bytes, direction: Direction) -> bytes:
     """A node's canonical bytes with a direction after them: what an edge is the hash of (paper profile)."""
-    return node + _tlv(DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))
+    return node + _tlv(table.OF_DIRECTION, table.DIRECTION.form.pack(direction.sector, direction.of))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.mission.observable import Action, Direction
-from phalanx.wire.missions import BOUND
+from phalanx.wire import missions as table
 
 from .canonical import canonical, with_direction
 from .records import Header, NodeRecord, Profile
@@ -38,10 +38,10 @@ def message_of(observed: bytes, index: int) -> bytes:
 
     Source: Encoded graphs §III-B-3 ("generated as a function of the features sensed").
     """
-    return sha3_256(b"\x10message" + bytes([index]) + observed)
+    return sha3_256(table.MESSAGE + table.NTH.form.pack(index) + observed)
 
 
 def binding(header: Header, node: int, record: NodeRecord, observed: bytes) -> bytes:
     """What ties a node's record, its number and the header to what is observed there."""
     core = record.core(Profile.PAPER)
-    return sha3_256(b"\x11bind" + header.digest + BOUND.form.pack(node, len(observed)) + observed + core)
+    return sha3_256(table.BINDING + header.digest + table.BOUND.form.pack(node, len(observed)) + observed + core)

@@ -72,38 +72,41 @@ def try_observation(header: Header, canonical: bytes, hint: Hint, salt: bytes) -
     altered, and for an auditor who is told the offset by whom it audits.
     """
     coding = header.coding
-    out = scrypt(canonical + hint.encode(), salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=64)
-    return out[:32], out[32:]
-
-
-def _bound_to(header: Header, node: int, rest: bytes) -> bytes:
-    return header.digest + table.OF_NODE.form.pack(node) + rest
+    out = scrypt(canonical + hint.encode(), salt, log2_n=coding.kdf_log2_n, r=coding.kdf_r, length=table.TRIED.size)
+    mark, key = table.TRIED.form.unpack(out)
+    return mark, key
 
 
 def seal_secret(header: Header, node: int, alias: int, key: bytes, secret: bytes) -> bytes:
     """S under W."""
-    return AESGCM(key).encrypt(NONCE, secret, _bound_to(header, node, bytes([alias])))
+    return AESGCM(key).encrypt(NONCE, secret, header.digest + table.OF_ALIAS.form.pack(node, alias))
 
 
 def open_secret(header: Header, node: int, alias: int, key: bytes, sealed: bytes) -> bytes:
     """S, or Altered: the mark was right, so the record or the header is not."""
     try:
-        return AESGCM(key).decrypt(NONCE, sealed, _bound_to(header, node, bytes([alias])))
+        return AESGCM(key).decrypt(NONCE, sealed, header.digest + table.OF_ALIAS.form.pack(node, alias))
     except InvalidTag as error:
         raise Altered("a node's secret does not open under its own mark") from error
 
 
+def _payload_key(secret: bytes) -> AESGCM:
+    return AESGCM(hkdf_sha256(secret, b"payload", SECRET_BYTES))
+
+
+def _bound_to(header: Header, node: int, record: NodeRecord) -> bytes:
+    return header.digest + table.OF_NODE.form.pack(node) + record.core(Profile.SEALED)
+
+
 def seal_payload(header: Header, node: int, record: NodeRecord, secret: bytes, payload: Payload) -> bytes:
     """The payload under HKDF(S), bound to the header, the node and all of its record."""
-    key = hkdf_sha256(secret, b"payload", 32)
-    return AESGCM(key).encrypt(NONCE, encode_payload(payload), _bound_to(header, node, record.core(Profile.SEALED)))
+    return _payload_key(secret).encrypt(NONCE, encode_payload(payload), _bound_to(header, node, record))
 
 
 def open_payload(header: Header, node: int, record: NodeRecord, secret: bytes) -> Payload:
     """The payload, or Altered."""
-    key = hkdf_sha256(secret, b"payload", 32)
     try:
-        raw = AESGCM(key).decrypt(NONCE, record.payload, _bound_to(header, node, record.core(Profile.SEALED)))
+        raw = _payload_key(secret).decrypt(NONCE, record.payload, _bound_to(header, node, record))
         payload = parse_payload(raw)
     except (InvalidTag, MalformedMission) as error:
         raise Altered("a node's payload does not open under its own secret") from error

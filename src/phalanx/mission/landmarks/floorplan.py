@@ -19,14 +19,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.written import compose, words_of
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
 from .outlines import Outline, outlines_of
+from .sources import Source
 
 FILE_MAX_BYTES = 4_000_000
 # Outlines of plain walls are found by looking at every pair.
@@ -56,6 +57,7 @@ class FloorPlan:
         start: x, y, heading where robots begin, or None.
         codes: QR codes on the walls.
         extraction: how scans are read in this building.
+        sources: what other sensors tell of.
     """
 
     name: str
@@ -65,6 +67,7 @@ class FloorPlan:
     start: tuple[float, float, float] | None = None
     codes: tuple[WallCode, ...] = ()
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
+    sources: tuple[Source, ...] = ()
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Distance to the nearest wall; +inf where there are none."""
@@ -164,22 +167,12 @@ def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:
     return FloorPlan(str(words.get("name", name)), walls, outlines, bounds, start, codes, extraction)
 
 
-def not_yaml(error: Exception, name: str, hint: str) -> UsageError:
-    """What a reader of YAML found wrong with a file, in a line: where, and what."""
-    mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-    what = getattr(error, "problem", None) or getattr(error, "reason", None) or error
-    where = f", line {mark.line + 1}" if mark else ""
-    return UsageError(f"{name} is not YAML{where}: {' '.join(str(what).split())[:200]}", hint)
-
-
-def read_yaml(data: bytes, name: str, hint: str = "docs/maps.md shows a map") -> dict[Any, Any]:
+def read_yaml(data: bytes, name: str) -> dict[Any, Any]:
     """A YAML file's mapping. Raises: UsageError: it is none."""
     if len(data) > FILE_MAX_BYTES:
         raise UsageError(f"{name} has {len(data)} bytes", f"up to {FILE_MAX_BYTES}")
-    try:
-        words = yaml.safe_load(data)
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise not_yaml(error, name, hint) from error
+    hint = "docs/maps.md shows a map"
+    words = words_of(compose(data, name, hint), data, name, hint)
     if not isinstance(words, dict):
         raise UsageError(f"{name} is not a map", "a YAML mapping with walls, or with an image")
     return words

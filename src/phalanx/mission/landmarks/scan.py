@@ -13,10 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
+from phalanx.kernel import kernel
 from phalanx.mission.angles import TWO_PI, sin_cos
 
 BEAMS_MAX = 8192
 FARTHEST_M = 65_534
+
+
+@kernel
+def _sort_out(ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
+    for k in range(len(ranges)):
+        if ranges[k] > most_m:
+            ranges[k] = np.inf
+        elif ranges[k] < least_m:
+            ranges[k] = np.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,9 +60,7 @@ class LaserScan:
             )
         if not 0 <= self.range_min_m < self.range_max_m <= FARTHEST_M:
             raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "0 <= min < max, finite")
-        with np.errstate(invalid="ignore"):
-            ranges[ranges > self.range_max_m] = np.inf
-            ranges[ranges < self.range_min_m] = np.nan
+        _sort_out(ranges, float(self.range_min_m), float(self.range_max_m))
         ranges.setflags(write=False)
         object.__setattr__(self, "ranges_m", ranges)
 

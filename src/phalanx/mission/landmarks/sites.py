@@ -6,7 +6,7 @@ The same rules as for a scan (`corners`, `doorways`), on outlines instead of bea
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from .outlines import Outline
 FACE_M = 0.25
 # Two sides of one wall show the same doorway.
 SAME_M = 0.25
+SHOWN_M = 0.05  # a landmark that somebody wrote down is one of the building, if it is so near
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +59,16 @@ class _Corner:
     cosine: float
 
 
-def look_alikes_of(plan: FloorPlan, config: ExtractionConfig | None = None) -> tuple[Landmark, ...]:
+def is_shown(thing: Landmark, sites: Iterable[Site]) -> bool:
+    """Whether one of them is such a landmark, at that place."""
+    same = (other for site in sites for other in site.aliases if other.type == thing.type)
+    return any(abs(other.x_m - thing.x_m) <= SHOWN_M and abs(other.y_m - thing.y_m) <= SHOWN_M for other in same)
+
+
+def look_alikes_of(plan: FloorPlan) -> tuple[Landmark, ...]:
     """All that robots may take for a landmark there: its landmarks, and the jambs of doorways that they see half."""
-    config = config or plan.extraction
-    sites = landmarks_of(plan, config)
+    config = plan.extraction
+    sites = landmarks_of(plan)
     corners = (corner for outline in plan.outlines for corner in _corners(outline) if _is_concave(corner, config))
     jambs = (alias for corner in corners for alias in _concave_site(corner, config).aliases)
     return (*(alias for site in sites for alias in site.aliases), *jambs)

@@ -159,12 +159,54 @@ def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, 
 
 
 @kernel
+def _border(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> int:
+    """The last point of wall w, where w and w + 1 meet: with it, all points lie best on the one line or the other."""
+    best, sum_ = 0.0, 0.0
+    at: int = spans[w, 0] - 1
+    for i in range(spans[w, 0], spans[w + 1, 1] + 1):
+        off = walls[w, ALONG_X] * (y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (x[i] - walls[w, X])
+        beyond = walls[w + 1, ALONG_X] * (y[i] - walls[w + 1, Y]) - walls[w + 1, ALONG_Y] * (x[i] - walls[w + 1, X])
+        sum_ += off * off - beyond * beyond
+        if sum_ < best:
+            best, at = sum_, i
+    return at
+
+
+@kernel
+def _trimmed(first: int, last: int) -> tuple[int, int]:
+    """The points of first..last without the outermost, which may belong to the next wall."""
+    points = last - first + 1
+    trim = 2 if points >= 12 else (1 if points >= 8 else 0)
+    return first + trim, last - trim
+
+
+@kernel
+def _part(x: Floats, y: Floats, new_run: Bools, walls: Floats, spans: Ints) -> Floats:
+    """The walls, each fitted to its own points alone.
+
+    Who looks along one wall and straight at the next sees a few points of the first, and hundreds of the next within
+    `split_m` of their corner: those would turn the first one's line.
+    """
+    parted = walls.copy()
+    for w in range(len(walls)):
+        first, last = _trimmed(spans[w, 0], spans[w, 1])
+        begin, end = first, last
+        if w > 0 and not np.any(new_run[spans[w - 1, 1] + 1 : spans[w, 0] + 1]):
+            begin = max(first, _border(x, y, walls, spans, w - 1) + 1)
+        if w + 1 < len(walls) and not np.any(new_run[spans[w, 1] + 1 : spans[w + 1, 0] + 1]):
+            end = min(last, _border(x, y, walls, spans, w))
+        if begin < end and (begin > first or end < last):
+            parted[w, X], parted[w, Y], parted[w, ALONG_X], parted[w, ALONG_Y] = fit_line(x, y, begin, end)
+    return parted
+
+
+@kernel
 def walls_of(
     x: Floats, y: Floats, new_run: Bools, split_m: float, line_m: float, wall_min_m: float, min_points: int
 ) -> tuple[Floats, Ints]:
     """The walls, (w, 8), and the (w, 2) first and last point of each.
 
-    Source: Encoded graphs Alg. 1, getF; none (split and merge).
+    Source: Encoded graphs Alg. 1, getF. How lines are found is split and merge (Pavlidis and Horowitz, 1974).
     """
     count = len(x)
     starts = np.empty(count + 1, np.int64)
@@ -173,14 +215,14 @@ def walls_of(
     found = 0
     run = 0
     while run < count:
-        end = run + 1
-        while end < count and not new_run[end]:
-            end += 1
-        if end - run < min_points:
-            run = end
+        run_end = run + 1
+        while run_end < count and not new_run[run_end]:
+            run_end += 1
+        if run_end - run < min_points:
+            run = run_end
             continue
-        pieces = split_run(x, y, run, end - 1, split_m, starts)
-        starts[pieces] = end - 1
+        pieces = split_run(x, y, run, run_end - 1, split_m, starts)
+        starts[pieces] = run_end - 1
         a = 0
         while a < pieces:
             b = a + 1
@@ -193,16 +235,16 @@ def walls_of(
             points = last - first + 1
             if points < min_points or dx * dx + dy * dy < wall_min_m * wall_min_m:
                 continue
-            # The outermost points may belong to the next wall.
-            trim = 2 if points >= 12 else (1 if points >= 8 else 0)
-            line = fit_line(x, y, first + trim, last - trim)
+            begin, end = _trimmed(first, last)
+            line = fit_line(x, y, begin, end)
             short = dx * dx + dy * dy < ROUND_M * ROUND_M
-            if short and _bow(x, y, first + trim, last - trim, line) > 0.3 * line_m:
+            if short and _bow(x, y, begin, end, line) > 0.3 * line_m:
                 continue
             walls[found, X], walls[found, Y], walls[found, ALONG_X], walls[found, ALONG_Y] = line
             spans[found, 0], spans[found, 1] = first, last
             found += 1
-        run = end
+        run = run_end
+    walls, spans = _part(x, y, new_run, walls[:found], spans[:found]), spans[:found]
     for w in range(found):
         cx, cy, ax, ay = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
         for end in range(2):
@@ -210,4 +252,4 @@ def walls_of(
             s = ax * (x[i] - cx) + ay * (y[i] - cy)
             walls[w, FROM_X + 2 * end] = cx + s * ax
             walls[w, FROM_Y + 2 * end] = cy + s * ay
-    return walls[:found], spans[:found]
+    return walls, spans

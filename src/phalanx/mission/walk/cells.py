@@ -144,17 +144,19 @@ def next_unsearched(
     table: Table,
     lane: int,
     left: int,
-) -> tuple[int, int, Numbers, int, int]:
-    """(pair, tries left, its cell, rings, lane) of the next pair that has to be searched; tries of others are spent.
+    found: NDArray[np.int64],
+) -> tuple[int, int, int]:
+    """(rows of `found`, next pair, tries left) after the next pairs that have to be searched; tries of all are spent.
 
     Args:
         first: pair to begin with; pair k is thing k // 3 // groups, group k // 3 % groups, and bin step k % 3.
         things: (n, 4) x, y, orientation and area, NaN where there is none.
         place: they are the robot's own place, and no landmarks.
         lane: of the first group; the others' follow, and for each level of RINGS again as many.
-    Returns: pair -1 where no tries are left, 3 * n * m where no pair is.
+        found: (r, 8) for each of them: pair, tries left before it, x, y, bin and area of its cell, rings, lane.
+    Returns: next pair -1 where no tries are left, 3 * n * m where no pair is.
     """
-    nobody, rows = (0, 0, 0, 0), groups.rows
+    rows, count = groups.rows, 0
     for pair in range(first, 3 * len(things) * len(rows)):
         thing, group = things[pair // 3 // len(rows)], rows[pair // 3 % len(rows)]
         if group[4] > 0.0:
@@ -166,7 +168,7 @@ def next_unsearched(
         if (step == 1 and not up) or (step == -1 and not down):
             continue
         if left <= 0:
-            return -1, left, nobody, 0, 0
+            return count, -1, left
         offset = (group[0], group[1], group[2], group[3])
         turn = thing[2] + step * groups.steps[2]
         numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, groups.steps, groups.bins)
@@ -174,9 +176,24 @@ def next_unsearched(
         whole = left >= (2 * rings - 1) * (2 * rings - 1)
         own = lane + level * len(rows) + pair // 3 % len(rows)
         if not whole or table[_row(table, own, numbers), 0] == 0:
-            return pair, left, numbers, rings, own
+            if count == len(found):
+                return count, pair, left
+            found[count, 0], found[count, 1], found[count, 6], found[count, 7] = pair, left, rings, own
+            for k in range(4):
+                found[count, 2 + k] = numbers[k]
+            count += 1
         left -= (2 * rings + 1) * (2 * rings + 1)
-    return 3 * len(things) * len(rows), left, nobody, 0, 0
+    return count, 3 * len(things) * len(rows), left
+
+
+@kernel
+def words_around(x: int, y: int, steps: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """(n,) what eight bytes of an observable say of the cells that are `steps`, (n, 2), from a cell: x, then y."""
+    words = np.empty(len(steps), np.uint64)
+    for k in range(len(steps)):
+        low, high = np.uint64((x + steps[k, 0]) & 0xFFFFFFFF), np.uint64((y + steps[k, 1]) & 0xFFFFFFFF)
+        words[k] = low | high << np.uint64(32)
+    return words
 
 
 class Searched:

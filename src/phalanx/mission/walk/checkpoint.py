@@ -37,7 +37,7 @@ _MOST_MAP_M, _MOST = 1e6, 1e9
 def encode_state(mission: EncodedMission, state: State) -> bytes:
     """The state without its keyring. Source: docs/spec/mission.md (Under audit)."""
     since = math.nan if state.since_s is None else state.since_s
-    along = (state.t_s, since, state.fixed_at_m, state.left_at_m, *state.pulled_m)
+    along = (state.t_s, since, state.fixed_at_m, state.left_at_m, *state.pulled_m, state.round)
     out = [table.WALK.form.pack(_PHASES.index(state.phase), _number(state.at), _number(state.target), *along)]
     out += [_MANY.pack(len(state.opened)), *(_known(mission, *item) for item in state.opened.items())]
     lengths = (table.WALK_LENGTH.form.pack(*way, metres) for way, metres in state.lengths_m.items())
@@ -53,7 +53,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
 
     Raises: MalformedMission: no walk of this mission can be in it.
     """
-    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m = reader.unpack(table.WALK)
+    phase, at, target, t_s, since_s, fixed_at_m, left_at_m, *pulled_m, round_ = reader.unpack(table.WALK)
     if phase >= len(_PHASES) or not (math.isfinite(t_s) or t_s == -math.inf):
         raise MalformedMission("a walk in no phase, or at no time")
     _finite(fixed_at_m, left_at_m, *pulled_m)
@@ -83,6 +83,7 @@ def parse_state(mission: EncodedMission, reader: Reader) -> State:
         opened=MappingProxyType(opened),
         lengths_m=MappingProxyType(lengths),
         blocked=frozenset(blocked),
+        round=round_,
         others=frozenset(others),
         heard=heard,
     )

@@ -13,13 +13,15 @@ from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
-from phalanx.mission.observable import Experience
+from phalanx.mission.observable import Experience, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
 from .claims import Unshown, shows, unlock
+from .constellation import MISTAKEN, constellation, may_be, strangers
 from .fix import (
     Fix,
+    Match,
     agreeing,
     allowed_m,
     distance_m,
@@ -27,6 +29,7 @@ from .fix import (
     fits,
     fix_from,
     has_rival,
+    is_there,
     known_in,
     pose_doubt_m,
     sighting,
@@ -41,6 +44,8 @@ from .route import Map
 from .search import Budget, PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import State
+
+Believed = tuple[Opened | None, Fix | None, Reason]  # why not, if nothing was opened
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +119,13 @@ class Finder:
         budget, keys = Budget(self.config.hash_tries if self._is_paper else self.config.kdf_tries), state.keys
         opened, fix, reason = None, None, Reason.NOTHING_SENSED
         failed: set[bytes] = set()
+        unconfirmed: dict[Match, Opened] = {}
         for found in self._found(state, self._unexplained(state, seen), failed, budget):
-            opened, fix, reason = self._believe(state, seen, found)
+            opened, fix, reason = self._believe(state, seen, found, unconfirmed)
             if opened is not None:
                 break
+        if opened is None and unconfirmed:
+            opened, fix, reason = self._together(state, seen, unconfirmed)
         if opened is not None and opened.node not in state.opened:
             keys = replace(keys, tried=frozenset())  # other gates, other tries
         else:
@@ -194,20 +202,42 @@ class Finder:
         joined = join_shares([gate.share for gate in shares]) if node in self.map.joins else shares[0].share
         return joined, shares[0].hints
 
-    def _believe(self, state: State, seen: Experience, found: Found) -> tuple[Opened | None, Fix | None, Reason]:
-        """A found node opened, with its fix; or the reason not to believe it."""
+    def _together(self, state: State, seen: Experience, unconfirmed: dict[Match, Opened]) -> Believed:
+        """One of several nodes that are believed together, though none is by itself, with the fix that all give."""
+        matches = constellation(self.config, seen, [*unconfirmed, *may_be(self.config, seen, state.known)])
+        opened = next((unconfirmed[pair] for pair in matches if pair in unconfirmed), None)
+        if opened is None:
+            return None, None, Reason.UNCONFIRMED
+        return self._fixed(state, seen, opened, matches)
+
+    def _fixed(self, state: State, seen: Experience, opened: Opened, matches: list[Match]) -> Believed:
+        fix = fix_from(self.config, seen, matches)
+        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, pose_doubt_m(seen)):
+            return None, None, Reason.DRIFT
+        return opened, fix, Reason.NO_MATCH
+
+    def _believe(
+        self, state: State, seen: Experience, found: Found, unconfirmed: dict[Match, Opened] | None = None
+    ) -> Believed:
+        """A found node opened, with its fix; or the reason not to believe it.
+
+        Args:
+            unconfirmed: takes what may be believed together with others.
+        """
         try:
             opened = open_found(self.mission, found, seen)
         except Altered:
             return None, None, Reason.ALTERED
         observed, truth = found.seen, opened.landmark
-        if found.claim.shape.place == AT_POSITION and self.config.sigmas * pose_doubt_m(seen) > self.config.place_m:
-            return None, None, Reason.AMBIGUOUS
         if observed is None or truth is None:
-            return opened, None, Reason.NO_MATCH
+            x, y, _ = middle_of(self.mission.header.coding, found.claim.offset, found.claim.cell)
+            is_meant = found.claim.shape.place != AT_POSITION or is_there(self.config, seen, x, y)
+            return (opened, None, Reason.NO_MATCH) if is_meant else (None, None, Reason.AMBIGUOUS)
         match = sighting(observed, truth, observed.x_m, observed.y_m)
         if not fits(self.config, pose_spread(seen.spread), seen.x_m, seen.y_m, match):
             return None, None, Reason.DRIFT
+        if unconfirmed is not None and strangers(self.config, seen, [(observed, truth)]) > MISTAKEN:
+            unconfirmed[observed, truth] = opened
         if has_rival(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
         # What is known and in sight has its say.
@@ -218,7 +248,6 @@ class Finder:
         matches = told(self.config, seen, matches)
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.AMBIGUOUS
-        fix = fix_from(self.config, seen, matches)
-        if fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, pose_doubt_m(seen)):
-            return None, None, Reason.DRIFT
-        return opened, fix, Reason.NO_MATCH
+        if strangers(self.config, seen, matches) > MISTAKEN:
+            return None, None, Reason.UNCONFIRMED
+        return self._fixed(state, seen, opened, matches)

@@ -21,10 +21,8 @@ from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doub
 
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
-# The square of a Mahalanobis distance that one match in a hundred exceeds, by degrees of freedom.
-MISFIT_2, MISFIT_3 = 9.2, 11.3
-# And that one in twenty does: so well several matches have to fit one pose.
-ALIKE_2, ALIKE_3 = 6.0, 7.8
+# The square of a Mahalanobis distance that one match in twenty exceeds, by degrees of freedom.
+MISFIT_2, MISFIT_3 = 6.0, 7.8
 # A robot that may be turned by more than this takes the sides of a thing for one another.
 LOST_RAD = math.radians(45)
 # So far a robot may be off, of its own doubt, when it takes a thing for the only one: an error of more has to meet
@@ -91,7 +89,11 @@ def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose, *, t
 
 def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:
     """The belief after a fix."""
-    return belief.corrected(fix.sightings, sight_of(config), floor_of(config))
+    (place_m, turn_rad), (_, cosine), (x, y, _) = floor_of(config), sin_cos(fix.turned_rad), belief.pose
+    far_m2 = max((each.seen_x_m - x) ** 2 + (each.seen_y_m - y) ** 2 for each in fix.sightings)
+    # The filter takes an arc for its tangent: of 25 degrees, 4 m away, that is 0.4 m.
+    bent_m = math.sqrt(far_m2) * (1.0 - cosine)
+    return belief.corrected(fix.sightings, sight_of(config), (max(place_m, bent_m), turn_rad))
 
 
 def distance_m(seen: Experience, landmark: Landmark) -> float:
@@ -120,6 +122,12 @@ def pose_doubt_m(seen: Experience) -> float:
     return math.sqrt(max(seen.spread[0], seen.spread[3]))
 
 
+def is_there(config: MissionConfig, seen: Experience, x_m: float, y_m: float) -> bool:
+    """Whether the robot is at a place, however its doubt has it."""
+    away_m = math.hypot(x_m - seen.x_m, y_m - seen.y_m)
+    return away_m + ALONE_SIGMAS * pose_doubt_m(seen) <= config.place_m
+
+
 def doubt_m(config: MissionConfig, seen: Experience, landmark: Landmark) -> float:
     """Standard deviation of where a landmark is that is seen, along its worst direction."""
     spread = pose_spread(seen.spread)
@@ -140,8 +148,11 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
 
 def fits(config: MissionConfig, spread: Floats, x_m: float, y_m: float, match: Sighting) -> bool:
     """Whether what was seen from a pose so unsure may be what it is matched with."""
-    limit = MISFIT_2 if math.isnan(match.turn_rad) else MISFIT_3
-    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= limit)
+    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= _most(match))
+
+
+def _most(match: Sighting) -> float:
+    return MISFIT_2 if math.isnan(match.turn_rad) else MISFIT_3
 
 
 def is_alone(config: MissionConfig, seen: Experience, pair: Match, known: Sequence[Match] = ()) -> bool:
@@ -155,8 +166,8 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, known: Sequen
     if config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
         return False
     observed, truth = pair
-    mean, spread, _ = _told_by(config, seen, known)
-    x, y = _replaced(seen, observed, (float(mean[0]), float(mean[1]), float(mean[2])))
+    mean, spread, _ = told_by(config, seen, known)
+    x, y = as_known(seen, observed, mean)
     doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return math.hypot(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
@@ -187,29 +198,29 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     """
     kept = list(matches)
     while kept:
-        mean, spread, _ = _told_by(config, seen, kept)
-        apart = []
-        for pair in kept:
-            match = _from_pose(seen, pair, mean)
-            limit = ALIKE_2 if math.isnan(match.turn_rad) else ALIKE_3
-            apart.append(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config)) / limit)
+        mean, spread, _ = told_by(config, seen, kept)
+        apart = [misfit_of(config, seen, pair, mean, spread) for pair in kept]
         if len(kept) == 1 or max(apart) <= 1.0:
             break
         kept.pop(apart.index(max(apart)))
     return kept if 2 * len(kept) > len(matches) else []
 
 
+def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> float:
+    """How badly a match fits another pose than that of the experience; more than 1 is too badly."""
+    match = _from_pose(seen, pair, mean)
+    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / _most(match)
+
+
 def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:
     """The pose that matches tell, taken one after the other."""
-    mean, _, sightings = _told_by(config, seen, matches)
+    mean, _, sightings = told_by(config, seen, matches)
     x, y, heading = mean.tolist()
     moved_m = math.sqrt((x - seen.x_m) ** 2 + (y - seen.y_m) ** 2)
     return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
 
 
-def _told_by(
-    config: MissionConfig, seen: Experience, matches: Sequence[Match]
-) -> tuple[Floats, Floats, list[Sighting]]:
+def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> tuple[Floats, Floats, list[Sighting]]:
     """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
     mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
     sightings = []
@@ -223,16 +234,15 @@ def _told_by(
 
 def _from_pose(seen: Experience, pair: Match, mean: Floats) -> Sighting:
     """What a match means to a robot that is at another pose now."""
-    x, y, heading = float(mean[0]), float(mean[1]), float(mean[2])
     observed, truth = pair
-    return sighting(observed, truth, *_replaced(seen, observed, (x, y, heading)), wrap_rad(heading - seen.heading_rad))
+    return sighting(observed, truth, *as_known(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
 
 
-def _replaced(seen: Experience, landmark: Landmark, pose: Pose) -> tuple[float, float]:
+def as_known(seen: Experience, landmark: Landmark, mean: Floats) -> tuple[float, float]:
     """Where a landmark lies, had the robot been at another pose."""
-    sine, cosine = sin_cos(pose[2] - seen.heading_rad)
+    sine, cosine = sin_cos(float(mean[2]) - seen.heading_rad)
     dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)
-    return pose[0] + (cosine * dx - sine * dy), pose[1] + (sine * dx + cosine * dy)
+    return float(mean[0]) + (cosine * dx - sine * dy), float(mean[1]) + (sine * dx + cosine * dy)
 
 
 def _near(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float) -> list[Landmark]:
@@ -251,15 +261,18 @@ def _near(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float,
 
 def explains(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> bool:
     """Whether a landmark is one that is known: near it, and turned the same way."""
-    return bool(_fitting(config, seen, known, landmark))
+    return bool(fitting(config, seen, known, landmark))
 
 
-def _fitting(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> list[Landmark]:
+def fitting(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> list[Landmark]:
     """The known ones that a landmark in sight may be."""
+    near = _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
+    if not near:
+        return []
     spread = pose_spread(seen.spread)
     return [
         other
-        for other in _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
+        for other in near
         if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
     ]
 
@@ -276,17 +289,9 @@ def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark])
     matches: list[Match] = []
     for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
         # Two known things that may be this one say nothing.
-        fitting = _fitting(config, seen, known, landmark)
-        if len(fitting) == 1 and not has_rival(config, seen, landmark, fitting[0]):
-            matches.append((landmark, fitting[0]))
+        may_be = fitting(config, seen, known, landmark)
+        if len(may_be) == 1 and not has_rival(config, seen, landmark, may_be[0]):
+            matches.append((landmark, may_be[0]))
         if len(matches) == AGAIN_MOST:
             break
     return matches
-
-
-def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> Fix | None:
-    """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
-    if is_sure(config, seen):
-        return None
-    matches = told(config, seen, agreeing(config, seen, known_in(config, seen, known)))
-    return fix_from(config, seen, matches) if matches else None

@@ -13,6 +13,7 @@ from phalanx.mission.file.canonical import AT_POSITION, with_direction
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Way, WayKind
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Direction, Experience, Landmark, middle_of
 from phalanx.mission.refused import Altered
+from phalanx.wire import missions as table
 
 from .found import Claim, Found
 from .gate import Gate
@@ -85,7 +86,7 @@ def open_found(mission: EncodedMission, found: Found, seen: Experience) -> Opene
         found.action,
         tuple(paper.message_of(claim.observed, i) for i in range(record.sends)),
         tuple(_paper_way(mission, way, found, mark, seen.actions) for way in record.ways),
-        sha3_256(b"\x12visited" + claim.observed),
+        sha3_256(table.VISITED + claim.observed),
         found.claim,
     )
 

@@ -21,6 +21,7 @@ class Reason(Enum):
     CONTRADICTED = "contradicted"  # by other landmarks of the same scan
     DRIFT = "more than it can have drifted"
     AMBIGUOUS = "ambiguous"  # something else that looks the same may be meant
+    UNCONFIRMED = "unconfirmed"  # it may be something that nobody surveyed, and too little beside it agrees
     ALTERED = "altered"  # it matched a record that belongs to another
     CLOCK = "clock ran backwards"
     TIMED_OUT = "timed out"
@@ -49,6 +50,7 @@ class Order:
     direction_rad: float | None = None  # map frame
     toward_m: tuple[float, float] | None = None  # where the target is, if it was decoded before
     do: Action | None = None
+    aside: int = 0  # 1 or -1: along the direction, but to its left or right, where it was blocked before
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,12 +36,13 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, RINGS, Doubt, Groups, Searched, next_unsearched, region_of
+from .cells import BIN_STEPS, RINGS, Doubt, Groups, Searched, next_unsearched, region_of, words_around
 from .fix import distance_m, sight_of
 from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
+PAIRS = 32  # of a landmark and a group, to be searched one after the other
 WINDOWS = (0, -1, 1)
 LANDMARK_PLACES = range(1, AT_POSITION)
 
@@ -100,9 +101,8 @@ def spiral(rings: int) -> tuple[tuple[int, int], ...]:
 
 
 @lru_cache(maxsize=64)
-def _spiral_arrays(rings: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    steps = np.array(spiral(rings), np.int64)
-    return steps[:, 0].copy(), steps[:, 1].copy()
+def _spiral_array(rings: int) -> NDArray[np.int64]:
+    return np.array(spiral(rings), np.int64)
 
 
 def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
@@ -324,31 +324,33 @@ class PaperSearch:
         coding, shape, each = self._mission.header.coding, batch.shape, len(BIN_STEPS)
         is_own = shape.place not in LANDMARK_PLACES
         bins = 1 if is_own else bins_of(coding, LANDMARK_TYPES[shape.place - 1])
-        pair, pairs = 0, each * len(batch.variants) * len(among.groups)
-        groups = Groups(among.rows, self._steps, bins)
-        while True:
-            pair, left, numbers, wanted, lane = next_unsearched(
-                pair, batch.things, is_own, doubt, groups, self._searched.table, batch.lane, budget.left
+        first, pairs = 0, each * len(batch.variants) * len(among.groups)
+        at, messages = cell_at(shape), dict[tuple[int, int], bytes]()
+        groups, rows = Groups(among.rows, self._steps, bins), np.empty((PAIRS, 8), np.int64)
+        while 0 <= first < pairs:
+            count, first, left = next_unsearched(
+                first, batch.things, is_own, doubt, groups, self._searched.table, batch.lane, budget.left, rows
             )
-            budget.spend(budget.left - left)
-            if not 0 <= pair < pairs:
-                return
-            variant = batch.variants[pair // each // len(among.groups)]
-            group = among.groups[pair // each % len(among.groups)]
-            centre = Cell(*numbers)
-            rings = min(wanted, (math.isqrt(max(budget.left, 1)) + 1) // 2)
-            dx, dy = _spiral_arrays(rings)
-            xs, ys = (centre.x + dx).astype(np.uint32), (centre.y + dy).astype(np.uint32)
-            patches = xs.astype(np.uint64) | ys.astype(np.uint64) << np.uint64(32)
-            hit = find_patched(batch.message(centre._replace(x=0, y=0)), cell_at(shape), patches, group.targets)
-            budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
-            if hit is not None:
-                step_x, step_y = spiral(rings)[hit[0]]
-                cell = centre._replace(x=centre.x + step_x, y=centre.y + step_y)
-                yield _found(group, hit[1], batch, variant, cell)
-            elif rings == wanted:
-                self._searched.add(lane, numbers)
-            pair += 1
+            for pair, before, x, y, turn, area, wanted, lane in rows[:count].tolist():
+                budget.spend(budget.left - before)
+                group = among.groups[pair // each % len(among.groups)]
+                rings = min(wanted, (math.isqrt(max(before, 1)) + 1) // 2)
+                if (turn, area) not in messages:
+                    messages[turn, area] = batch.message(Cell(0, 0, turn, area))
+                words = words_around(x, y, _spiral_array(rings))
+                hit = find_patched(messages[turn, area], at, words, group.targets)
+                budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
+                if hit is not None:
+                    step_x, step_y = spiral(rings)[hit[0]]
+                    variant = batch.variants[pair // each // len(among.groups)]
+                    yield _found(group, hit[1], batch, variant, Cell(x + step_x, y + step_y, turn, area))
+                    first = pair + 1  # with more tries left than if nothing had been found
+                    break
+                if rings < wanted:
+                    return
+                self._searched.add(lane, (x, y, turn, area))
+            else:
+                budget.spend(budget.left - left)
 
     def _as_it_is(self, among: _Candidates, batch: _Batch, _doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has no place: one hash each."""

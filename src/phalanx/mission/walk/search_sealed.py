@@ -12,7 +12,7 @@ from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import Cell, Experience, Landmark, middle_of
 from phalanx.mission.pose.spread import misfit
 
-from .fix import fits, sighting
+from .fix import fits, is_there, sighting
 from .found import Claim, Found
 from .gate import Hint
 from .search import Budget, Variant, cells_around, doubt_in, placed
@@ -53,7 +53,7 @@ def search_sealed(
         shape = candidate.hint.shape
         salt = sealed.node_salt(candidate.gate, variant.messages, header, candidate.node, candidate.alias)
         observed = variant.canonical(shape, cell)
-        name = sha3_256(salt + observed)[:16]
+        name = sha3_256(salt + observed)
         if name in tried or name in newly_tried:
             continue
         if budget.left <= 0:
@@ -81,10 +81,11 @@ def _jobs(
         reach_dm = mission.nodes[candidate.node].reach_dm
         for variant, centre in placed(shape, coding, seen, heard, offset, reach_dm):
             for cell in cells_around(shape, coding, doubt, variant.landmark, centre, offset):
-                if variant.landmark is None:
-                    yield float(abs(cell.x - centre.x) + abs(cell.y - centre.y)), candidate, variant, cell
-                    continue
                 x, y, turn = middle_of(coding, offset, cell)
+                if variant.landmark is None:
+                    if not shape.place or is_there(config, seen, x, y):
+                        yield float(abs(cell.x - centre.x) + abs(cell.y - centre.y)), candidate, variant, cell
+                    continue
                 truth = Landmark(variant.landmark.type, x, y, turn)
                 match = sighting(variant.landmark, truth, variant.landmark.x_m, variant.landmark.y_m)
                 if fits(config, doubt.spread, seen.x_m, seen.y_m, match):

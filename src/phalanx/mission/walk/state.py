@@ -33,6 +33,7 @@ class State:
     opened: Mapping[int, Known] = field(default_factory=lambda: _NOTHING)
     lengths_m: Mapping[tuple[int, int], float] = field(default_factory=lambda: _NO_LENGTHS)
     blocked: frozenset[tuple[int, int]] = frozenset()  # ways that timed out or were blocked
+    round: int = 0  # how often those were taken up again since a new node was decoded
     others: frozenset[int] = frozenset()  # nodes that other robots proved to have decoded
     heard: tuple[bytes, ...] = ()
     keys: Keyring = field(default_factory=Keyring)  # the robot's secrets; not in any encoding of the state

@@ -15,14 +15,16 @@ from types import MappingProxyType
 
 from phalanx.config.mission import MissionConfig
 from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
+from phalanx.mission.angles import PI, wrap_rad
 from phalanx.mission.file.records import EncodedMission, Profile
 from phalanx.mission.file.sealed import visited_hash
-from phalanx.mission.observable import Experience
+from phalanx.mission.observable import Experience, Landmark
 from phalanx.mission.refused import Altered
 
 from .claims import Unshown
+from .constellation import seen_again
 from .finding import Find, Finder
-from .fix import Fix, allowed_m, distance_m, pose_doubt_m, seen_again
+from .fix import Fix, allowed_m, distance_m, pose_doubt_m
 from .found import Claim
 from .gate import StartKey
 from .opening import Opened, OpenWay
@@ -35,6 +37,10 @@ __all__ = ["State", "Walker"]
 
 PLANE_M = 5e5  # robots are nearer to the map's origin than this
 SIGHT_M = 1e3
+# To which side of its line a way is tried the first time, when it was blocked, and when it was again.
+ASIDE = (0, 1, -1)
+# From a face's normal to where nothing is around the end of it.
+_OPEN_RAD = {"concave_left": -PI / 4, "concave_right": PI / 4}
 LONGEST_S = 1e12  # no clock of ours gets there
 
 
@@ -69,7 +75,8 @@ class Walker:
             return state, refused
         state, seen = self._begun(state, seen)
         find = self._finder.look(state, seen)
-        state = replace(state, keys=find.keys)
+        if find.keys is not state.keys:
+            state = replace(state, keys=find.keys)
         if find.opened is not None:
             return self._decoded(state, seen, find.opened, find.fix, find.trials)
         return self._walked(state, seen, self.sees_again(state, seen), find)
@@ -146,6 +153,8 @@ class Walker:
         return replace(state, t_s=seen.t_s, since_s=since, heard=heard), self._sane(seen)
 
     def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
+        if not messages:
+            return state.heard
         # Longer ones are nobody's we know, and are kept at the size of those that are.
         new = (value if len(value) <= DIGEST_BYTES else sha3_256(value) for value in messages)
         return tuple(dict.fromkeys((*state.heard, *new)))[-self.config.messages_kept :]
@@ -156,7 +165,10 @@ class Walker:
         if not (abs(seen.x_m) < PLANE_M and abs(seen.y_m) < PLANE_M and abs(seen.heading_rad) < PLANE_M):
             return replace(seen, x_m=PLANE_M, y_m=PLANE_M, heading_rad=0.0, landmarks=())
         near = tuple(landmark for landmark in seen.landmarks if distance_m(seen, landmark) < SIGHT_M)
-        return replace(seen, landmarks=near, travelled_m=max(0.0, min(seen.travelled_m, 1e9)))
+        travelled_m = max(0.0, min(seen.travelled_m, 1e9))
+        if len(near) == len(seen.landmarks) and travelled_m == seen.travelled_m:
+            return seen
+        return replace(seen, landmarks=near, travelled_m=travelled_m)
 
     def sees_again(self, state: State, seen: Experience) -> Fix | None:
         """The pose that landmarks decoded before tell, if they are seen again.
@@ -183,7 +195,7 @@ class Walker:
         lengths = dict(state.lengths_m)
         if state.at is not None and opened.node in self.map.after[state.at]:
             lengths[state.at, opened.node] = self._length(state, seen, opened)
-        nodes = {**state.opened, opened.node: opened.known}
+        is_new, nodes = opened.node not in state.opened, {**state.opened, opened.node: opened.known}
         over = opened.node in self.map.finals or (not self.map.finals and len(nodes) == len(self.mission.nodes))
         event = Event.COMPLETED if over else Event.DECODED
         state = replace(
@@ -196,10 +208,11 @@ class Walker:
             pulled_m=(0.0, 0.0),
             opened=MappingProxyType(nodes),
             lengths_m=MappingProxyType(lengths),
-            # A way that was blocked an hour ago may be free: whoever got on, to where it never was, tries again.
-            blocked=state.blocked if opened.node in state.opened else frozenset(),
             keys=self._finder.keys_of(state, opened),
         )
+        if is_new:
+            # A way that was blocked an hour ago may be free: whoever got on, to where it never was, tries again.
+            state = replace(state, blocked=frozenset(), round=0)
         state = self._aim(state)
         why = Reason.NO_WAY if state.phase is Phase.HELD else None
         return state, Outcome(self.order(state), opened, why, fix, trials, event)
@@ -219,13 +232,17 @@ class Walker:
         return max(walked, math.sqrt(dx * dx + dy * dy))
 
     def _aim(self, state: State) -> State:
-        """The state with its next target; without one it is done if all is, else held."""
+        """The state with its next target, over ways that were blocked if there are no others; else done, or held."""
         if state.phase is not Phase.SEEKING or state.at is None:
             return state
         target = self.map.next_target(state.at, state.opened, state.others, state.lengths_m, state.blocked)
         if target is not None:
             return replace(state, target=target)
-        event = Event.COMPLETED if self._is_explored(state) else Event.NO_WAY
+        is_explored = self._is_explored(state)
+        if not is_explored and state.blocked and state.round < self.config.rounds:
+            # People walk on, and who comes from elsewhere sees a way that was not seen before.
+            return self._aim(replace(state, blocked=frozenset(), round=state.round + 1))
+        event = Event.COMPLETED if is_explored else Event.NO_WAY
         return replace(state, target=None, phase=next_phase(state.phase, event))
 
     def _is_explored(self, state: State) -> bool:
@@ -276,8 +293,8 @@ class Walker:
         known = state.opened.get(state.target) if state.target is not None else None
         if state.phase is not Phase.SEEKING or known is None or known.place_m is None:
             return False
-        fresh = seen.travelled_m - state.fixed_at_m <= self.config.passing_m
-        return fresh and self._is_near(state.target, state, seen)
+        is_sure = 2 * pose_doubt_m(seen) <= self.config.arrive_m
+        return is_sure and self._is_near(state.target, state, seen)
 
     def _is_near(self, node: int | None, state: State, seen: Experience) -> bool:
         place = state.opened[node].place_m if node is not None else None
@@ -304,4 +321,13 @@ class Walker:
             return Order(Kind.DO, way.target, here.place_m, None, toward, way.do)
         if way.direction_rad is None and toward is None:
             return Order(Kind.WAIT, state.target, here.place_m)
-        return Order(Kind.GO, way.target, here.place_m, way.direction_rad, toward)
+        aside = ASIDE[state.round % len(ASIDE)] * _free_side(here.landmark, way.direction_rad)
+        return Order(Kind.GO, way.target, here.place_m, way.direction_rad, toward, aside=aside)
+
+
+def _free_side(corner: Landmark | None, direction_rad: float | None) -> int:
+    """1 if a line from the end of a wall has more room on its left, or nobody knows; -1 if on its right."""
+    open_rad = _OPEN_RAD.get(corner.type) if corner else None
+    if corner is None or corner.orientation_rad is None or direction_rad is None or open_rad is None:
+        return 1
+    return 1 if wrap_rad(corner.orientation_rad + open_rad - direction_rad) >= 0 else -1

@@ -24,12 +24,14 @@ from phalanx.mission.observable import Experience, Landmark, Position
 from phalanx.mission.pose.belief import Belief
 from phalanx.mission.walk.fix import (
     AGAIN_MOST,
+    ALONE_SIGMAS,
     begun_at,
     distance_m,
     doubt_m,
     fix_from,
     fixed,
     is_sure,
+    is_there,
     pose_doubt_m,
     told,
     wheels_of,
@@ -74,14 +76,21 @@ class Outlook:
         return True
 
 
-def look_ahead(mission: Mission, config: MissionConfig | None = None, plan: FloorPlan | None = None) -> Outlook:
+def look_ahead(
+    mission: Mission,
+    config: MissionConfig | None = None,
+    plan: FloorPlan | None = None,
+    lidar: LidarConfig | None = None,
+) -> Outlook:
     """Which nodes robots cannot be expected to decode, of those that ways lead to.
 
     Args:
         plan: the building; without one everything is in sight that is near enough.
     Source: Encoded graphs §VI-B, §VI-F; docs/adr/0025-a-pose-that-knows-its-doubt.md.
     """
-    return _Scout(mission, config or MissionConfig(), plan).run()
+    lidar, config = lidar or LidarConfig(), config or MissionConfig()
+    near = replace(config, decode_m=min(config.decode_m, lidar.range_max_m))
+    return _Scout(mission, near, plan, lidar.fov_rad).run()
 
 
 def time_for_s(mission: Mission) -> float:
@@ -110,8 +119,8 @@ def time_for_s(mission: Mission) -> float:
 class _Scout:
     """Goes ahead from node to node, the nearest first."""
 
-    def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None) -> None:
-        self.mission, self.config, self.plan = mission, config, plan
+    def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, fov_rad: float) -> None:
+        self.mission, self.config, self.plan, self.fov_rad = mission, config, plan, fov_rad
         self.nodes = {node.name: node for node in mission.nodes}
         self.before: dict[str, set[str]] = {}
         self.after: dict[str, list[PlainWay]] = {}
@@ -216,11 +225,10 @@ class _Scout:
     def _decodes(self, target: Node, seen: Experience, again: list[Match], whys: list[str]) -> bool:
         """Whether a node is believed from here; if not, and it might have been, says why."""
         if any(isinstance(thing, Position) for thing in _things(target)):
-            doubt, place_m = pose_doubt_m(seen), self.config.place_m
-            if self.config.sigmas * doubt > place_m:
-                whys.append(f"unsure of its own place by {doubt:.2f} m, more than {place_m / self.config.sigmas:.2f} m")
-                return False
-            return math.dist((seen.x_m, seen.y_m), target.place or (0.0, 0.0)) <= STEP_M
+            doubt, most_m = pose_doubt_m(seen), self.config.place_m / ALONE_SIGMAS
+            if doubt > most_m:
+                whys.append(f"unsure of its own place by {doubt:.2f} m, more than {most_m:.2f} m")
+            return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
             doubt = doubt_m(self.config, seen, thing)
             if (thing, thing) not in told(self.config, seen, [(thing, thing), *again]):
@@ -270,7 +278,7 @@ class _Scout:
         away = math.hypot(dx, dy)
         if away <= ROOM_M:
             return True
-        is_before = abs(wrap_rad(math.atan2(dy, dx) - seen.heading_rad)) <= LidarConfig().fov_rad / 2
+        is_before = abs(wrap_rad(math.atan2(dy, dx) - seen.heading_rad)) <= self.fov_rad / 2
         return is_before and self._is_clear((seen.x_m, seen.y_m), thing)
 
     def _is_clear(self, eye: tuple[float, float], thing: Landmark) -> bool:

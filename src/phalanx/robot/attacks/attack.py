@@ -57,7 +57,7 @@ class Attack:
     harm: Harm = ASTRAY  # how its damage to others is measured
     bites_from: float = 1.0  # from so much damage on, it bites
     does: str = ""  # what it does, for people
-    stopped_by: str = ""  # what stops it, or why nothing has to, or why nothing can
+    stopped_by: str = ""  # what stops it, or why nothing has to, or why nothing can; "" where nobody has declared it
     scene: Scene = "flock"  # where it is tried
     against: str = ""  # what it lies about, on missions
     limit: float = 0.0  # a defence that limits it keeps its damage below this; 0 for below what bites
@@ -112,4 +112,4 @@ def own_attack(made: Attack | type[Any]) -> Attack:
         raise UsageError(f"{made!r} is no attack", "a class that derives from Liar (docs/attacks.md), or an Attack")
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower()
     does = (made.__doc__ or "").strip().partition("\n")[0].rstrip(".")
-    return Attack(name, made, does=does, stopped_by="replay gives what an honest robot does", scene=scene)
+    return Attack(name, made, does=does, scene=scene)

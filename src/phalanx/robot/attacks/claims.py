@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
@@ -12,6 +13,8 @@ from phalanx.wire.table import KIND_STATE
 from .liar import MOTION, Liar, Motion
 from .silence import OmitSends
 from .spoof import spoofed_state
+
+INVENTED = 60_000  # ids from here on are nobody's
 
 
 class Masquerade(OmitSends):
@@ -58,6 +61,39 @@ class Equivocate(FalseState):
         return actions
 
 
+class Expel(Liar):
+    """Says that invented robots race past those that are farthest out, away from the swarm: who keeps pace is lost.
+
+    Lost for good: out of range nobody audits it, and it stops there. As fast as no decoder drops, in as many names as a
+    table holds, one after the other as the a-node lets words out.
+    """
+
+    period_ms = 20
+    FASTEST_MPS: ClassVar[float] = 1e6
+    NAMES: ClassVar[int] = 24
+    VICTIMS: ClassVar[int] = 3
+    _turn = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """One more of them, when the bucket is full enough for it."""
+        if len(self.seen) < 2:
+            return []
+        middle_x, middle_y = (sum(each) / len(self.seen) for each in zip(*map(_place, self.seen.values()), strict=True))
+
+        def out_m(other: Motion) -> float:
+            return math.hypot(other.x_m - middle_x, other.y_m - middle_y)
+
+        victims = sorted((self.seen[name] for name in self.plan.ids if name in self.seen), key=out_m)[-self.VICTIMS :]
+        victim = victims[self._turn % len(victims)]
+        far_m = max(out_m(victim), 1e-9)
+        away_x, away_y = (victim.x_m - middle_x) / far_m, (victim.y_m - middle_y) / far_m
+        claim = victim.x_m - away_x, victim.y_m - away_y, self.FASTEST_MPS * away_x, self.FASTEST_MPS * away_y
+        name = INVENTED + self._turn % self.NAMES
+        actions = self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *claim), EVERYBODY)
+        self._turn += bool(actions)
+        return actions
+
+
 class NotANumber(Liar):
     """Broadcasts states of NaN and infinity in every name: arithmetic on one of them never ends being NaN."""
 
@@ -70,6 +106,10 @@ class NotANumber(Liar):
         numbers = [(math.nan, 0.0, -math.inf, 1e30)[int(each)] for each in self.plan.chance.integers(0, 4, 4)]
         numbers[int(self.plan.chance.integers(2))] = math.nan  # of the place, which every controller reads
         return self.send(now_ms, MOTION.pack(KIND_STATE, name, now_ms, *numbers), EVERYBODY)
+
+
+def _place(motion: Motion) -> tuple[float, float]:
+    return motion.x_m, motion.y_m
 
 
 def _in_the_way(name: int, now_ms: int, victim: Motion, goal_m: tuple[float, float]) -> bytes:

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from phalanx.bti import request
+from phalanx.bti import request, rounds
 from phalanx.bti.fleet import BOUND, PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action, Transmit
-from phalanx.wire.table import KIND_STATE
+from phalanx.wire.table import AUDIT_FRAGMENT, KIND_STATE
 
 from .liar import MOTION, Liar
 from .silence import RefuseToAudit
@@ -77,7 +77,7 @@ class RequestFlood(Flood):
         self._asked_ms[auditor] = now_ms
         self._turn += 1
         victim = others[(self._turn + 1 + self._turn // len(others)) % len(others)]
-        frame = audit_frame(victim, auditor, request.FRAGMENT, b"\x00\x00\x00\x01" + bytes(8))
+        frame = AUDIT_FRAGMENT.encode(src=victim, dst=auditor, request=0, index=0, count=1, bytes=bytes(8))
         return self.send(now_ms, frame, auditor)
 
 
@@ -152,14 +152,51 @@ class SlotSquat(Liar):
     def on_wake(self, now_ms: int) -> list[Action]:
         """The same last fragment to each, once more."""
         others = [rob_id for rob_id in self.plan.ids if rob_id not in (self.id, *self.plan.accomplices)]
-        last_of_two = bytes([0, 0, 1, 2, 0])
-        actions = [
-            action
-            for auditor in others
-            for action in self.send(now_ms, audit_frame(self.id, auditor, request.FRAGMENT, last_of_two), auditor)
-        ]
+        actions = [action for auditor in others for action in self.send(now_ms, self._last_of_two(auditor), auditor)]
         self.gained += len(actions)
         return actions
+
+    def _last_of_two(self, auditor: int) -> bytes:
+        return AUDIT_FRAGMENT.encode(src=self.id, dst=auditor, request=0, index=1, count=2, bytes=b"\0")
+
+
+class TalkOver(Liar):
+    """Talks while a robot that it does not hear asks for audits: whom both are near hears neither.
+
+    It knows the mission, so when that robot's rounds begin and when it asks again, and is silent in between. What it
+    says are AUDIT frames of no meaning, which no log shows; accomplices take turns. It passes its own audits.
+    A hole of ours, closed in bti/request.py.
+    """
+
+    period_ms = 1
+    FIRST_MS: ClassVar[int] = 200  # the first robot's first round, in a mission's time
+    LASTS_MS: ClassVar[int] = 40
+    AT_ONCE: ClassVar[int] = 4  # leaves no gap that a long fragment fits into
+    _first_ms = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """A few short frames, if the victim asks now and it is this liar's turn.
+
+        First when the victim's round begins, and then each time that it asks again those that did not answer.
+        """
+        s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
+        if not self._first_ms:
+            round_ms = self.FIRST_MS + int(rounds.mixed(int(s.mission_seed) + 1, self._victim())) % period_ms
+            self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
+        asks_ms = (now_ms - self._first_ms) % (period_ms // 2 + int(s.retry) - 1)
+        turns = len(self.plan.accomplices) + 1
+        its_turn = asks_ms % turns == sum(other < self.id for other in self.plan.accomplices)
+        if now_ms < self._first_ms or asks_ms >= self.LASTS_MS or not its_turn:
+            return []
+        noise = audit_frame(self.id, 0, 0x7D, b"")
+        actions = [action for _ in range(self.AT_ONCE) for action in self.send(now_ms, noise, EVERYBODY)]
+        self.gained += len(actions)
+        return actions
+
+    def _victim(self) -> int:
+        """Somebody whom it does not hear, if there is one."""
+        others = [name for name in self.plan.ids if name not in (self.id, *self.plan.accomplices)]
+        return min([name for name in others if name not in self.seen] or others)
 
 
 class GhostAuditors(Liar):

@@ -150,7 +150,7 @@ class StaleLog(Hijack):
         if trusted.anode_token_request(self.profile, f.anode[i], now_ms, tor, treq) < 0:
             r.quota = 0
             return False
-        f.peer[i, rounds.peer_at(f, i, tor, True)].asked = r.round_no
+        f.peer[i, rounds.peer_at(f, i, tor)].asked = r.round_no
         r.quota -= 1
         r.request_no = (int(r.request_no) + 1) & 0xFFFF
         r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 from phalanx.robot.cnode import Action
 from phalanx.robot.controllers.python_controller import Act, Send
-from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, WHEELS_COMMAND
+from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, SENSOR, WHEELS_COMMAND
 
-from .liar import Liar
+from .liar import MOTION, Liar
 
 COMMAND = ACCELERATION.form
 FULL_MPS2 = 5.0
@@ -69,19 +69,44 @@ class Nondeterministic(Liar):
 
 
 class Dawdle(Liar):
-    """In-protocol harm: what it does is right, and as late as the rules allow."""
+    """In-protocol harm: what it does is right, and as late as the rules allow: each reading, and what follows."""
 
     # Little, and no noise: the run beside it is the same to the bit until the first delay, and among the twelve of
     # docs/attacks.md one that delays by the period alone stays within 2 mm of it (tests/attacks/test_small_harm.py).
     period_ms = 5
 
-    DELAY_MS: ClassVar[int] = 85  # and the period on top of it
+    POLLS_MS: ClassVar[int] = 90  # after its time, and the period on top of it
+    DELAY_MS: ClassVar[int] = 85  # likewise, after that
 
     _round_waits = False
+    _reading: tuple[int, bytes] | None = None
+    _told_mps2 = 0.0, 0.0
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._waiting: list[tuple[int, Send | Act]] = []
+
+    def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
+        """The s-node has to wait, and then says where the robot is by then."""
+        if not self.lies(now_ms) or len(reading) != SENSOR.size or not self.POLLS_MS:
+            return super().on_sensor(now_ms, reading)
+        self._reading = now_ms, reading
+        return []
+
+    def _moved(self, now_ms: int, was_ms: int, reading: bytes) -> bytes:
+        """The same reading, so much later: what the sensor would say."""
+        dt = (now_ms - was_ms) / 1000
+        kind, rob_id, _, *motion = MOTION.unpack(reading)
+        x_m, y_m, vx_mps, vy_mps = motion
+        ax, ay = self._told_mps2
+        place = x_m + vx_mps * dt + ax * dt * dt / 2, y_m + vy_mps * dt + ay * dt * dt / 2
+        return MOTION.pack(kind, rob_id, now_ms, *place, vx_mps + ax * dt, vy_mps + ay * dt)
+
+    def act(self, now_ms: int, command: bytes) -> list[Action]:
+        """What it was told to do last is remembered."""
+        if len(command) == ACCELERATION.size:
+            self._told_mps2 = COMMAND.unpack(command)[3:]
+        return super().act(now_ms, command)
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """The controller decides at once; its outputs wait."""
@@ -95,8 +120,11 @@ class Dawdle(Liar):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """What has waited long enough goes out, and then a round that fell into the wait begins."""
-        self._put_out = []
         actions: list[Action] = []
+        if self._reading and self._reading[0] + self.POLLS_MS <= now_ms:
+            (was_ms, reading), self._reading = self._reading, None
+            actions += super().on_sensor(now_ms, self._moved(now_ms, was_ms, reading))
+        self._put_out = []
         while self._waiting and self._waiting[0][0] <= now_ms:
             actions += self.put_out(now_ms, self._waiting.pop(0)[1])
         self._put_out = None

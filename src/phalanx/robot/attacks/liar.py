@@ -16,11 +16,11 @@ import numpy as np
 from phalanx.bti import audit, request
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
 from phalanx.bti.fleet import Fleet
-from phalanx.robot import auditor, node
+from phalanx.robot import node
 from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send, checked_outputs, compiled
-from phalanx.wire.fields import Row, row
+from phalanx.wire.fields import Row, get_u16, row
 from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 from .attack import Attack, Scene
@@ -208,12 +208,13 @@ class Liar(CNode):
         if place < 0:
             return -1
         q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
-        return place if audit.open_request(self.w, q, length) == 0 else -1
+        src = get_u16(row(frame), request.AT_SRC)
+        return place if audit.open_request(self.w, q, length, src) == 0 else -1
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
         """The sender of the request just opened gets its token, whatever its log shows."""
         src = int(self.w.case[0].tee)
-        refused = auditor.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
+        refused = audit.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
         node.answer(self.f, self.i, self.w, place, src, refused)
         return self.judged(now_ms)
 

@@ -47,6 +47,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         Attack("flee", "hijack.Flee", STOPPED, ASTRAY, 0.5,
                does="drives away from the goal as fast as it can, out of everybody's range",
                stopped_by="its commands differ from replay; and out of range it gets no tokens at all"),
+        Attack("expel", "claims.Expel", by_defence("harmless", "bites", "stopped"), STARVED, 1,
+               does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
+               stopped_by="replay sends no such state; and in `bound` all that neighbours say pushes no harder than "
+                          "four of them can (docs/adr/0026)"),
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).
@@ -127,6 +131,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         Attack("frame-flood", "floods.FrameFlood", LIMITED, AIRTIME, 40,
                does="fills the channel with long AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` AUDIT frames draw airtime from a leaky bucket of the a-node's"),
+        Attack("talk-over", "floods.TalkOver", HARMLESS, STARVED, 1, crowd=True,
+               does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
+               stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `bound` the "
+                          "a-node's bucket limits how much of the time can be talked over"),
         Attack("covert-talk", "floods.CovertTalk", LIMITED, AIRTIME, 4,
                does="sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),
@@ -178,7 +186,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         # Little, and no noise: the run beside it is the same to the bit until the first delay, and one that delays by
         # the period alone stays within a millimetre of it (tests/attacks/test_small_harm.py).
         Attack("in-protocol", "hijack.Dawdle", NOT_COVERED, ASTRAY, 0.02,
-               does="does what it must, as late as is not late: each output almost δ after its cause",
+               does="does what it must, as late as is not late: each reading by almost δ, each output by that again",
                stopped_by="nothing: a robot that keeps to the protocol is a correct one, whatever its owner wants "
                           "(§3.9)"),
         Attack("jam", "floods.Jam", NOT_COVERED, AIRTIME, 40,

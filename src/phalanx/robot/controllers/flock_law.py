@@ -21,11 +21,13 @@ N_MAX, FORGET_MS, STATE_EVERY, LIMIT, GOAL_X, GOAL_Y = 0, 1, 2, 3, 4, 5
 EPSILON, A, B, C, H_ALPHA, H_BETA = 6, 7, 8, 9, 10, 11
 R_SQUARED, R_NORM, D_NORM, D_BETA_NORM = 12, 13, 14, 15
 C1_ALPHA, C2_ALPHA, C1_BETA, C2_BETA, C1_GAMMA, C2_GAMMA = 16, 17, 18, 19, 20, 21
-DISCS, BOXES, OBSTACLES = 22, 23, 24
+PUSH, DISCS, BOXES, OBSTACLES = 22, 23, 24, 25
+# A neighbour pushes hardest at its spring's steepest, or by a pace that is so much another one's.
+PACE_MPS = 1.0
 
 
 def flock_params(config: FlockConfig) -> Params:
-    """The mission's parameters as kernels read them: 24 numbers, then the obstacles.
+    """The mission's parameters as kernels read them: 25 numbers, then the obstacles.
 
     An obstacle acts within d' = 0.5 kappa d, where its bump ends, so that the paper's r' = kappa d' changes nothing.
     c = |a - b| / sqrt(4 a b) as in the original; Table 3 prints it without bars, and a < b would then push robots that
@@ -56,6 +58,7 @@ def flock_params(config: FlockConfig) -> Params:
         config.c2_beta,
         config.c1_gamma,
         config.c2_gamma,
+        config.crowd * max(config.c1_alpha * config.b / math.sqrt(config.epsilon), config.c2_alpha * PACE_MPS),
         len(config.discs),
         len(config.boxes),
     )

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 from phalanx.errors import UsageError
 from phalanx.wire.record import Record, Value
-from phalanx.wire.table import ORDER, ORDER_LED, ORDER_ROUTE, ORDER_WHEELS, WAYPOINT
+from phalanx.wire.table import ORDER, ORDER_LED, ORDER_ROUTE, ORDER_WHEELS, TELL_LED, TELL_ROUTE, TELL_WHEELS, WAYPOINT
 
-WHEELS, LED, ROUTE = 1, 2, 3
 ID, NUMBER, ACTION, BODY = map(ORDER.at, ("id", "number", "action", "body"))
 COUNT, POINTS = (BODY + ORDER_ROUTE.at(name) for name in ("count", "points"))
 WHEELS_BYTES = ORDER_WHEELS.size
@@ -27,12 +26,12 @@ def wheels_order(robot: int, number: int, left_pct: int, right_pct: int) -> byte
 
     Raises: UsageError: a value is out of range. Source: docs/spec/vocabulary.md.
     """
-    return _order(robot, number, WHEELS, ORDER_WHEELS, left=left_pct, right=right_pct)
+    return _order(robot, number, TELL_WHEELS, ORDER_WHEELS, left=left_pct, right=right_pct)
 
 
 def led_order(robot: int, number: int, red: int, green: int, blue: int) -> bytes:
     """Show a colour, 0..255 each; otherwise like `wheels_order`. Source: docs/spec/vocabulary.md."""
-    return _order(robot, number, LED, ORDER_LED, red=red, green=green, blue=blue)
+    return _order(robot, number, TELL_LED, ORDER_LED, red=red, green=green, blue=blue)
 
 
 def route_order(robot: int, number: int, threshold_mm: int, points_mm: Sequence[tuple[int, int]]) -> bytes:
@@ -46,7 +45,9 @@ def route_order(robot: int, number: int, threshold_mm: int, points_mm: Sequence[
             f"at most {WAYPOINTS_MAX} points, 1 to {THRESHOLD_MAX_MM} mm",
         )
     points = b"".join(WAYPOINT.encode(x_mm=x_mm, y_mm=y_mm) for x_mm, y_mm in points_mm)
-    return _order(robot, number, ROUTE, ORDER_ROUTE, threshold_mm=threshold_mm, count=len(points_mm), points=points)
+    return _order(
+        robot, number, TELL_ROUTE, ORDER_ROUTE, threshold_mm=threshold_mm, count=len(points_mm), points=points
+    )
 
 
 def _order(robot: int, number: int, action: int, body: Record, **values: Value) -> bytes:

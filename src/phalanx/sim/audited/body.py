@@ -10,7 +10,7 @@ from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.sine import sine_cosine
-from phalanx.sim.drive import turned_kernel
+from phalanx.sim.drive import AXLE_M, BODY_M, TOP_SPEED_MPS, turned_kernel
 from phalanx.wire import table
 from phalanx.wire.fields import Row, get_f32, get_i8, put_f32, put_u16, put_u64
 
@@ -28,10 +28,8 @@ X, Y, VX, VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 X_MM, Y_MM, DIRECTION = map(table.WHEELS_SENSOR.at, ("x_mm", "y_mm", "direction_deg"))
 LEFT, RIGHT, RED = map(table.WHEELS_COMMAND.at, ("left", "right", "red"))
+LED_BYTES = WHEELS_COMMAND_BYTES - RED
 MOST_MPS2 = 5.0
-BODY_M = 0.04
-TOP_SPEED_MPS = 0.3
-AXLE_M = 0.075
 DEG_PER_RAD = 57.29577951308232
 
 
@@ -48,7 +46,7 @@ def driven_by(controller: Declaration) -> int:
 
 @kernel
 def advance(world: World, i: int) -> None:
-    """Robot i is where its last command has brought it by now. Source: RoboRebound §4; none for the wheels."""
+    """Robot i is where its last command has brought it by now. Source: RoboRebound §4."""
     now_us = world.clock[0].now_us
     if world.clock[0].body == POINT_MASS:
         motion.advance(world.pos, world.vel, world.acc, world.moved_us, i, now_us)
@@ -113,7 +111,7 @@ def actuate(world: World, i: int, command: Row, length: int) -> None:
     else:
         world.acc[i, 0] = _share(get_i8(command, LEFT))
         world.acc[i, 1] = _share(get_i8(command, RIGHT))
-        for k in range(3):
+        for k in range(LED_BYTES):
             world.led[i, k] = command[RED + k]
 
 

@@ -167,7 +167,7 @@ def frame_left(world: World, i: int, arrived: int) -> int:
         world.clock[0].robot = i
         return 1
     if arrived == 0:
-        node.give_up(world.fleet, i)
+        request.not_arrived(world.fleet, i, clock_ms(world, i))
     pump(world, i)
     return 0
 
@@ -211,9 +211,11 @@ def pump(world: World, i: int) -> None:
             f.robot[i].quota = 0
         return
     at_ms = rounds.next_retry(f, i, now)
-    if at_ms >= 0 and world.retry_us[i] < 0:
-        world.retry_us[i] = clock.now_us + (at_ms - now) * 1000
-        push(world.queue, world.retry_us[i], RETRY, i, 0)
+    at_us = clock.now_us + (at_ms - now) * 1000
+    # One that is due before the one that waits gets an event of its own; the later one comes all the same.
+    if at_ms >= 0 and (world.retry_us[i] < 0 or at_us < world.retry_us[i]):
+        world.retry_us[i] = at_us
+        push(world.queue, at_us, RETRY, i, 0)
 
 
 @kernel

@@ -99,8 +99,9 @@ def perform(world: World, i: int, actions: list[Action]) -> None:
         elif isinstance(action, Actuate):
             body.actuate(world, i, row(action.command), len(action.command))
         elif isinstance(action, Retry):
-            if world.retry_us[i] < 0:
-                world.retry_us[i] = action.at_ms * 1000 - int(world.boot_us[i])
-                push(world.queue, int(world.retry_us[i]), loop.RETRY, i, 0)
+            at_us = max(action.at_ms * 1000 - int(world.boot_us[i]), int(world.clock[0].now_us))
+            if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
+                world.retry_us[i] = at_us
+                push(world.queue, at_us, loop.RETRY, i, 0)
         elif isinstance(action, Verdict):
             loop.judged(world, i, action.auditee, int(action.refusal))

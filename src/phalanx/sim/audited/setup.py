@@ -57,6 +57,7 @@ class Setup:
     radio: RadioConfig
     obstacles: Sequence[Disc | Box] = ()  # count as contacts
     area_m: tuple[float, float] = (0.0, 0.0)  # what wheels stay within
+    hub: int = 0  # so many robots hear all in range, and the others, each in an aisle of its own, hear them alone
     # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
 
@@ -163,6 +164,8 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         reading=np.zeros(64, np.uint8),
         verdicts=np.zeros((VERDICTS, 4), np.int64),
     )
+    if setup.hub:
+        world.reach.aisle[setup.hub : n] = np.arange(1, n - setup.hub + 1)
     clock, audited = world.clock[0], setup.profile != PLAIN
     clock.sender, clock.body, clock.contact_m = NOBODY, setup.body, setup.contact_m
     clock.move_us, clock.control_us = MOVE_US, setup.bti.t_control_ms * 1000

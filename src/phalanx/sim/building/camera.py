@@ -61,6 +61,11 @@ class Camera:
         lens = self.config.intrinsics
         self._light = np.linspace(*self.config.light, lens.width, dtype=np.float32)
 
+    @property
+    def eye(self) -> tuple[Intrinsics, Mount]:
+        """What robots and auditors have to know of it to tell where a code is."""
+        return self.config.intrinsics, self.config.mount
+
     def picture(
         self,
         pose: Pose,

@@ -6,11 +6,15 @@ from __future__ import annotations
 
 import gzip
 import zlib
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
+from phalanx.mission.landmarks.sources import sources_of
 from phalanx.sim.builtin import DATA, built_in
 
 from .drawn import PREFIX, drawn
@@ -39,7 +43,12 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
             hint = f"{near}a YAML file, {PREFIX}SEED, or {', '.join(known)}"
             raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
     words = _read(path, FILE_MAX_BYTES)
-    if "image" not in read_yaml(words, path.name):
+    read = read_yaml(words, path.name)
+    return replace(_drawn_in(path, words, read), sources=sources_of(read, path.name))
+
+
+def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any]) -> FloorPlan:
+    if "image" not in read:
         return floorplan_of_yaml(words, path.stem)
     image = path.parent / map_words(words, path.name).image
     packed = image.with_name(image.name + ".gz")

@@ -20,7 +20,7 @@ from phalanx.sim.scenarios.own import mistakes_in
 from phalanx.wire.record import Record
 
 from .calls import ROBOT, Call, calls_of, maker
-from .trace import LIVES, Step
+from .trace import LATER_S, LIVES, Step
 
 # Beside the first process. With four in all, two strings in a set come in the same order in every one in 1 of 8 cases.
 OTHERS = 3
@@ -149,7 +149,7 @@ class _Process:
 
 
 def _named(turn: int) -> str:
-    return f"process {turn + 1} (hash seed {turn}, {ZONES[turn]}, {turn} days later)"
+    return f"process {turn + 1} (hash seed {turn}, {ZONES[turn]}, {turn * LATER_S / 86_400:.1f} days later)"
 
 
 def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
@@ -175,7 +175,7 @@ def _first_difference(words: str, calls: list[Call], one: list[Step], other: lis
             if (kind, payload) != (kind_2, payload_2):
                 what = f"output {nth}, {kind}" + ("" if kind == kind_2 else f" or {kind_2}")
                 raw = bytes.fromhex(payload)
-                known = [each for each in KNOWN if len(raw) == each.size and raw.startswith(bytes([each.tag or 0]))]
+                known = [each for each in KNOWN if len(raw) == each.size and raw[0] == each.tag]
                 return Finding(k, str(call), what, *_located(payload, payload_2, known[:1], who))
         if state != state_2:
             return Finding(k, str(call), "encode", *_located(state, state_2, remembered, who))

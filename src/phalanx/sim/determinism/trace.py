@@ -7,6 +7,7 @@ that the process is started with.
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 import random
 import sys
@@ -22,7 +23,10 @@ from .calls import Call, Make, maker, returning
 
 # What a controller did at one call: type and bytes of each output, what it remembers then, and what it raised.
 Step = tuple[list[tuple[str, str]], str, str]
-DAY_S = 86_400.0
+# Neither whole days nor whole hours: the hour, the minute and the second of a day are others too.
+LATER_S = 118_383.0
+# So many calls another robot's controller is behind: what both keep in one place is then not the same.
+BEHIND = 7
 
 
 def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
@@ -32,11 +36,11 @@ def live(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
 
 
 def live_beside(make: Make, rob_id: int, calls: list[Call]) -> list[Step]:
-    """The same, while another robot's controller in the same process is asked the same just before."""
+    """The same, while another robot's controller in this process is asked what this one was asked a while before."""
     controller, other = make(rob_id), make(rob_id + 1)
     steps = []
-    for call in calls:
-        _step(other, call)
+    for k, call in enumerate(calls):
+        _step(other, calls[max(0, k - BEHIND)])
         steps.append(_step(controller, call))
     return steps
 
@@ -103,17 +107,39 @@ def _told(error: Exception) -> str:
 
 
 def _shake(turn: int) -> list[bytearray]:
-    """Clocks are days ahead; memory has holes elsewhere, as long as what is returned is kept."""
-    for name in ("time", "monotonic", "perf_counter", "process_time"):
-        at: Callable[[], float] = getattr(time, name)
-        setattr(time, name, lambda at=at: at() + turn * DAY_S)
-        at_ns: Callable[[], int] = getattr(time, f"{name}_ns")
-        setattr(time, f"{name}_ns", lambda at_ns=at_ns: at_ns() + turn * int(DAY_S) * 1_000_000_000)
+    """Clocks are ahead; memory has holes elsewhere, as long as what is returned is kept."""
+    _set_clocks(turn * LATER_S)
     chance = random.Random(turn)  # noqa: S311 - no secret, and not the one that the controller may use
     kept = [bytearray(chance.randrange(16, 2048)) for _ in range(20_000)]
     chance.shuffle(kept)
     del kept[::2]
     return kept
+
+
+def _set_clocks(ahead_s: float) -> None:
+    for name in ("time", "monotonic", "perf_counter", "process_time", "thread_time", "clock_gettime"):
+        at: Callable[..., float] = getattr(time, name)
+        setattr(time, name, lambda *which, at=at: at(*which) + ahead_s)
+        at_ns: Callable[..., int] = getattr(time, f"{name}_ns")
+        setattr(time, f"{name}_ns", lambda *which, at_ns=at_ns: at_ns(*which) + int(ahead_s) * 1_000_000_000)
+    for name in ("gmtime", "localtime"):
+        of: Callable[[float], time.struct_time] = getattr(time, name)
+        setattr(time, name, lambda when=None, of=of: of(time.time() if when is None else when))
+
+    class Later(dt.datetime):
+        @classmethod
+        def now(cls, tz: dt.tzinfo | None = None) -> dt.datetime:  # type: ignore[override]
+            return dt.datetime.fromtimestamp(time.time(), tz)
+
+        @classmethod
+        def utcnow(cls) -> dt.datetime:  # type: ignore[override]
+            return dt.datetime.fromtimestamp(time.time(), dt.UTC).replace(tzinfo=None)
+
+        @classmethod
+        def today(cls) -> dt.datetime:  # type: ignore[override]
+            return cls.now()
+
+    dt.datetime = Later  # type: ignore[misc]
 
 
 def main(job: Path, out: Path) -> None:

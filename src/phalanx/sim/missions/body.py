@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
-from phalanx.mission import Landmark
+from phalanx.mission.file.canonical import parse_action
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.codes import SeenCode
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.robot.controllers.mission.controller import Senses
+from phalanx.mission.refused import MalformedMission
 from phalanx.robot.controllers.mission.readings import Sensors
+from phalanx.robot.controllers.mission.sensed import Eye, code_entry, reading_entry
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.diffdrive import DiffDrive
 from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
 from phalanx.sim.building.walkers import Walkers
-from phalanx.wire.table import DRIVE, KIND_ACTION, KIND_DRIVE
+from phalanx.wire.table import ACTION, DRIVE, KIND_ACTION, KIND_DRIVE
 
 STEP_S = 0.05  # walls are looked at so often
 PEOPLE_STEP_S = 0.1
-CAMERA_EVERY = 5  # readings from one picture to the next
+SHOWN_S = 10.0  # an action can be seen for so long
 MILLI = 1000
 
 
@@ -37,6 +41,11 @@ class Building:
         self._crowd = crowd
         self._steps = 0
 
+    @property
+    def eye(self) -> Eye | None:
+        """What is known of robots' cameras, if there is anything for them to read."""
+        return self.camera.eye if self.camera else None
+
     def pass_time(self, now_s: float) -> None:
         """People are where they have walked by now."""
         while self._crowd is not None and self._steps * PEOPLE_STEP_S <= now_s:
@@ -51,6 +60,7 @@ class MissionBody:
     Args:
         rob_id: 1..65535, as its readings say.
         start: x, y and heading, map frame.
+        picture_every: readings from one picture of its camera to the next.
     """
 
     def __init__(
@@ -61,13 +71,16 @@ class MissionBody:
         start: Pose,
         noise: OdometryNoise,
         seed: tuple[int, ...],
+        picture_every: int = 5,
     ) -> None:
         self.rob_id, self.building, self.sensors = rob_id, building, sensors
+        self.picture_every = picture_every
         self.wheels = DiffDrive(building.plan, start)
         self.actions: list[bytes] = []
+        self._did: dict[str, float] = {}  # by the action's name: when it last did so
         # In its own frame, and never corrected: what it has been told about its place is the controller's affair.
         self.odometry = Odometry((0.0, 0.0, 0.0), noise, np.random.default_rng([*seed, 1]))
-        self._random = np.random.default_rng([*seed, 0])
+        self._random, self._chance = np.random.default_rng([*seed, 0]), np.random.default_rng([*seed, 2])
         self._speed_mps = self._turn_radps = 0.0
         self._now_s = 0.0
         self._readings = 0
@@ -96,24 +109,40 @@ class MissionBody:
                 return True
         return False
 
-    def sense(self, t_ms: int) -> tuple[bytes, bytes]:
-        """(what the s-node chains, the scan whose hash is in it)."""
+    def sense(self, t_ms: int, watched: Iterable[str] = ()) -> tuple[bytes, bytes]:
+        """(what the s-node chains; the scan whose hash is in it, and behind it what other sensors read).
+
+        Args:
+            watched: what its camera makes of the other robots in sight.
+        """
         building, odometry = self.building, self.odometry
         self._readings += 1
-        raw = self.sensors.raw_of(building.lidar.sweep(self.wheels.pose, self._random, building.people))
+        scan = building.lidar.sweep(self.wheels.pose, self._random, building.people)
+        entries = [reading_entry(reading.encode()) for reading in (*watched, *self._near())]
+        raw = self.sensors.raw_of(scan, [*entries, *map(code_entry, self._read())])
         return self.sensors.make(self.rob_id, t_ms, odometry.pose, odometry.travelled_m, raw), raw
 
-    def look_around(self, messages: tuple[bytes, ...]) -> Senses:
-        """What it senses beside messages, in this moment: the codes that its camera reads, when it takes a picture."""
-        camera, building = self.building.camera, self.building
-        if camera is None or self._readings % CAMERA_EVERY:
-            return Senses(messages=messages)
-        codes = camera.look(self.wheels.pose, self._random, building.people, self._turn_radps)
+    def _near(self) -> list[str]:
+        """What it reads of sources around, the nearest first."""
+        plan, at = self.building.plan, self.wheels.pose[:2]
+        found = []
+        for source in plan.sources:
+            place, chance = (source.x_m, source.y_m), float(self._chance.standard_normal())
+            away = math.dist(at, place)
+            if source.is_read(away, chance) and not (source.stopped_by_walls and not plan.sees(at, place)):
+                found.append((away, source.reading))
+        return [reading for _, reading in sorted(found)]
 
-        def at(pose: Pose) -> tuple[Landmark, ...]:
-            return camera.landmarks(codes, pose)
+    def does(self) -> list[str]:
+        """The names of actions that can be seen of it now."""
+        return [name for name, when_s in self._did.items() if self._now_s - when_s <= SHOWN_S]
 
-        return Senses(at, messages)
+    def _read(self) -> tuple[SeenCode, ...]:
+        """The codes that its camera reads, when it takes a picture."""
+        camera, people = self.building.camera, self.building.people
+        if camera is None or self._readings % self.picture_every:
+            return ()
+        return camera.look(self.wheels.pose, self._random, people, self._turn_radps)
 
     def obey(self, command: bytes) -> None:
         """The actuators do what a command says; what is no command of theirs does nothing."""
@@ -122,6 +151,8 @@ class MissionBody:
             self._speed_mps, self._turn_radps = speed / MILLI, turn / MILLI
         elif command[:1] == bytes([KIND_ACTION]):
             self.actions.append(command)
+            with suppress(MalformedMission):  # of a liar: nobody knows what that looks like
+                self._did[parse_action(command[ACTION.size :]).name] = self._now_s
 
     def halt(self) -> None:
         """It stands where it is, for good. Source: RoboRebound §3.1 (Safe Mode)."""

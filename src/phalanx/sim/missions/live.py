@@ -1,8 +1,10 @@
-"""Robots on a mission in real time, in a process of their own: a search for landmarks takes a core for a tenth of a
-second, and whoever shows the robots to visitors must not wait for it.
+"""Robots on a mission in real time, in a process of their own.
 
-The process is told what to live (a `MissionRun`), and tells ten times a second what became of it (a `Moment`). When a
-tick takes longer than it should, the robots' time goes slower: nobody is hurled through a wall.
+A search for landmarks takes a core for a tenth of a second. Whoever shows the robots to visitors must not wait for it.
+
+The process tells how far it is while it compiles. Then it is told what to live (a `MissionRun`), and tells ten times a
+second what became of it (a `Moment`). When a tick takes longer than it should, the robots' time goes slower: nobody is
+hurled through a wall.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ from phalanx.mission import BuildOptions, Draft, Landmark, Phase, Position, Prof
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot.attacks import ON_MISSIONS
 from phalanx.robot.attacks.missions.cheat import CheatPlan
-from phalanx.robot.on_mission import Completed, Decoded, News, NotValidated
+from phalanx.robot.on_mission import Completed, Decoded, Drift, News, NotValidated, drift_of
 from phalanx.sim.audited.watch import shields
+from phalanx.sim.compiling import telling_of_compiling
 
 from .orders import start_of
 from .setup import MissionRun, Part
@@ -47,6 +50,7 @@ class Standing:
     vouchers: tuple[tuple[int, float], ...] = ()
     safe_mode: bool = False
     attack: str = ""  # that it runs, or ""
+    drift: Drift = (0, 0, 0)  # that it has learnt of its wheels
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,7 @@ class Crew:
             tuple((tor - 1, left_s) for tor, left_s in shields(self._world.world, i)) if self._run.audited else (),
             is_stopped,
             robot.attack,
+            drift_of(*robot.controller.memory.belief.drift),
         )
 
     def _news(self, i: int, robot: MissionRobot) -> list[News]:
@@ -130,15 +135,17 @@ def live(pipe: Connection, plan: FloorPlan, defence: str, held: c_byte) -> None:
 
     Args:
         pipe: takes (number, MissionRun or Lie), gives (number, Moment or None): of that run, None before the first.
-        plan: the building, for a rehearsal: what is to be compiled is, before the first word.
+            Before it takes anything it gives (0, words) for as long as it compiles.
+        plan: the building, for a rehearsal, in which all is compiled.
         held: other than 0 while robots are to stand still.
     """
     os.nice(NICE)
-    _rehearse(plan, defence)
     number: int = 0
     crew: Crew | None = None
-    due_s = time.monotonic()
     try:
+        with telling_of_compiling(lambda _, share: pipe.send((0, f"compiling what robots run: {100 * share:.0f} %"))):
+            _rehearse(plan, defence)
+        due_s = time.monotonic()
         while True:
             pipe.send((number, crew.tick(bool(held.value)) if crew else None))
             due_s = max(due_s + TICK_S, time.monotonic())

@@ -7,16 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from phalanx.errors import UsageError
-from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Sensor, StartKey
+from phalanx.errors import UsageError, did_you_mean
+from phalanx.mission import Action, Built, EncodedMission, Landmark, Mission, Position, Sensor, StartKey
 from phalanx.mission.landmarks import FloorPlan, WallCode
+from phalanx.mission.landmarks.sources import Beacon
 from phalanx.mission.observable import Observable
 from phalanx.sim.building.diffdrive import DiffDriveConfig
 from phalanx.sim.building.odometry import Pose
 
-from .setup import MissionRun, Part, pool_of
+from .setup import DOES, MissionRun, Part, actions_of, doing, pool_of
 
 CODE_HEIGHT_M, CODE_EDGE_M = 0.3, 0.12
+BEACON_M = 2.0  # range of one that stands where a mission wants its reading
+LONE = "robot"  # what those are called whose mission has one part
 NORTH_RAD = math.pi / 2
 File = tuple[EncodedMission, StartKey | None]
 
@@ -30,15 +33,12 @@ class Orders:
     parts: tuple[Part, ...]  # robot i gets part i modulo their number
     pool: tuple[Action, ...] = ()
     controller: tuple[bytes, ...] = ()  # messages that a controller sends when the robots start
-    unauditable: str = ""  # what robots must sense for it and no audit can show, "" as far as anybody here knows
 
     def run(self, **how: Any) -> MissionRun:
         """The run in which robots live it; one for each part if nothing else is said.
 
-        Raises: UsageError: one is out of range, or robots shall audit each other on what no audit can show.
+        Raises: UsageError: a value is out of range.
         """
-        if self.unauditable and how.get("defence", "none") != "none":
-            raise UsageError(f"what robots read from {self.unauditable} cannot be audited yet", "--defence none")
         given = {"plan": self.plan, "parts": self.parts, "pool": self.pool, "controller": self.controller}
         return MissionRun(**{"robots": len(self.parts), **given, **how})
 
@@ -81,18 +81,14 @@ def orders_of_files(
             f"encoded files: {len(files)}, and {plain.name!r} is built into {len(plain.parts)}",
             "one file for each part, in the order in which they were built",
         )
-    _check_sensed(plain)
+    plan = furnished(plan, plain)
+    check_sensed(plan, plain)
+    doings = set(_doings(plain))
+    is_watched = any(not doings.isdisjoint(_readings(alias)) for node in plain.nodes for alias in node.see)
     starts = [start or _start(plain, part, plan) for part in plain.parts]
-    parts = tuple(Part(*file, begin) for file, begin in zip(files, starts, strict=True))
-    return Orders(name, furnished(plan, plain), parts, pool_of(plain), messages, unauditable(plain))
-
-
-def unauditable(plain: Mission) -> str:
-    """What robots must read for a mission and no audit can show: "codes", "sensors", or ""."""
-    things = _things(plain)
-    if any(isinstance(thing, Landmark) and thing.text is not None for thing in things):
-        return "codes"
-    return "sensors" if any(isinstance(thing, Sensor) for thing in things) else ""
+    names = [_title(plain, part) if is_watched else "" for part in plain.parts]
+    parts = tuple(Part(*file, begin, title) for file, begin, title in zip(files, starts, names, strict=True))
+    return Orders(name, plan, parts, pool_of(plain), messages)
 
 
 def _things(plain: Mission) -> list[Observable]:
@@ -124,23 +120,57 @@ def _has_room(plan: FloorPlan, x_m: float, y_m: float) -> bool:
 
 
 def furnished(plan: FloorPlan, plain: Mission) -> FloorPlan:
-    """The building with the QR codes on its walls that the mission's author put there and the map does not show."""
+    """The building with what its author put there and the map does not show: QR codes on walls, beacons at nodes."""
     shown = {code.text for code in plan.codes}
     hung = [
         WallCode(thing.text, thing.x_m, thing.y_m, CODE_HEIGHT_M, thing.orientation_rad or 0.0, CODE_EDGE_M)
         for thing in _things(plain)
         if isinstance(thing, Landmark) and thing.text is not None and thing.text not in shown
     ]
-    return replace(plan, codes=(*plan.codes, *hung)) if hung else plan
+    known = {*(source.reading for source in plan.sources), *_doings(plain)}
+    put = [
+        Beacon(reading=reading, x_m=thing.x_m, y_m=thing.y_m, range_m=BEACON_M)
+        for node in plain.nodes
+        for alias in node.see
+        for thing in alias
+        if isinstance(thing, Landmark | Position)
+        for reading in _readings(alias)
+        if reading not in known and not _is_of_robot(plain, reading)
+    ]
+    if not hung and not put:
+        return plan
+    return replace(plan, codes=(*plan.codes, *hung), sources=(*plan.sources, *dict.fromkeys(put)))
 
 
-def _check_sensed(plain: Mission) -> None:
-    """Refuses a mission with a node that no robot here can sense: they have wheels, a lidar and a camera."""
+def _readings(alias: tuple[Observable, ...]) -> list[str]:
+    """What other sensors than lidar and camera have to say for it."""
+    return [thing.value.decode(errors="replace") for thing in alias if isinstance(thing, Sensor)]
+
+
+def _title(plain: Mission, part: str) -> str:
+    """What robots on a part are called when others see what they do."""
+    return part if len(plain.parts) > 1 else LONE
+
+
+def _doings(plain: Mission) -> list[str]:
+    """What robots can see each other do in a mission."""
+    return [doing(_title(plain, part), act.name) for part in plain.parts for act in actions_of(plain, [part])]
+
+
+def check_sensed(plan: FloorPlan, plain: Mission) -> None:
+    """Nothing, if robots can sense each node of a mission in this building, furnished for it. Raises: UsageError."""
+    doings = _doings(plain)
+    known = {source.reading for source in plan.sources} | {*doings}
     for node in plain.nodes:
-        wanted = [next((thing for thing in alias if isinstance(thing, Sensor)), None) for alias in node.see]
-        if (sensor := wanted[0]) is not None and None not in wanted:
-            raise UsageError(
-                f"{node.name!r} wants the reading {sensor.value.decode(errors='replace')!r}, and simulated robots have"
-                " no such sensor",
-                "see: a landmark, a QR code or a position instead",
-            )
+        missing = [next((each for each in _readings(alias) if each not in known), None) for alias in node.see]
+        if None in missing or not (reading := next(iter(missing), None)):
+            continue
+        hint = "a place beside it in see; beacons or quantities in the map; or what a robot does: PART does ACTION"
+        if _is_of_robot(plain, reading):
+            hint = did_you_mean(reading, doings) + f"robots do {', '.join(dict.fromkeys(doings)) or 'nothing'}"
+        raise UsageError(f"{node.name!r} wants the reading {reading!r}, and nothing in {plan.name} gives it", hint)
+
+
+def _is_of_robot(plain: Mission, reading: str) -> bool:
+    who, does, _ = reading.partition(DOES)
+    return bool(does) and who in {_title(plain, part) for part in plain.parts}

@@ -2,13 +2,15 @@
 
     /scene    foxglove.SceneUpdate      walls from the start; each landmark from when somebody decoded it
     /tf       foxglove.FrameTransforms  world → robot-1, and robot-1-believes: where it takes itself to be
-    /log      foxglove.Log              decoded, done, not validated
+    /log      foxglove.Log              decoded, done, not validated, and at the end what its wheels err by
+    /drift    phalanx.Drift             what a robot has learnt that its odometry leaves out, whenever that changed
 
 What nobody decoded is not in the file.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,11 +26,25 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.sim.recorder import NS, WORLD, Recorder, cylinder, frame, pose_at, time_of
 
-from .report import Report
+from .report import Report, drift_words
 
 GREY, GREEN = Color(r=0.4, g=0.4, b=0.4, a=1.0), Color(r=0.0, g=0.62, b=0.45, a=0.8)
 MARK_M, MARK_HEIGHT_M = 0.5, 0.3
+DRIFT = {
+    "type": "object",
+    "title": "phalanx.Drift",
+    "description": "What its odometry leaves out, as a robot has learnt: of the way, of turns, and to the left",
+    "properties": {
+        "robot": {"type": "integer"},
+        **{key: {"type": "number"} for key in ("way", "turn", "curve_radpm")},
+    },
+}
 Entry = tuple[float, str, Any]  # when, topic, message
+
+
+class _Recorder(Recorder):
+    def _begin(self) -> None:
+        self._channel("/drift", "json", "phalanx.Drift", "jsonschema", json.dumps(DRIFT).encode())
 
 
 def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
@@ -36,8 +52,14 @@ def write_recording(path: Path, plan: FloorPlan, reports: list[Report]) -> None:
 
     Raises: UsageError: no such folder. Unavailable: it cannot be written.
     """
-    entries = [(0.0, "/scene", _walls(plan)), *_landmarks(reports), *_frames(reports), *_log(reports)]
-    with Recorder(path) as file:
+    entries = [
+        (0.0, "/scene", _walls(plan)),
+        *_landmarks(reports),
+        *_frames(reports),
+        *_drifts(reports),
+        *_log(reports),
+    ]
+    with _Recorder(path) as file:
         for t_s, topic, message in sorted(entries, key=lambda entry: entry[:2]):
             file.put(topic, _ns(t_s), message)
 
@@ -76,11 +98,18 @@ def _frames(reports: list[Report]) -> Iterator[Entry]:
             yield t_s, "/tf", FrameTransforms(transforms=frames)
 
 
+def _drifts(reports: list[Report]) -> Iterator[Entry]:
+    for report in reports:
+        for t_s, (way, turn, curve) in report.drifts:
+            yield t_s, "/drift", {"robot": report.robot + 1, "way": way, "turn": turn, "curve_radpm": curve}
+
+
 def _log(reports: list[Report]) -> Iterator[Entry]:
     for report in reports:
         said = [(t_s, Log.INFO, f"decoded node {node}") for t_s, node in report.decoded]
         said += [(t_s, Log.WARNING, f"not validated: {reason}") for t_s, reason in report.not_validated]
         said += [(t_s, Log.INFO, f"did {action}") for t_s, action in report.actions]
+        said.append((report.t_s, Log.INFO, f"its wheels err by   {drift_words(report.drift)}"))
         said.append((report.t_s, Log.INFO if report.done else Log.ERROR, "done" if report.done else "not completed"))
         for t_s, level, message in said:
             log = Log(timestamp=time_of(_ns(t_s)), level=level, name=f"robot-{report.robot + 1}", message=message)

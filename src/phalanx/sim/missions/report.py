@@ -46,6 +46,8 @@ class Report:
     actions: list[tuple[float, str]] = field(default_factory=list)
     # (t_s, true pose, estimate, odometry alone) of each step, if it is kept
     trace: list[tuple[float, Pose, Pose, Pose]] = field(default_factory=list)
+    # (t_s, what it had learnt that its odometry leaves out: see `drift`) whenever that changed, if the trace is kept
+    drifts: list[tuple[float, tuple[float, float, float]]] = field(default_factory=list)
     digest: str = ""
     lacks: tuple[str, ...] = ()  # what nodes that it could have decoded next are made of, and its world does not have
     safe_mode_s: float | None = None  # when it was stopped by those who audit it, or None
@@ -105,7 +107,8 @@ class ObservedController(MissionController):
         walk, outcome = super().walk(seen, claim)
         if outcome.trials:
             self.search_ms.append(1e3 * (working_s() - began))
-        self.outcome, self.seen = replace(outcome, trials=outcome.trials + self.tries), seen
+        self.outcome = replace(outcome, trials=outcome.trials + self.tries) if self.tries else outcome
+        self.seen = seen
         return walk, outcome
 
 
@@ -119,10 +122,10 @@ class Logbook:
         self._digest = hashlib.sha256()
         self._truth = Truth(body.building.plan, body.building.lidar.config)
 
-    def note(self, t_s: float, reading: bytes) -> None:
-        """Writes down what came of a step, in which the robot had this reading."""
+    def note(self, t_s: float) -> None:
+        """Writes down what came of a step."""
         report, true = self.report, self.body.wheels.pose
-        estimate, uncorrected = self.controller.pose(reading), self.controller.uncorrected_pose(reading)
+        estimate, uncorrected = self.controller.memory.belief.pose, self.controller.uncorrected_pose()
         outcome, phase = self.controller.outcome, self.controller.memory.walk.phase
         report.t_s = t_s
         report.done = phase is Phase.DONE
@@ -131,6 +134,9 @@ class Logbook:
         report.odometry_error_m.append(math.dist(true[:2], uncorrected[:2]))
         if self._keep_trace:
             report.trace.append((t_s, true, estimate, uncorrected))
+            drift = self.controller.memory.belief.drift
+            if drift != (report.drifts[-1][1] if report.drifts else None):
+                report.drifts.append((t_s, drift))
         self._digest.update(struct.pack("<3q", *(round(value * 1e6) for value in true)))
         if outcome is None:
             return
@@ -194,14 +200,17 @@ class Logbook:
         walk, mission = self.controller.memory.walk, self.controller.given.mission
         gates = [gate for (_, node), gate in walk.keys.gates.items() if node not in walk.opened]
         shapes = [*mission.header.shapes, *(hint.shape for gate in gates for hint in gate.hints)]
-        is_blind = self.controller.missions.audited or self.body.building.camera is None
+        is_blind = self.body.building.camera is None
         wanted = (
             ("codes on the walls", is_blind and any(shape.text for shape in shapes)),
             (
                 "actions that robots can do",
                 not self.controller.given.pool and any(shape.action for shape in shapes),
             ),
-            ("a sensor that simulated robots do not have", any(shape.sensors for shape in shapes)),
+            (
+                "beacons, or what else other sensors tell of",
+                not self.body.building.plan.sources and any(shape.sensors for shape in shapes),
+            ),
         )
         return () if self.report.done else tuple(what for what, is_wanted in wanted if is_wanted)
 
@@ -214,6 +223,12 @@ def digest_of(reports: list[Report]) -> str:
         return repr((report.digest, *told, report.decoded, report.not_validated, report.actions))
 
     return hashlib.sha256("\n".join(map(lived, reports)).encode()).hexdigest()
+
+
+def drift_words(drift: tuple[float, float, float]) -> str:
+    """What a robot has learnt that its odometry leaves out, for people: see `Report.drift`."""
+    way, turn, curve = drift
+    return f"way {100 * way:+.1f} %   turns {100 * turn:+.1f} %   {math.degrees(curve):+.2f}° a metre"
 
 
 def quantile(reports: list[Report], name: str, share: float) -> float | None:

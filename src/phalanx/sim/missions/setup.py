@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 
 from phalanx.bti.audit import Work
@@ -12,7 +12,6 @@ from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import UsageError
 from phalanx.mission import Action, EncodedMission, Mission, StartKey
-from phalanx.mission.graph import Node
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers.python_controller import Controller
@@ -21,6 +20,8 @@ from phalanx.sim.building.walkers import PEOPLE_MAX
 
 ROBOTS_MAX, IN_HEARING_MAX = 1000, 300
 AUDITED_MAX = 32  # in one radio range, each with a lidar of its own
+
+DOES = " does "
 
 MakeCNode = Callable[[Fleet, int, Work, Callable[[int], Controller]], CNode]
 
@@ -32,6 +33,7 @@ class Part:
     mission: EncodedMission
     key: StartKey | None
     start: Pose
+    name: str = ""  # by which other robots know one on this part when they see what it does; "" if none looks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +81,6 @@ class MissionRun:
             raise UsageError(f"{self.robots} robots that hear each other", f"up to {IN_HEARING_MAX}")
         if self.audited:
             check_count(self.robots, self.f_max)
-            check_auditable(self.parts)
             if self.meet_m:
                 raise UsageError("what robots tell each other when they meet cannot be audited yet", "--defence none")
 
@@ -90,13 +91,22 @@ class MissionRun:
 
     @property
     def alone(self) -> bool:
-        """Whether no robot can hear another."""
+        """Whether no robot can hear another, or is to see what another does."""
         says = any(node.sends for part in self.parts for node in part.mission.nodes)
-        return not (self.audited or self.meet_m or says)
+        sees = any(part.name for part in self.parts)
+        return not (self.audited or self.meet_m or says or sees)
 
     def part_of(self, number: int) -> Part:
         """What a robot is given."""
         return self.parts[number % len(self.parts)]
+
+
+def doing(who: str, action: str) -> str:
+    """What a robot's sensor says of another, on the part `who`, that does something: S_ij.
+
+    Source: Encoded graphs Fig. 5 (sensor data at robot i, describing robot j's actions).
+    """
+    return f"{who}{DOES}{action}"
 
 
 def check_count(robots: int, f_max: int) -> None:
@@ -110,22 +120,16 @@ def check_count(robots: int, f_max: int) -> None:
         raise UsageError(f"{robots} robots on missions cannot audit each other in time", hint)
 
 
-def check_auditable(parts: Sequence[Part]) -> None:
-    """Nothing, if robots can audit each other on these missions.
-
-    A sealed mission tells nobody what it is made of: there, whoever has the author's word asks `Orders`.
-    Raises: UsageError.
-    """
-    if any(shape.text or shape.sensors for part in parts for shape in part.mission.header.shapes):
-        raise UsageError("what robots read from codes and sensors cannot be audited yet", "--defence none")
-
-
 def pool_of(plain: Mission) -> tuple[Action, ...]:
     """The actions that a mission's author counts on: what robots must be capable of, without where or when."""
+    return tuple(dict.fromkeys(actions_of(plain, plain.parts)))
 
-    def of(node: Node) -> list[Action]:
-        said = [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
-        return [*said, node.do] if node.do else said
 
-    actions = [action for node in plain.nodes for action in of(node)]
-    return tuple(dict.fromkeys([*actions, *(way.do for way in plain.ways if way.do)]))
+def actions_of(plain: Mission, parts: Container[str]) -> list[Action]:
+    """What a mission has the robots on some of its parts do."""
+    nodes = {node.name: node for node in plain.nodes if node.part in parts}
+    done: list[Action] = []
+    for node in nodes.values():
+        done += [thing for alias in node.see for thing in alias if isinstance(thing, Action)]
+        done += [node.do] if node.do else []
+    return [*done, *(way.do for way in plain.ways if way.do and way.source in nodes)]

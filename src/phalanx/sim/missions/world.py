@@ -33,17 +33,19 @@ from phalanx.sim.radio.channel import BROADCAST
 
 from .body import Building, MissionBody
 from .report import Logbook, ObservedController, Report
-from .setup import MissionRun
+from .setup import MissionRun, doing
 
 Proofs = tuple[tuple[int, bytes], ...]  # node, and what shows that somebody decoded it
 US_PER_S = 1e6
 STEP_S = 0.1  # from one reading to the next, where robots do not audit each other
+PICTURE_S = 0.5  # from one picture of a camera to the next
 NO_CONTACTS_M = 0.0
 NEIGHBOURS_LEAST = 8
 STATION_ID = 0
 # How often robots that see each other exchange proofs, and the station says a message.
 MEET, SAY = "meet", "say"
 PERIOD_US = {MEET: 500_000, SAY: 1_500_000}
+WATCH_M = 10.0  # robots see what others do from so near
 KEYS_DRAW = 0x706D
 PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
 
@@ -109,8 +111,9 @@ class MissionWorld:
                 )
                 for i, number in enumerate(numbers)
             },
-            Sensors(run.lidar, extraction=run.plan.extraction),
+            Sensors(run.lidar, run.plan.extraction),
             run.config,
+            self.building.eye,
             audited=run.audited,
         )
         self.bti = BtiConfig(f_max=run.f_max, n_max=max(NEIGHBOURS_LEAST, run.f_max + 1, len(numbers)))
@@ -134,18 +137,23 @@ class MissionWorld:
             ),
             np.random.default_rng([run.seed, numbers[0], KEYS_DRAW]),
         )
+        # Asked for at every event: reading a record's field takes a microsecond.
+        clock = self.world.clock
+        self._now_us, self._event = clock["now_us"], (clock["kind"], clock["robot"])
         walkers = [walker] if walker else [Walker(part.mission, part.key, run.config) for part in run.parts]
         self.robots = [self._robot(i, number, walkers) for i, number in enumerate(numbers)]
         self._verdicts = VerdictReader(self.world)
         self._said = 0
+        self._is_watched = any(part.name for part in run.parts)
         happens = {MEET: run.meet_m > 0, SAY: bool(run.controller)}
         self._due_us = {what: PERIOD_US[what] for what, does in happens.items() if does}
         start(self.world, self._cnodes)
 
     def _robot(self, i: int, number: int, walkers: list[Walker]) -> MissionRobot:
         run, walker = self.run, walkers[number % len(walkers)]
+        every = round(PICTURE_S * 1000 / self.bti.t_control_ms)
         body = MissionBody(
-            i + 1, self.building, self.missions.sensors, run.part_of(number).start, run.noise, (run.seed, number)
+            i + 1, self.building, self.missions.sensors, run.part_of(number).start, run.noise, (run.seed, number), every
         )
         make = self.missions.controllers_of(i + 1, walker, ObservedController)
         cnode = run.liars.get(number, CNode)(self.world.fleet, i, self.world.work, make)
@@ -158,7 +166,7 @@ class MissionWorld:
     @property
     def now_s(self) -> float:
         """Simulated seconds so far."""
-        return float(self.world.clock[0].now_us) / US_PER_S
+        return float(self._now_us[0]) / US_PER_S
 
     @property
     def over(self) -> bool:
@@ -168,19 +176,19 @@ class MissionWorld:
     def advance(self, until_s: float) -> None:
         """The world at `until_s`; robots that meet tell each other where they were, the station says its messages."""
         until_us = round(until_s * US_PER_S)
-        while int(self.world.clock[0].now_us) < until_us:
+        while self._now_us[0] < until_us:
             self._advance(min([until_us, *self._due_us.values()]))
-            now_us = int(self.world.clock[0].now_us)
+            now_us = int(self._now_us[0])
             for what, due_us in self._due_us.items():
                 if due_us <= now_us:
                     self._due_us[what] += PERIOD_US[what]
                     self.meet() if what == MEET else self._say()
 
     def _advance(self, until_us: int) -> None:
-        cnodes, clock = self._cnodes, self.world.clock[0]
+        cnodes, (kind, robot) = self._cnodes, self._event
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-            if int(clock.kind) == loop.CONTROL:
-                self._control(int(clock.robot))
+            if kind[0] == loop.CONTROL:
+                self._control(int(robot[0]))
             else:
                 pybot.handle(self.world, cnodes)
         assert refused(self.world.queue) == 0, "the queue of events was too short"
@@ -227,10 +235,9 @@ class MissionWorld:
             return
         self._move(i)
         cnode, now_ms = robot.cnode, clock_ms(self.world, i)
-        reading, cnode.raw = robot.body.sense(now_ms)
+        reading, cnode.raw = robot.body.sense(now_ms, self._watched(robot))
         if not self.run.audited:
-            robot.controller.senses = robot.body.look_around(robot.hears)
-            robot.hears = ()
+            robot.controller.messages, robot.hears = robot.hears, ()
         was_over = robot.controller.over
         for action in cnode.on_sensor(now_ms, reading):
             if isinstance(action, Actuate):
@@ -238,7 +245,18 @@ class MissionWorld:
             elif isinstance(action, Transmit):
                 pybot.perform(self.world, i, [action])
         if not was_over:
-            robot.note(self.now_s, reading)
+            robot.note(self.now_s)
+
+    def _watched(self, robot: MissionRobot) -> list[str]:
+        """What a robot sees others do, all around it: S_ij. Source: Encoded graphs Fig. 5."""
+        at, told = robot.body.wheels.pose[:2], list[str]()
+        for other in self.robots if self._is_watched else ():
+            name = self.run.part_of(other.number).name
+            if name and other is not robot and (does := other.body.does()):
+                place = other.body.wheels.pose[:2]
+                if math.dist(at, place) <= WATCH_M and self.run.plan.sees(at, place):
+                    told += [doing(name, action) for action in does]
+        return told
 
     def compromise(self, i: int, attack: Attack, plan: CheatPlan) -> None:
         """A robot lies from now on, with all that it knows."""

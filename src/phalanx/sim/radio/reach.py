@@ -32,6 +32,7 @@ class Reach(NamedTuple):
     cell: NDArray[np.int64]  # (N, 2), the cell each robot is in
     first: NDArray[np.int32]  # (power of two ≥ N,), the first robot of each bucket of cells
     after: NDArray[np.int32]  # (N,), the next robot of the same bucket
+    aisle: NDArray[np.int32]  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
 
 
 ReachType, ReachRef, pack = reference(Reach)
@@ -57,6 +58,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reac
         np.zeros(capacity, np.float32),
         np.zeros((robots, 2), np.int64),
         np.zeros(buckets, np.int32),
+        np.zeros(robots, np.int32),
         np.zeros(robots, np.int32),
     )
     return pack(reach)
@@ -92,7 +94,7 @@ def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
                 square = dx * dx + dy * dy
                 # Cells share buckets: a robot counts for its own cell only, or it would be listed twice.
                 here = reach.cell[k, 0] == x and reach.cell[k, 1] == y
-                if here and k != i and square <= limit:
+                if here and k != i and square <= limit and not _walled(reach, i, k):
                     if total < len(reach.ids):
                         reach.ids[total] = k
                         reach.square[total] = square
@@ -100,6 +102,11 @@ def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
                 k = reach.after[k]
     reach.start[count] = min(total, len(reach.ids))
     return total
+
+
+@kernel
+def _walled(reach: Reach, i: int, k: int) -> bool:
+    return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 
 
 @kernel

@@ -50,4 +50,6 @@ def neighbours_at_start(scenario: Scenario, enough: int) -> np.ndarray[tuple[int
             if (across or up) and (across * step_m) ** 2 + (up * step_m) ** 2 <= range_m**2:
                 there = (columns + across >= 0) & (columns + across < edge) & (rows + up >= 0)
                 count += there & ((rows + up) * edge + columns + across < scenario.robots)
+    if scenario.hub:
+        count[scenario.hub :] = np.minimum(count[scenario.hub :], scenario.hub)
     return np.minimum(count, enough)

@@ -12,7 +12,7 @@ import re
 import types
 import typing
 from bisect import bisect_left
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, NoReturn, get_args, get_origin
 
@@ -20,6 +20,7 @@ import yaml
 
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
+from phalanx.config.written import compose, line_of, named
 from phalanx.errors import ALIKE, Unavailable, UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_FLOCKS
 from phalanx.sim.builtin import built_in
@@ -103,17 +104,7 @@ class _Reader:
         self._source = source
 
     def compose(self, data: bytes) -> yaml.Node:
-        try:
-            node = yaml.compose(data.decode(), yaml.SafeLoader)
-        except UnicodeDecodeError as error:
-            line = 1 + data.count(b"\n", 0, error.start)
-            raise UsageError(f"{self._source}:{line}: not UTF-8", "save it as UTF-8") from error
-        except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            line = mark.line + 1 if mark else 1
-            raise UsageError(f"{self._source}:{line}: not YAML: {error.problem}", "docs/scenarios.md") from error
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise UsageError(f"{self._source}: not YAML", "docs/scenarios.md has examples") from error
+        node = compose(data, self._source, "docs/scenarios.md has examples")
         if node is None:
             raise UsageError(f"{self._source}: empty", f"allowed: {', '.join(_keys(Scenario))}")
         return node
@@ -141,7 +132,7 @@ class _Reader:
         return {key: self.read(arguments[1], value, key) for key, (_, value) in pairs.items()}
 
     def _read_scalar(self, kind: Any, node: yaml.Node, name: str) -> Any:
-        plain = isinstance(node, yaml.ScalarNode) and node.style is None and len(node.value) <= MOST_DIGITS
+        plain = isinstance(node, yaml.ScalarNode) and not node.style and len(node.value) <= MOST_DIGITS
         if kind is int and plain and WHOLE.fullmatch(node.value):
             return int(node.value)
         if kind is float and plain and NUMBER.fullmatch(node.value):
@@ -164,7 +155,7 @@ class _Reader:
                 self._refuse(node, f"{name} has {', '.join(pairs) or 'nothing'}", shapes)
             return self._read_record(fitting, pairs, node, name)
         assert kinds == (float, str), "the only choice of scalars there is"
-        if isinstance(node, yaml.ScalarNode) and node.style is None and NUMBER.fullmatch(node.value):
+        if isinstance(node, yaml.ScalarNode) and not node.style and NUMBER.fullmatch(node.value):
             return self.read(float, node, name)
         if _text(node) is None:
             self._refuse(node, f"{name} is {_shown(node)}", "a number or text")
@@ -204,12 +195,12 @@ class _Reader:
             if key is None:
                 self._refuse(key_node, f"{_shown(key_node)} in {name} is not a key", "a word")
             if key in pairs:
-                self._refuse(key_node, f"{name} has {key!r} twice", f"first in line {_line(pairs[key][0])}")
+                self._refuse(key_node, f"{name} has {key!r} twice", f"first in line {line_of(pairs[key][0])}")
             pairs[key] = key_node, value_node
         return pairs
 
     def _refuse(self, node: yaml.Node, what: str, allowed: str) -> NoReturn:
-        raise UsageError(f"{self._source}:{_line(node)}: {what}", allowed)
+        raise UsageError(f"{self._source}:{line_of(node)}: {what}", allowed)
 
 
 def _culprit(
@@ -232,20 +223,13 @@ def _culprit(
             shortest = bisect_left(lengths, True, key=lambda n: still(values | {key: items[:n]}))
             if shortest > 0:
                 item = node.value[shortest - 1]
-                return _named(item.value, complaint) or item
+                pair = named(item.value, complaint)
+                return pair[0] if pair else item
     fields = _keys(kind)
     others = {key: {name: value for name, value in values.items() if name != key} for key in pairs}
     needed = {key: pairs[key][0] for key in reversed(pairs) if _has_default(fields[key]) and not still(others[key])}
-    return _named(pairs.values(), complaint) or next(iter(needed.values()), None)
-
-
-def _named(pairs: Iterable[tuple[yaml.Node, yaml.Node]], complaint: str) -> yaml.Node | None:
-    """The first key that a complaint names, or whose value it quotes."""
-    return next((k for k, v in pairs if re.search(rf"\b{k.value}\b", complaint) or repr(v.value) in complaint), None)
-
-
-def _line(node: yaml.Node) -> int:
-    return int(node.start_mark.line) + 1
+    pair = named(pairs.values(), complaint)
+    return pair[0] if pair else next(iter(needed.values()), None)
 
 
 def _text(node: yaml.Node) -> str | None:

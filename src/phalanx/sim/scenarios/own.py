@@ -123,9 +123,9 @@ def find_class(words: str, kind: type[Any]) -> Any:
 def mistakes_in(*named: str | None) -> Iterator[None]:
     """What the files in these "FILE.py:CLASS" do wrong is a `UsageError` that names file and line.
 
-    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What others
-    in a file's folder raise counts as well; and what is raised where we call a class and no line of its file runs, as
-    with a method that takes other arguments: then there is no line to name.
+    So nobody has to read a traceback of ours; it is logged, at DEBUG. Names that are of no file do nothing. What other
+    files in the same folder raise counts as well. A call of ours may fail before a line of the file runs, as of a
+    method that takes other arguments: then there is no line to name.
     """
     files = [Path(words.partition(":")[0]) for words in named if words and is_file(words)]
     try:

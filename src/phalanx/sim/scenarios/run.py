@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
+from phalanx.config.flock import NO_CROWD
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
@@ -54,16 +55,19 @@ class Run:
         bundled = dispatch.BUNDLED[scenario.controller]
         if scenario.controller not in in_scenarios():
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
+        # As printed, neighbours' claims have no bound.
+        flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
             profile=PROFILES[scenario.defence],
             controller=0 if controller else dispatch.NUMBERS[scenario.controller],
-            params=bundled.params(scenario.flock),
+            params=bundled.params(flock),
             body=driven_by(bundled),
             seed=scenario.seed,
             contact_m=scenario.contact_m,
             obstacles=scenario.obstacles,
+            hub=scenario.hub,
             bti=scenario.bti,
             radio=scenario.radio,
             before_key={int(spec.robot or 0) - 1: spec.attack.kind.before_key for spec in drawn},

@@ -91,18 +91,27 @@ class Scenario:
     n_max: int | None = field(
         default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")
     )
+    hub: int = field(
+        default=0,
+        metadata=told(
+            "so many robots, the first, stand where aisles meet: the others, each in its aisle, hear them alone; "
+            "0: all hear all in range"
+        ),
+    )
     bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
     flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
     radio: RadioConfig = field(default_factory=RadioConfig, metadata=told("parameters of the radio"))
 
     def __post_init__(self) -> None:
-        for name in ("robots", "seed"):
+        for name in ("robots", "seed", "hub"):
             if not isinstance(getattr(self, name), Integral):
                 raise UsageError(f"{name} is {getattr(self, name)!r}", "a whole number")
         if not all(isinstance(each, AttackSpec) for each in self.attacks):
             raise UsageError(f"attacks are {self.attacks!r}", "a tuple of AttackSpec")
         if not 1 <= self.robots <= MOST_ROBOTS:
             raise UsageError(f"{self.robots} robots", f"1 to {MOST_ROBOTS}")
+        if not 0 <= self.hub <= self.robots:
+            raise UsageError(f"hub is {self.hub}", f"0 to {self.robots}, as there are robots")
         check_limits(self)
         check_within("the grid's edge", self.grid_step_m * (self.robots_per_edge - 1), 0.0, FARTHEST_M)
         if self.defence not in DEFENCES:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
+from operator import index
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,7 @@ def simulate(
     if attacks is not None:
         chosen = replace(chosen, attacks=find_attacks(attacks if isinstance(attacks, Sequence) else (attacks,)))
     try:
-        numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(int, seeds))
+        numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(index, seeds))
     except (TypeError, ValueError) as error:
         raise UsageError(f"seeds is {seeds!r}", "whole numbers, for example range(20)") from error
     if not numbers:

@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from phalanx.errors import UsageError
 from phalanx.robot import Point, Robot
 from phalanx.robot.follow import wheels_towards
-from phalanx.sim.drive import turned
+from phalanx.sim.drive import AXLE_M, BODY_M, TOP_SPEED_MPS, turned
 
 from .roster import DEFAULT_THRESHOLD_MM, HISTORY, HISTORY_STEP_MM, Member, Roster, member
 
 AREA_MM = (2000, 2000)
-BODY_MM = 40.0  # radius: how near to the wall the middle can come
-TOP_SPEED_MMPS = 300.0  # of a wheel at 100 %
-AXLE_MM = 75.0
+BODY_MM, AXLE_MM, TOP_SPEED_MMPS = (1000 * size for size in (BODY_M, AXLE_M, TOP_SPEED_MPS))
 BATTERY_FULL_MV = 3000.0
 BATTERY_EMPTY_MV = 2200.0
 IDLE_MVPS = 0.15  # full to empty in an hour and a half standing

@@ -6,6 +6,7 @@ known here but how many there are.
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import signal
@@ -28,7 +29,7 @@ from phalanx.robot.on_mission import Decoded, Lit, News, Progress, Walk
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.sim.building.odometry import Pose
 from phalanx.sim.missions.live import WAITING, Lie, Moment, Standing, live
-from phalanx.sim.missions.orders import Orders, orders_of, start_of, unauditable
+from phalanx.sim.missions.orders import Orders, check_sensed, furnished, orders_of, start_of
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.signals import handled_by
 
@@ -45,12 +46,14 @@ MEET_M = 8.0
 APART_S = 6.0
 BATTERY_V = 3.0
 ATTACK = "drive-dark"
-READY_WITHIN_S = 600.0
+LISTEN_EVERY_S = 0.1  # while robots are prepared
 
 
 class MissionSwarm(Roster):
     """A `phalanx.robot.on_mission.OnMission` of simulated robots, unprotected; a context manager, in which their
     process lives. The seed is that of their odometry; the clock, seconds since 1970, is also the mission's.
+
+    It is `phalanx.robot.swarm.Preparing`: what robots are told before they are ready, they hear then.
 
     Raises: UsageError: too many robots, or a building without walls or a start.
     """
@@ -79,17 +82,14 @@ class MissionSwarm(Roster):
         self._process = context.Process(target=live, args=(theirs, plan, self.defence, self._held), daemon=True)
         self._theirs = theirs
         self._lost = False
+        self.preparing = "robots come up"
+        self._untold: list[tuple[int, MissionRun | Lie]] = []
 
     def __enter__(self) -> Self:
         # It does not hear of Ctrl-C: whoever started it ends it.
         with handled_by(signal.SIG_IGN, signal.SIGINT):
             self._process.start()
         self._theirs.close()  # or its end would not be seen
-        if not self._pipe.poll(READY_WITHIN_S):
-            raise Unavailable("the robots' process does not answer")
-        self._listen()
-        if self._lost:
-            raise Unavailable("the robots' process has ended")
         return self
 
     def __exit__(
@@ -98,6 +98,18 @@ class MissionSwarm(Roster):
         self._pipe.close()
         self._process.terminate()
         self._process.join()
+
+    async def ready(self) -> Self:
+        """These robots, when all is compiled that they run.
+
+        Raises: Unavailable: their process has ended.
+        """
+        while self.preparing:
+            self._listen()
+            if self._lost:
+                raise Unavailable("the robots' process has ended before they were ready")
+            await asyncio.sleep(LISTEN_EVERY_S)
+        return self
 
     # --- the swarm ----------------------------------------------------------------------------------------------------
 
@@ -158,11 +170,7 @@ class MissionSwarm(Roster):
 
     def check(self, plain: Mission) -> None:
         """Nothing, if robots can live such a mission, see `OnMission`."""
-        if self.defence != "none" and (what := unauditable(plain)):
-            raise UsageError(
-                f"these robots audit each other: what they read from {what} cannot be audited yet",
-                "doors, corners and positions can be",
-            )
+        check_sensed(furnished(self.plan, plain), plain)
 
     def prepare(self, plain: Mission, built: Sequence[Built]) -> Callable[[], None]:
         """What has all robots begin a mission, see `OnMission`."""
@@ -174,7 +182,7 @@ class MissionSwarm(Roster):
         In a large building it waits until robots have ended their tick.
 
         Raises: PeerError: a robot must not start it: it is for others, for another time, or was started before.
-            UsageError: it cannot be audited, and robots audit each other.
+            UsageError: as `MissionRun`.
         """
         now_s = self._clock()
         for i in range(len(self._members)):
@@ -220,7 +228,8 @@ class MissionSwarm(Roster):
                 phase=stands.phase,
                 decoded=self._decoded[i],
                 of=self._nodes(i),
-                why=stands.why,
+                why=stands.why or self.preparing,
+                drift=stands.drift,
             )
             for i, (each, stands) in enumerate(zip(self._members, self._standing, strict=True))
         ]
@@ -237,6 +246,10 @@ class MissionSwarm(Roster):
     # --- inside -------------------------------------------------------------------------------------------------------
 
     def _tell(self, number: int, what: MissionRun | Lie) -> None:
+        if self.preparing and not self._lost:
+            # They do not listen yet, and a pipe that is full would make us wait.
+            self._untold = [each for each in self._untold if each[0] == number] + [(number, what)]
+            return
         try:
             self._pipe.send((number, what))
         except OSError as error:
@@ -252,13 +265,21 @@ class MissionSwarm(Roster):
     def _listen(self) -> None:
         if self._lost:
             return
+        if self.preparing:
+            self._heard_at_s = self._clock()  # where we put them
         try:
             while self._pipe.poll():
-                number, moment = self._pipe.recv()
+                number, said = self._pipe.recv()
                 self._heard_at_s = self._clock()
+                if isinstance(said, str):
+                    self.preparing = said
+                    continue
+                self.preparing = ""
+                while self._untold:
+                    self._pipe.send(self._untold.pop(0))
                 # What was on its way of a mission that has ended is nobody's business any more.
-                if moment is not None and number == self._number:
-                    self._take(moment)
+                if said is not None and number == self._number:
+                    self._take(said)
         except (EOFError, OSError):
             self._lost = True
             log.error("the robots' process has ended: they are not heard any more")  # noqa: TRY400

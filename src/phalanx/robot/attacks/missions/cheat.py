@@ -155,5 +155,6 @@ class ForgeClaim(ShowUnsensed):
 
     def shown(self, evidence: bytes) -> bytes:
         """The claim as made, the scan as it was."""
-        claim, _ = unpack_evidence(evidence, self.mission.missions.sensors.lidar.beams)
-        return pack_evidence(claim, self.raw)
+        sensors = self.mission.missions.sensors
+        claim, _ = unpack_evidence(evidence, sensors.lidar.beams)
+        return pack_evidence(claim, self.raw[: sensors.scan_bytes], self.raw[sensors.scan_bytes :])

@@ -22,7 +22,19 @@ from phalanx.robot.controllers import flock_law
 from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.wire import table
-from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_u16, get_u64, put_f32, put_u16, put_u64, whole
+from phalanx.wire.fields import (
+    F32_BYTES,
+    Row,
+    are_fine,
+    copy,
+    get_f32,
+    get_u16,
+    get_u64,
+    put_f32,
+    put_u16,
+    put_u64,
+    whole,
+)
 
 CONTROLLER = Declaration(
     reads=table.SENSOR,
@@ -38,7 +50,7 @@ ID = table.STATE.at("id")  # as in the other two
 MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading and in what is remembered
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 MOTION_BYTES = table.STATE.size - MOTION
-NUMBERS = 4  # of a motion
+NUMBERS = MOTION_BYTES // F32_BYTES
 
 X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
 HEAD_BYTES = table.FLOCK_MEMORY.size
@@ -146,6 +158,8 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
         )
         ax += push_x
         ay += push_y
+    ax = flock_law.limited(ax, params[flock_law.PUSH])
+    ay = flock_law.limited(ay, params[flock_law.PUSH])
     wall_x, wall_y = flock_law.obstacles_push(params, x, y, vx, vy)
     goal_x, goal_y = flock_law.goal_pull(params, x, y, vx, vy)
     return ax + wall_x + goal_x, ay + wall_y + goal_y

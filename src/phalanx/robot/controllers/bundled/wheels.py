@@ -26,7 +26,20 @@ from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire import table
-from phalanx.wire.fields import Row, are_fine, copy, get_f32, get_i8, get_u16, get_u32, get_u64, put_u16, put_u64, whole
+from phalanx.wire.fields import (
+    F32_BYTES,
+    Row,
+    are_fine,
+    copy,
+    get_f32,
+    get_i8,
+    get_u16,
+    get_u32,
+    get_u64,
+    put_u16,
+    put_u64,
+    whole,
+)
 
 GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
 
@@ -50,7 +63,7 @@ STATE_BYTES = table.WHEELS_STATE.size
 ID = table.WHEELS_STATE.at("id")  # as in the other two
 BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
-POSE_NUMBERS = 3
+POSE_NUMBERS = POSE_BYTES // F32_BYTES
 LED_BYTES = table.ORDER_LED.size
 
 X, Y, DIRECTION, LEFT, RIGHT = map(table.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
@@ -109,14 +122,14 @@ def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, st
     action, body = frame[orders.ACTION], orders.BODY
     if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
         return size(state)
-    if action == orders.WHEELS and length == body + orders.WHEELS_BYTES:
+    if action == table.TELL_WHEELS and length == body + orders.WHEELS_BYTES:
         state[LEFT] = percent(get_i8(frame, body)) & 255
         state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
         put_u64(state, HEARD, t_ms)
         state[COUNT] = 0
-    elif action == orders.LED and length == body + LED_BYTES:
+    elif action == table.TELL_LED and length == body + LED_BYTES:
         copy(state, LED, frame, body, LED_BYTES)
-    elif action == orders.ROUTE and _is_route(frame, length):
+    elif action == table.TELL_ROUTE and _is_route(frame, length):
         state[LEFT] = 0
         state[RIGHT] = 0
         put_u16(state, THRESHOLD, get_u16(frame, body))

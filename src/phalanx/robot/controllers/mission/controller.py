@@ -47,7 +47,8 @@ from phalanx.wire.table import (
 
 from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
 from .pilot import TRAIL_MAX, Drive, Leg, drive
-from .readings import CLEAR_STEP_M, Reading, Sensors, scan_sha1
+from .readings import CLEAR, CLEAR_STEP_M, SENSED_MAX_BYTES, Reading, Sensors, scan_sha1
+from .sensed import Eye, codes_at, parse_sensed
 from .surroundings import Pose, Sectors, packed, unpacked
 
 SAID_MAX = 8
@@ -77,15 +78,6 @@ class Assignment:
 
 
 @dataclass(frozen=True, slots=True)
-class Senses:
-    """What a robot takes in beside its readings where nobody audits it."""
-
-    # Landmarks by its camera, where a pose of the robot puts them
-    codes: Callable[[Pose], tuple[Landmark, ...]] = lambda _pose: ()
-    messages: tuple[bytes, ...] = ()  # that came by another road than the radio
-
-
-@dataclass(frozen=True, slots=True)
 class Missions:
     """All robots' assignments, and how they sense: the same for whoever drives and whoever audits."""
 
@@ -93,6 +85,7 @@ class Missions:
     # Lidar and sectors
     sensors: Sensors = Sensors()  # noqa: RUF009  # frozen
     config: MissionConfig = MissionConfig()  # noqa: RUF009  # frozen
+    eye: Eye | None = None  # the camera of those that read codes
     say_every: int = 6  # control periods from one message to the next
     audited: bool = True  # decisions rest on what auditors are shown, and on nothing else
 
@@ -125,7 +118,7 @@ class Missions:
             reading_bytes=self.sensors.reading_bytes,
             command_bytes=DRIVE.size,
             state_bytes=MISSION_MEMORY.size + SAID_MAX * SECRET_BYTES + TRAIL_MAX * CRUMB.size + max(walks),
-            evidence_max_bytes=CLAIM_ROOM_BYTES + 2 * self.sensors.lidar.beams + PACKING_BYTES,
+            evidence_max_bytes=CLAIM_ROOM_BYTES + self.sensors.scan_bytes + SENSED_MAX_BYTES + PACKING_BYTES,
             evidence_bytes_per_s=EVIDENCE_BYTES_PER_S,
         )
 
@@ -150,7 +143,7 @@ class MissionController(EvidenceController):
         walker: with the robot's start key, or one that replays.
 
     Attributes:
-        senses: of this moment, where nobody audits it; whoever polls the sensors sets them before `keep`.
+        messages: that have just come by another road than the radio, where nobody audits it.
         tries: hashes or KDFs of the last search for something to claim.
     """
 
@@ -159,12 +152,16 @@ class MissionController(EvidenceController):
         self.missions, self.walker = missions, walker
         self.given = missions.assigned[rob_id]
         self.memory = Memory(begun_at(missions.config, self.given.start))
-        self.senses = Senses()
+        self.messages: tuple[bytes, ...] = ()
         self.tries = 0
         self._scan = b""
         lidar, each = missions.sensors.lidar, missions.sensors.beams_per_sector
         step = lidar.angle_increment_rad
         self._sectors = Sectors(lidar.angle_min_rad - step / 2, each * step, missions.sensors.sectors)
+        ahead = self._sectors.cosines
+        # Steps of room, fewer than which in a sector ahead mean that the robot touches something
+        fewer = np.arange(CLEAR) * CLEAR_STEP_M < (TOUCHES_M + STEP_M * ahead)[:, None]
+        self._touching = np.where(ahead > ASIDE, fewer.sum(axis=1), 0).astype(np.uint8)
         self._extraction = replace(missions.sensors.extraction, feature_range_m=SEE_M).for_noise(lidar.noise_m)
         self._fixed = (0.0, 0.0)
 
@@ -172,9 +169,9 @@ class MissionController(EvidenceController):
         """Where the robot believes to be, by a reading of its own."""
         return self._belief(self.missions.sensors.parse(reading)).pose
 
-    def uncorrected_pose(self, reading: bytes) -> Pose:
-        """Where it would believe to be, had it never validated anything."""
-        return _placed(self.given.start, self.missions.sensors.parse(reading))
+    def uncorrected_pose(self) -> Pose:
+        """Where it would believe to be by its last reading, had it never validated anything."""
+        return _placed(self.given.start, self.memory.odometry)
 
     # --- the robot alone ----------------------------------------------------------------------------------------------
 
@@ -185,7 +182,8 @@ class MissionController(EvidenceController):
             return b""
         stopped = self.memory.walk.phase in (Phase.HELD, Phase.DONE)
         now = self._parsed(reading)
-        if stopped or now is None or len(raw) != 2 * self.missions.sensors.lidar.beams:
+        end = self.missions.sensors.scan_bytes
+        if stopped or now is None or len(raw) < end:
             return b""
         seen = self._experience(t_ms, self._belief(now), now, raw)
         if self._waits(seen):
@@ -193,11 +191,12 @@ class MissionController(EvidenceController):
         walk, claim, self.tries = self.walker.look(self.memory.walk, seen)
         self.memory = replace(self.memory, walk=walk)
         if claim:
-            return pack_evidence(claim, raw if 1 <= claim.shape.place < AT_POSITION else b"")
+            is_shown = 1 <= claim.shape.place < AT_POSITION or claim.shape.sensors
+            return pack_evidence(claim, raw[:end], raw[end:]) if is_shown else pack_evidence(claim, b"")
         moved = now.travelled_m - self._fixed[0] > AGAIN_M or abs(wrap(now.heading_rad - self._fixed[1])) > AGAIN_RAD
         if moved and self.walker.sees_again(walk, seen):
             self._fixed = now.travelled_m, now.heading_rad
-            return pack_evidence(None, raw)
+            return pack_evidence(None, raw[:end], raw[end:])
         return b""
 
     # --- what is replayed ---------------------------------------------------------------------------------------------
@@ -214,7 +213,8 @@ class MissionController(EvidenceController):
         if now is None:
             return [self._drive(t_ms, Drive())]
         claim, scan = unpack_evidence(evidence, self.missions.sensors.lidar.beams) if evidence else (None, self._scan)
-        if scan and scan_sha1(scan) != now.scan_sha1:
+        # What the robot has just sensed itself is not hashed again where nobody audits it.
+        if evidence and scan and scan_sha1(scan) != now.scan_sha1:
             raise BadEvidence("a scan that the s-node has not chained")
         if not self.memory.begun_ms:
             self.memory = replace(self.memory, begun_ms=t_ms)
@@ -230,19 +230,18 @@ class MissionController(EvidenceController):
     def _step(self, step: int, t_ms: int, now: Reading, scan: bytes, claim: Claim | None) -> list[Output]:
         belief = self._belief(now)
         seen = self._experience(t_ms, belief, now, scan)
-        self.memory = replace(self.memory, belief=belief, odometry=now.pose)
         if self._waits(seen):
+            self.memory = replace(self.memory, belief=belief, odometry=now.pose)
             return [self._drive(t_ms, Drive())]
         walk, outcome = self.walk(seen, claim)
         if outcome.fix is not None:
             belief = fixed(self.missions.config, belief, outcome.fix)
-            self.memory = replace(self.memory, belief=belief)
         own_s = 0 if walk.at is None else self.given.mission.nodes[walk.at].timeout_s
         timeout_s = own_s or self.missions.config.timeout_s
         pose = belief.pose
         leg, command = drive(self.memory.leg, outcome.order, walk.at, pose, now, self._sectors, seen.t_s, timeout_s)
         said = self.memory.said + (outcome.decoded.sends if outcome.decoded else ())
-        self.memory = replace(self.memory, leg=leg, blocked=command.blocked, said=said[-SAID_MAX:], walk=walk)
+        self.memory = Memory(belief, now.pose, self.memory.begun_ms, leg, command.blocked, said[-SAID_MAX:], walk)
         return [self._drive(t_ms, command), *self._actions(t_ms, outcome), *self._messages(step)]
 
     def walk(self, seen: Experience, claim: Claim | None) -> tuple[State, Outcome]:
@@ -260,21 +259,23 @@ class MissionController(EvidenceController):
 
     def _belief(self, now: Reading) -> Belief:
         """Where the robot believes to be, now that its wheels have said this."""
-        ahead = self._sectors.cosines
-        touches = bool(np.any((now.clear * CLEAR_STEP_M < TOUCHES_M + STEP_M * ahead) & (ahead > ASIDE)))
+        touches = bool(np.count_nonzero(now.clear < self._touching))
         return moved(self.missions.config, self.memory.belief, self.memory.odometry, now.pose, touches=touches)
 
     def _experience(self, t_ms: int, belief: Belief, now: Reading, scan: bytes) -> Experience:
         pose = belief.pose
-        landmarks = (self.landmarks(scan, pose) if scan else ()) + self.senses.codes(pose)
+        sensed = parse_sensed(scan[self.missions.sensors.scan_bytes :])
+        codes = codes_at(self.missions.eye, pose, sensed.codes)
+        landmarks = (self.landmarks(scan, pose) if scan else ()) + codes
         begun_ms = self.memory.begun_ms or t_ms
         return Experience(
             self.given.begin_s + (t_ms - begun_ms) / MILLI,
             *pose,
             now.travelled_m,
             landmarks,
+            sensed.readings,
             actions=self.given.pool,
-            messages=self.senses.messages,
+            messages=self.messages,
             blocked=self.memory.blocked,
             spread=belief.doubt,
         )
@@ -343,11 +344,11 @@ def message_frame(rob_id: int, message: bytes) -> bytes:
     return MISSION_MESSAGE.form.pack(KIND_MISSION_MESSAGE, rob_id, message)
 
 
-def _placed(origin: Pose, now: Reading) -> Pose:
+def _placed(origin: Pose, odometry: Pose) -> Pose:
     """Where odometry's frame puts the robot on the map."""
     sine, cosine = sin_cos(origin[2])
     return (
-        origin[0] + (cosine * now.x_m - sine * now.y_m),
-        origin[1] + (sine * now.x_m + cosine * now.y_m),
-        wrap(origin[2] + now.heading_rad),
+        origin[0] + (cosine * odometry[0] - sine * odometry[1]),
+        origin[1] + (sine * odometry[0] + cosine * odometry[1]),
+        wrap(origin[2] + odometry[2]),
     )

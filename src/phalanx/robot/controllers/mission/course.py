@@ -4,12 +4,13 @@ The way is sought among the cells of `surroundings`: what it costs from each of 
 straight on from there; cells near things cost more, and those where the robot would touch something so much that it
 takes any other way first, or waits before them. On that way it makes for the farthest place that it can go straight to,
 and keeps to this place until it is there or something comes between: a robot that chose anew at every step would turn
-to and fro between two ways that are equally good. Source: none; the field is that of a wavefront planner.
+to and fro between two ways that are equally good. The field is that of a wavefront planner.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,10 @@ from numpy.typing import NDArray
 from phalanx.kernel import kernel
 from phalanx.mission.angles import atan2, sin_cos
 
-from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, free_way, look
+from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, Seen, Stop, free_way, look
 
 Ints = NDArray[np.int64]
-Stop = tuple[int, int]
+Point = tuple[float, float]
 
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
@@ -56,6 +57,22 @@ CREEP_MPS, ASIDE_STEPS, ON_COURSE_RADPS = 0.1, 3, 0.15
 NEARBY_M = 1.0
 
 
+class Goal(NamedTuple):
+    """What a robot makes for, in its own frame."""
+
+    at: Point
+    beyond: Point  # what a way around makes for
+    looks: bool  # it does not know where the target is
+
+
+class Course(NamedTuple):
+    """How it gets there, from step to step."""
+
+    stop: Stop  # place on the way around that it makes for, centimetres in odometry's frame, or NO_STOP twice
+    turning: int  # how it turns about, as `Leg` has it
+    waited_s: float  # before a long way around
+
+
 @kernel
 def weight(near: int) -> int:
     """What a step costs, in halves, so near to a thing."""
@@ -69,15 +86,16 @@ def weight(near: int) -> int:
 
 
 @kernel
-def standing(cells: Bytes, along: tuple[float, float], out: Ints) -> None:
-    """Where the robot stands, it stands, however near a thing is; and behind it cells cost more."""
+def standing(cells: Bytes, along: tuple[float, float], near: Ints, out: Ints) -> None:
+    """Where the robot stands, it stands, and may go on to where things are no nearer; behind it cells cost more."""
     wide = SIDE + 2
+    own = near[(HALF + 1) * wide + HALF + 1]
     for dy in range(-REAR, REAR + 1):
         for dx in range(-REAR, REAR + 1):
             i = (HALF + 1 + dy) * wide + HALF + 1 + dx
             if cells[(HALF + dy) * SIDE + HALF + dx]:
                 continue
-            if max(abs(dx), abs(dy)) <= BESIDE:
+            if max(abs(dx), abs(dy)) <= BESIDE and near[i] >= own:
                 out[i] = min(out[i], TOUCHING // 5)
             if dx * along[0] + dy * along[1] < -0.5:
                 out[i] = max(out[i], ABOUT_COST)
@@ -107,9 +125,10 @@ def weights(cells: Bytes, along: tuple[float, float], out: Ints) -> None:
             least = min(out[i + 1] + STRAIGHT, out[i + wide] + STRAIGHT)
             least = min(least, min(out[i + wide - 1], out[i + wide + 1]) + ACROSS)
             out[i] = min(out[i], least)
+    near = out.copy()
     for i in range(len(out)):
-        out[i] = weight(out[i])
-    standing(cells, along, out)
+        out[i] = weight(near[i])
+    standing(cells, along, near, out)
 
 
 @kernel
@@ -314,47 +333,31 @@ def looking(for_s: float) -> float:
 
 
 @kernel
-def steer(
-    old: Bytes,
-    base: Stop,
-    fade: int,
-    moved: Pose,
-    clear: Bytes,
-    fan: tuple[Floats, Floats, float, float],
-    goal: tuple[float, float],
-    beyond: tuple[float, float],
-    looks: bool,
-    stop: Stop,
-    turning: int,
-    waited_s: float,
-    past_s: float,
-    cells: Bytes,
-) -> tuple[float, float, int, Stop, Stop, float]:
+def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes) -> tuple[float, float, Stop, Course]:
     """The next command.
 
     Args:
-        goal: robot frame; and `beyond`, what a way around makes for.
-        looks: it does not know where the target is.
-        stop: place on the way around that it makes for, centimetres in odometry's frame, or NO_STOP.
-        waited_s: before a long way around; and `past_s` since the last step.
-        cells: out; the rest as `look` takes it.
-    Returns: speed, turn, how it turns about, base, stop and time waited from now on.
+        past_s: since the last step.
+        cells: out, as `look` has them.
+    Returns: speed, turn, base and course from now on.
     """
-    points = np.empty((len(clear) + SIDE * SIDE, 2))
-    base_x, base_y, count = look(old, base, fade, moved, clear, fan, cells, points)
+    goal, moved = wanted.at, seen.moved
+    stop, turning, waited_s = course
+    points = np.empty((len(seen.clear) + SIDE * SIDE, 2))
+    base_x, base_y, count = look(seen, cells, points)
     base = base_x, base_y
     left_m = math.sqrt(goal[0] * goal[0] + goal[1] * goal[1])
     if left_m < 0.5 * SHORT_M:  # whoever has arrived looks around
-        return 0.0, looking(waited_s), turning, base, (NO_STOP, NO_STOP), waited_s + past_s
+        return 0.0, looking(waited_s), base, Course((NO_STOP, NO_STOP), turning, waited_s + past_s)
     # Who goes straight does so until something is near; who goes around, until nothing is in the way for long.
     along, look_m = goal, LOOK_M
     if stop[0] != NO_STOP:
-        along, look_m = beyond, BEYOND_LOOK_M
+        along, look_m = wanted.beyond, BEYOND_LOOK_M
     length_m = math.sqrt(along[0] * along[0] + along[1] * along[1])
     need = min(look_m, max(0.0, length_m - SHORT_M))
     if length_m > 0.0 and free_way(points, count, along[0] / length_m, along[1] / length_m, MARGIN_M) >= need:
         speed, turn, turning = command(points, count, goal, left_m, turning)
-        return speed, turn, turning, base, (NO_STOP, NO_STOP), 0.0
+        return speed, turn, base, Course((NO_STOP, NO_STOP), turning, 0.0)
     sine, cosine = sin_cos(moved[2])
     to_x, to_y, away = 0.0, 0.0, 0.0
     if stop[0] != NO_STOP:
@@ -362,21 +365,21 @@ def steer(
         to_x, to_y = cosine * dx + sine * dy, cosine * dy - sine * dx
         away = math.sqrt(to_x * to_x + to_y * to_y)
     if away < REACHED_M or free_way(points, count, to_x / away, to_y / away, KEEP_M) < away:
-        to_x, to_y, waits, is_long = around(cells, base, moved, beyond, points, count)
+        to_x, to_y, waits, is_long = around(cells, base, moved, wanted.beyond, points, count)
         if not is_long:
             waited_s = 0.0
-        elif waited_s <= (WAIT_S + LOOK_S if looks else WAIT_S):
+        elif waited_s <= (WAIT_S + LOOK_S if wanted.looks else WAIT_S):
             free_m = free_way(points, count, goal[0] / left_m, goal[1] / left_m, MARGIN_M) - BEFORE_M
             if free_m <= 0.0 or waited_s > WAIT_S:
                 turn = looking(waited_s - WAIT_S) if waited_s > WAIT_S else 0.0
-                return 0.0, turn, turning, base, (NO_STOP, NO_STOP), waited_s + past_s
+                return 0.0, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s + past_s)
             speed, turn, turning = command(points, count, goal, free_m, turning)
-            return speed, turn, turning, base, (NO_STOP, NO_STOP), waited_s
+            return speed, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
         if waits:
             _, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
-            return 0.0, turn, turning, base, (NO_STOP, NO_STOP), waited_s
+            return 0.0, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
         x = moved[0] + (cosine * to_x - sine * to_y)
         y = moved[1] + (sine * to_x + cosine * to_y)
         stop = int(x * CM_PER_M + (1 << 30)) - (1 << 30), int(y * CM_PER_M + (1 << 30)) - (1 << 30)
     speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
-    return speed, turn, turning, base, stop, waited_s
+    return speed, turn, base, Course(stop, turning, waited_s)

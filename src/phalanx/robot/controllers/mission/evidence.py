@@ -16,7 +16,10 @@ from phalanx.errors import PeerError
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.walk.found import Claim, parse_claim
 from phalanx.robot.controllers.python_controller import Controller, Output
-from phalanx.wire.table import KEPT, KEPT_CLAIM
+from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
+
+from .readings import SENSED_MAX_BYTES
+from .sensed import parse_sensed
 
 
 class BadEvidence(PeerError):
@@ -47,24 +50,26 @@ class EvidenceController(Controller):
         return self.on_evidence(step, t_ms, reading, b"")
 
 
-def pack_evidence(claim: Claim | None, scan: bytes) -> bytes:
+def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
     """The record `kept`: the claim, then the scan, u16 a beam, as zlib's of its differences.
 
     Args:
         claim: None where only the scan is to be seen.
         scan: b"" where the claim needs none.
+        sensed: what stands behind it, as other sensors read it.
     """
     claimed = KEPT_CLAIM.encode(claim=claim.encode()) if claim else b""
     packed = b""
     if scan:
-        steps = np.diff(np.frombuffer(scan, "<u2"), prepend=np.uint16(0)).astype("<u2")
+        steps = np.diff(np.frombuffer(scan, RANGE.dtype), prepend=np.uint16(0)).astype(RANGE.dtype)
         # High bytes first, then low ones: the high ones are nearly all alike.
-        packed = zlib.compress((steps >> 8).astype(np.uint8).tobytes() + (steps & 255).astype(np.uint8).tobytes())
+        high, low = (steps >> 8).astype(np.uint8).tobytes(), (steps & 255).astype(np.uint8).tobytes()
+        packed = zlib.compress(high + low + sensed)
     return KEPT.encode(claims=int(claim is not None), shown=claimed + packed)
 
 
 def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
-    """(claim, scan) of what another robot's log holds.
+    """(claim, scan and what stands behind it) of what another robot's log holds.
 
     Args:
         beams: of a scan; no more is unpacked, whatever the bytes would unpack to.
@@ -81,10 +86,12 @@ def unpack_evidence(raw: bytes, beams: int) -> tuple[Claim | None, bytes]:
 def _unpack_scan(packed: bytes, beams: int) -> bytes:
     unpacker = zlib.decompressobj()
     try:
-        planes = unpacker.decompress(packed, 2 * beams)
-    except zlib.error as error:
+        unpacked = unpacker.decompress(packed, 2 * beams + SENSED_MAX_BYTES)
+        planes, sensed = unpacked[: 2 * beams], unpacked[2 * beams :]
+        parse_sensed(sensed)
+    except (zlib.error, PeerError) as error:
         raise BadEvidence("not a packed scan") from error
     if len(planes) != 2 * beams or not unpacker.eof or unpacker.unused_data:
         raise BadEvidence(f"a scan that is not {beams} beams")
     high, low = np.frombuffer(planes, np.uint8).reshape(2, beams).astype(np.uint16)
-    return np.cumsum(high << 8 | low, dtype=np.uint16).astype("<u2").tobytes()
+    return np.cumsum(high << 8 | low, dtype=np.uint16).astype(RANGE.dtype).tobytes() + sensed

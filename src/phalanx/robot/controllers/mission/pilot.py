@@ -17,17 +17,19 @@ import numpy as np
 from phalanx.mission.angles import sin_cos
 from phalanx.mission.walk.outcome import Kind, Order
 
-from .course import MARGIN_M, NO_STOP, SPEED_MPS, Stop, steer
+from .course import MARGIN_M, NO_STOP, SPEED_MPS, Course, Goal, Point, steer
 from .readings import Reading
-from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, sight
-
-Point = tuple[float, float]
+from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, Seen, Stop, sight
 
 # In a doorway itself a robot does not see it: it arrives a little before, and slowly, four commands a second.
 ARRIVE_M, NEAR_M = 0.25, 0.9
+# Who waits for something at a place has to stand in its cell, which may end so near: beside it nothing is searched for.
+AT_M = 0.2
 CARROT_M = 1.5
 # Whoever goes around something makes for a place so far along the line, which lies beyond what is remembered.
 BEYOND_M = 6.0
+# Where a direction leads along a wall or against a pillar, a line so far beside it leads past.
+ASIDE_M = 0.6
 HALT_S = 2.0
 # Of the time until the robot must have validated something: without headway; and on a line, so that it can come back.
 PATIENCE, LINE = 1 / 3, 3 / 4
@@ -80,13 +82,17 @@ def drive(
     waits = order.kind is Kind.WAIT and order.place_m is not None
     if not (waits or order.kind in (Kind.GO, Kind.BACK)):
         return Leg(), Drive()
+    if order.aside and order.place_m is not None and order.toward_m is None and order.direction_rad is not None:
+        y, x = sin_cos(order.direction_rad)
+        aside_m = order.aside * ASIDE_M
+        order = replace(order, place_m=(order.place_m[0] - aside_m * y, order.place_m[1] + aside_m * x))
     key = (_KINDS.index(order.kind), _number(order.target), _number(begin))
     if key != leg.key:
         trail = leg.trail if leg.key[2] == key[2] else ()
         leg = replace(_anew(leg, key, trail), passed=order.place_m is None, best_s=t_s)
     if waits:  # there, and not where the node came in sight
         place = _local(pose, order.place_m or pose[:2])
-        return (leg, Drive()) if _length(place) < ARRIVE_M else _steered(leg, place, place, now, sectors, t_s)
+        return (leg, Drive()) if _length(place) < AT_M else _steered(leg, place, place, now, sectors, t_s)
     leg = _remember(leg, order, pose)
     leg, goal, beyond, left_m = _goal(leg, order, pose, now, sectors, t_s, LINE * SPEED_MPS * timeout_s)
     if left_m < leg.best_m - PROGRESS_M:
@@ -110,24 +116,13 @@ def _anew(leg: Leg, key: tuple[int, int, int], trail: tuple[tuple[int, int], ...
 
 def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sectors, t_s: float) -> tuple[Leg, Drive]:
     cells = np.empty(SIDE * SIDE, np.uint8)
-    speed, turn, turning, base, stop, waited_s = steer(
-        np.frombuffer(leg.cells, np.uint8),
-        leg.base,
-        min(FRESH, max(0, int(t_s // FADE_S - leg.seen_s // FADE_S))),
-        (now.x_m, now.y_m, now.heading_rad),
-        now.clear,
-        sectors.fan,
-        goal,
-        beyond,
-        goal is not beyond,  # on a line
-        leg.stop,
-        leg.turning,
-        leg.waited_s,
-        t_s - leg.seen_s,
-        cells,
-    )
-    done = leg.key, leg.passed, leg.best_m, leg.best_s, leg.trail
-    leg = Leg(*done, turning, stop, base, t_s, waited_s, cells.tobytes())
+    fade = min(FRESH, max(0, int(t_s // FADE_S - leg.seen_s // FADE_S)))
+    pose = now.x_m, now.y_m, now.heading_rad
+    seen = Seen(np.frombuffer(leg.cells, np.uint8), leg.base, fade, pose, now.clear, sectors.fan)
+    on_a_line = goal is not beyond
+    course = Course(leg.stop, leg.turning, leg.waited_s)
+    speed, turn, base, course = steer(seen, Goal(goal, beyond, on_a_line), course, t_s - leg.seen_s, cells)
+    leg = replace(leg, **course._asdict(), base=base, seen_s=t_s, cells=cells.tobytes())
     return leg, Drive(speed, turn)
 
 

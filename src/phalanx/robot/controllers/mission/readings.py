@@ -2,22 +2,28 @@
 
 A reading is the record `mission_reading` of phalanx.wire.table, a scan u16 a beam. Odometry begins at 0, 0, 0 and is
 never corrected. A sector's byte is the nearest hit in it, in steps of 2 cm rounded down; 255 is 5.1 m and more. That is
-all an s-node has to do: a hash, and a minimum over whole numbers. Source: docs/spec/mission.md (Under audit).
+all an s-node has to do: a hash, and a minimum over whole numbers.
+
+What other sensors read stands behind the ranges, each a `sensed`, and is hashed with them. Source: docs/spec/mission.md
+(Under audit).
 """
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
+from phalanx.kernel import kernel
 from phalanx.mission.landmarks.scan import LaserScan
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING
+from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING, RANGE
 
 _HEAD = MISSION_READING.form
 HEAD_BYTES = _HEAD.size
@@ -25,13 +31,35 @@ PER_M, PER_RAD = 10_000, 1_000_000
 MM_PER_M = 1000
 CLEAR_STEP_M = 0.02
 CLEAR = 255
+SECTOR_RAD = math.radians(3)
 SILENT, MISS = 0, 0xFFFF
+SENSED_MAX_BYTES = 1024  # of one moment
 MOST_M, MOST_RAD = 200_000.0, 2000.0
-# What a beam's word says, by that word: metres, and steps of room.
-_RANGES_M = np.arange(MISS + 1) / float(MM_PER_M)
-_RANGES_M[[SILENT, MISS]] = np.nan, np.inf
-_STEPS = np.minimum(np.arange(MISS + 1) // round(CLEAR_STEP_M * MM_PER_M), CLEAR).astype(np.uint8)
-_STEPS[SILENT] = CLEAR
+_CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
+
+
+@kernel
+def _words_of(ranges: NDArray[np.float64], words: NDArray[np.uint16]) -> None:
+    for k in range(len(ranges)):
+        millimetres = np.rint(ranges[k] * MM_PER_M)
+        words[k] = SILENT if np.isnan(millimetres) else int(min(millimetres, float(MISS)))
+
+
+@kernel
+def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64]) -> None:
+    for k in range(len(words)):
+        if words[k] == SILENT:
+            ranges[k] = np.nan
+        else:
+            ranges[k] = np.inf if words[k] == MISS else words[k] / float(MM_PER_M)
+
+
+@kernel
+def _room_in(words: NDArray[np.uint16], each: int, clear: NDArray[np.uint8]) -> None:
+    clear[:] = CLEAR
+    for k in range(len(words)):
+        if words[k] != SILENT:
+            clear[k // each] = min(int(clear[k // each]), int(words[k]) // _CLEAR_STEP_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,41 +91,40 @@ def with_hash_of(reading: bytes, raw: bytes) -> bytes:
     return _HEAD.pack(*head) + reading[HEAD_BYTES:]
 
 
+def _beams_per_sector(lidar: LidarConfig) -> int:
+    divisors = (count for count in range(1, lidar.beams + 1) if lidar.beams % count == 0)
+    return min(divisors, key=lambda count: abs(count * lidar.angle_increment_rad - SECTOR_RAD))
+
+
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """How the robots of a mission see: the same for all, and known to auditors.
-
-    Raises: UsageError: the sectors do not divide the beams.
-    """
+    """How the robots of a mission see: the same for all, and known to auditors."""
 
     # Whose scans are hashed
     lidar: LidarConfig = LidarConfig()  # noqa: RUF009  # frozen
-    beams_per_sector: int = 12  # that one byte of room stands for
     # What is made of them
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
 
+    # That one byte of room stands for: about 3 degrees, and all sectors are alike
+    beams_per_sector: int = field(init=False, compare=False)
+    sectors: int = field(init=False, compare=False)  # bytes of room in a reading
+    # Length of a scan, and of a reading; they follow from the lidar, and are asked for at every step
+    scan_bytes: int = field(init=False, compare=False)
+    reading_bytes: int = field(init=False, compare=False)
+
     def __post_init__(self) -> None:
-        if self.beams_per_sector < 1 or self.lidar.beams % self.beams_per_sector:
-            raise UsageError(f"sectors of {self.beams_per_sector} beams", f"a divisor of {self.lidar.beams}")
-
-    @property
-    def sectors(self) -> int:
-        """Bytes of room in a reading."""
-        return self.lidar.beams // self.beams_per_sector
-
-    @property
-    def reading_bytes(self) -> int:
-        """Length of a reading."""
-        return HEAD_BYTES + self.sectors
+        each = _beams_per_sector(self.lidar)
+        sectors = self.lidar.beams // each
+        sizes = (each, sectors, RANGE.size * self.lidar.beams, HEAD_BYTES + sectors)
+        for name, size in zip(("beams_per_sector", "sectors", "scan_bytes", "reading_bytes"), sizes, strict=True):
+            object.__setattr__(self, name, size)
 
     def scan_of(self, raw: bytes) -> LaserScan:
         """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
-        words = np.frombuffer(raw, "<u2")
-        assert len(words) == self.lidar.beams, "whoever unpacks a scan looks at its length"
         lidar = self.lidar
-        return LaserScan(
-            _RANGES_M[words], lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m
-        )
+        ranges = np.empty(lidar.beams)
+        _ranges_of(np.frombuffer(raw, RANGE.dtype, lidar.beams), ranges)
+        return LaserScan(ranges, lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
 
     def parse(self, raw: bytes) -> Reading:
         """The reading in these bytes. Raises: MalformedRecord: its length or its kind is another's."""
@@ -109,11 +136,15 @@ class Sensors:
 
     # --- the s-node's side ---
 
-    def raw_of(self, scan: LaserScan) -> bytes:
-        """The scan's bytes."""
-        words = np.minimum(np.rint(scan.ranges_m * MM_PER_M), MISS)
-        words[np.isnan(words)] = SILENT
-        return words.astype("<u2").tobytes()
+    def raw_of(self, scan: LaserScan, entries: Iterable[bytes] = ()) -> bytes:
+        """The scan's bytes, and behind them as many entries, of what other sensors read, as there is room for."""
+        words = np.empty(len(scan.ranges_m), RANGE.dtype)
+        _words_of(scan.ranges_m, words)
+        raw, most = words.tobytes(), self.scan_bytes + SENSED_MAX_BYTES
+        for entry in entries:
+            if len(raw) + len(entry) <= most:
+                raw += entry
+        return raw
 
     def make(
         self, rob_id: int, t_ms: int, odometry: tuple[float, float, float], travelled_m: float, raw: bytes
@@ -138,5 +169,6 @@ class Sensors:
             round(travelled_m * MM_PER_M),
             scan_sha1(raw),
         )
-        steps = _STEPS[np.frombuffer(raw, "<u2")]
-        return head + np.minimum.reduceat(steps, range(0, len(steps), self.beams_per_sector)).tobytes()
+        clear = np.empty(self.sectors, np.uint8)
+        _room_in(np.frombuffer(raw, RANGE.dtype, self.lidar.beams), self.beams_per_sector, clear)
+        return head + clear.tobytes()

@@ -10,6 +10,7 @@ A cell is a number: FRESH when something was hit in it, one less with every FADE
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from .readings import CLEAR, CLEAR_STEP_M
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Pose = tuple[float, float, float]
+Stop = tuple[int, int]
+Fan = tuple[Floats, Floats, float, float]
 
 SIDE = 48  # cells; the robot is in the middle
 CELL_M = 0.125
@@ -30,11 +33,21 @@ HALF = SIDE // 2
 FRESH = 3
 FADE_S = 4.0
 PER_BYTE = 4  # cells, in a checkpoint
-PACKED_BYTES = SIDE * SIDE // PER_BYTE
 # Odometry never gets so far; to round down, numbers are made positive first.
 _FAR = 1 << 23
 # A cell's middle is up to 0.09 m from what was hit in it.
 _SEEN_M = 0.13
+
+
+class Seen(NamedTuple):
+    """A reading, and what was remembered before it."""
+
+    old: Bytes  # cells as remembered
+    base: Stop  # the numbers of the first of them
+    fade: int  # by how much cells fade in this step
+    moved: Pose  # by odometry
+    clear: Bytes  # (sectors,) as in a reading
+    fan: Fan  # cosines and sines of the sectors, where the field of view begins, and a sector's width
 
 
 class Sectors:
@@ -70,28 +83,15 @@ def cell_at(value_m: float) -> int:
 
 
 @kernel
-def look(
-    old: Bytes,
-    base: tuple[int, int],
-    fade: int,
-    moved: Pose,
-    clear: Bytes,
-    fan: tuple[Floats, Floats, float, float],
-    cells: Bytes,
-    points: Floats,
-) -> tuple[int, int, int]:
+def look(seen: Seen, cells: Bytes, points: Floats) -> tuple[int, int, int]:
     """Takes a reading in.
 
     Args:
-        old: cells as remembered, and `base` the numbers of the first of them.
-        fade: by how much cells fade in this step.
-        moved: the pose by odometry.
-        clear: (sectors,) as in a reading.
-        fan: cosines and sines of the sectors, where the field of view begins, and a sector's width.
         cells: out, as they are now.
         points: out, (k, 2) what is in the way, robot frame: what is hit now, and what is remembered elsewhere.
     Returns: numbers of the first cell, and how many points there are.
     """
+    old, base, fade, moved, clear, fan = seen
     cosines, sines, first_rad, step_rad = fan
     sine, cosine = sin_cos(moved[2])
     base_x, base_y = cell_at(moved[0]) - HALF, cell_at(moved[1]) - HALF

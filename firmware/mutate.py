@@ -1,0 +1,191 @@
+"""What the checks of the trusted nodes notice: one small mistake after another, made by rule in a copy of `src/`.
+
+`python firmware/mutate.py [--only anode.c] [--seed N --take 60]`. A mistake counts as found when the vectors, the tests
+of the nodes (tests/test_firmware*.py) or a proof fails; each that none finds is printed, and the exit code is 1 unless
+mutants.json says why it changes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+SOURCES = "mac bucket node snode anode bound".split()
+SHARED = ["hash", *SOURCES]
+CPU_S = 300  # a mistake may be a loop without an end
+EQUIVALENT = HERE / "mutants.json"
+# A pattern, and what takes its place. Each place where it fits is a mistake of its own.
+RULES: dict[str, list[tuple[str, str]]] = {
+    "a check is skipped": [(r"^ +(?:if|else if) \([^\n]*\)\n +return [^;]+;\n", "")],
+    "a comparison is off by one": [
+        (r" < ", " <= "),
+        (r" <= ", " < "),
+        (r" >= ", " > "),
+        (r"(?<![->]) > (?!>)", " >= "),
+    ],
+    "a comparison is turned": [(r" == ", " != "), (r" != ", " == ")],
+    "and is or": [(r" && ", " || "), (r" \|\| ", " && ")],
+    "a type byte is another": [
+        (r"PHX_ENTRY_(?:INPUT|RECV|SEND|ACMD)\b", "PHX_MKEY"),
+        (r"= PHX_(?:MKEY|TREQ|TOKEN);", "= PHX_AUTH_S;"),
+    ],
+    "a number is off by one": [(r" \+ 1u\b", ""), (r"\b2u \*", "3u *"), (r"\* 1000u\b", "* 1001u")],
+    "a statement is left out": [
+        (r"^ +(?:memset|memcpy|phx_\w+|keep_token)\([^\n]*\);\n", ""),
+        (r"^ +[\w>.\[\]-]+ (?:[-+|^&]?=) [^\n]*;\n", ""),
+        (r"^ +\*?\w+(?:\+\+|--);\n", ""),
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One mistake: what stands at these places of a file's text, and what stands there instead."""
+
+    file: str
+    rule: str
+    begin: int
+    end: int
+    instead: str
+    line: int
+    was: str
+
+    @property
+    def name(self) -> str:
+        """Where it is and what it is, as mutants.json has it; without a line's number, which moves."""
+        return f"{self.file}.c: {self.rule}: {' '.join(self.was.split())}"
+
+
+def mutants(file: str) -> Iterator[Mutant]:
+    """All mistakes that the rules make in a source."""
+    text = (HERE / "src" / f"{file}.c").read_text()
+    comments = [match.span() for match in re.finditer(r"/\*.*?\*/|#[^\n]*", text, re.DOTALL)]
+    for rule, replacements in RULES.items():
+        for pattern, instead in replacements:
+            for match in re.finditer(pattern, text, re.MULTILINE):
+                begin, end = match.span()
+                if any(a <= begin < b for a, b in comments):
+                    continue
+                line = text.count("\n", 0, begin) + 1
+                around = text[text.rfind("\n", 0, begin) + 1 : text.find("\n", end - 1)]
+                yield Mutant(file, rule, begin, end, instead, line, around)
+
+
+def _bounded() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+
+
+class Bench:
+    """A copy of what the checks need, in which one mistake at a time is made."""
+
+    def __init__(self, at: Path) -> None:
+        self.at = at
+        for name in ("firmware", "release", "src", "tests", "vectors"):
+            shutil.copytree(
+                ROOT / name, at / name, ignore=shutil.ignore_patterns("build", "node_modules", "*.so", "pages")
+            )
+        for name in ("setup.py", "pyproject.toml", "README.md"):
+            shutil.copy(ROOT / name, at / name)
+        self._run([sys.executable, "vectors.py", "bound"], self.at / "firmware", "vectors.txt")
+        if by := self._found(proofs=False):
+            sys.exit(f"there is a mistake before any was made: {by}")
+
+    def _run(self, words: list[str], where: Path, into: str = "") -> bool:
+        env = {**os.environ, "PYTHONPATH": str(self.at / "src")}
+        done = subprocess.run(
+            words, cwd=where, check=False, capture_output=True, text=True, env=env, preexec_fn=_bounded
+        )
+        if into:
+            (where / into).write_text(done.stdout)
+        return done.returncode == 0
+
+    def found_by(self, mutant: Mutant, proofs: bool) -> str:
+        """Which check finds it: "" none, "compiler" where it is no program at all."""
+        path = self.at / "firmware" / "src" / f"{mutant.file}.c"
+        text = path.read_text()
+        path.write_text(text[: mutant.begin] + mutant.instead + text[mutant.end :])
+        try:
+            return self._found(proofs)
+        finally:
+            path.write_text(text)
+
+    def _found(self, proofs: bool) -> str:
+        firmware = self.at / "firmware"
+        sources = [f"src/{name}.c" for name in SHARED] + ["port/fleet.c", "port/check.c"]
+        flags = ["-std=c99", "-O1", "-w", "-Iinclude", "-Iport", "-Iport/bound", "-fsanitize=address,undefined"]
+        if not self._run(["gcc", *flags, "-fno-sanitize-recover=all", *sources, "-o", "check"], firmware):
+            return "compiler"
+        if not self._run(["sh", "-c", "ulimit -t 10; exec ./check < vectors.txt"], firmware):
+            return "vectors"
+        sources = [f"src/{name}.c" for name in SHARED] + ["port/stack.c"]
+        if not self._run(
+            ["gcc", "-std=c99", "-O2", "-w", "-Iinclude", "-Iport/bound", *sources, "-o", "stack"], firmware
+        ):
+            return "compiler"
+        if not self._run(["./stack"], firmware):
+            return "keys on the stack"
+        if not self._run([sys.executable, "setup.py", "-q", "build_ext", "--inplace"], self.at):
+            sys.exit("what the vectors' program is made of does not become a Python module: see setup.py")
+        tests = ["tests/test_firmware.py", "tests/test_firmware_oracle.py"]
+        if not self._run([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests], self.at):
+            return "tests"
+        if proofs and not self._run([sys.executable, "prove.py", "--jobs", "1"], firmware):
+            return "proofs"
+        return ""
+
+
+def main() -> int:
+    """Make them all, or some; print a score, and each that was not found."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", default="", help="those whose name has this in it: anode.c")
+    parser.add_argument("--take", type=int, default=0, help="so many, drawn by chance; 0 is all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--no-proofs", action="store_true")
+    parser.add_argument("--jobs", type=int, default=2)
+    options = parser.parse_args()
+    every = [each for file in SOURCES for each in mutants(file) if options.only in each.name]
+    if options.take:
+        every = random.Random(options.seed).sample(every, min(options.take, len(every)))  # noqa: S311
+    known = json.loads(EQUIVALENT.read_text())
+    score: dict[str, int] = {}
+    missed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        benches = [Bench(Path(folder) / str(i)) for i in range(options.jobs)]
+        with ThreadPoolExecutor(options.jobs) as pool:
+
+            def look(mutant: Mutant) -> tuple[Mutant, str]:
+                bench = benches.pop()
+                try:
+                    return mutant, bench.found_by(mutant, not options.no_proofs)
+                finally:
+                    benches.append(bench)
+
+            for mutant, by in pool.map(look, every):
+                how = by or ("changes nothing" if mutant.name in known else "NOT FOUND")
+                score[how] = score.get(how, 0) + 1
+                if how == "NOT FOUND":
+                    missed += 1
+                    sys.stdout.write(f"not found: {mutant.name} (line {mutant.line})\n")
+                    sys.stdout.flush()
+    counted = sum(count for by, count in score.items() if by not in ("compiler", "changes nothing"))
+    sys.stdout.write(", ".join(f"{by} {count}" for by, count in sorted(score.items())) + "\n")
+    sys.stdout.write(f"{counted - missed} of {counted} mistakes found\n")
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""What `phalanx keys` does."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+
+from phalanx.errors import UsageError
+from phalanx.io.keyring import Keys, Robot, create, opened
+from phalanx.io.private_file import write_private
+from phalanx.wire.table import BOARD
+
+from .login import first_line
+from .terminal import print_json, talk
+
+SHORTEST = 12
+
+
+def make(file: Path, name: str, passphrase_file: Path | None) -> None:
+    """A new file."""
+    create(file, name or file.stem, _passphrase(passphrase_file, new=True))
+    talk(f"{file} holds the keys of {name or file.stem}: keep a copy, and the passphrase apart from it")
+
+
+def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -> None:
+    """One robot's master key, once."""
+    _not_there(out)
+    with opened(file, _passphrase(passphrase_file)) as keys:
+        master = keys.provision(robot, _today())
+    write_private(out, BOARD.encode(id=robot, master=master))
+    talk(f"{out} is for the board of robot {robot}: its number and its master key; destroy it once the board has them")
+
+
+def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
+    """The next mission's key, sealed for each robot; `rotate`: and a new key that signs orders."""
+    _not_there(out)
+    with opened(file, _passphrase(passphrase_file)) as keys:
+        number, sealed = keys.issue()
+        if rotate:
+            keys.renew("orders")
+        signers = {who: _public(keys, who) for who in keys.signers}
+    robots = {robot: {"k": key.k.hex(), "r": key.r.hex(), "mac": key.mac.hex()} for robot, key in sealed.items()}
+    write_private(out, json.dumps({"mission": number, "signers": signers, "robots": robots}, indent=1).encode() + b"\n")
+    talk(f"{out} holds the key of mission {number}, sealed for {len(robots)} robots")
+
+
+def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
+    """Leave a robot out from the next mission on."""
+    with opened(file, _passphrase(passphrase_file)) as keys:
+        keys.retire(robot, _today())
+    talk(f"robot {robot} gets no mission key any more; in the mission that runs it goes on, and counts as one of f_max")
+
+
+def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_file: Path | None) -> None:
+    """Seal the file anew."""
+    old = _passphrase(passphrase_file)
+    with opened(file, old, _passphrase(new_passphrase_file, new=True)):
+        pass
+    talk(f"{file} is sealed with the new passphrase; copies of it still open with the old one")
+
+
+def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Path | None) -> None:
+    """A key that signs, as PEM."""
+    with opened(file, _passphrase(passphrase_file)) as keys:
+        key = keys.signer(signer)
+    if public:
+        pem = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    else:
+        pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    write_private(out, pem)
+    talk(f"{out} {'checks' if public else 'signs'} {signer}")
+
+
+def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
+    """Who has keys."""
+    with opened(file, _passphrase(passphrase_file)) as keys:
+        signers = {who: _public(keys, who) for who in keys.signers}
+    rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
+    if as_json:
+        print_json({"name": keys.name, "missions": keys.missions, "signers": signers, "robots": rows})
+        return
+    click.echo(f"{keys.name}: {keys.missions} mission keys issued")
+    for who, public in signers.items():
+        click.echo(f"signs {who}: {public}")
+    for robot, about in sorted(keys.robots.items()):
+        click.echo(f"robot {robot}: {_story(about)}")
+
+
+def _story(robot: Robot) -> str:
+    return f"master key given {robot.given}" + (f", retired {robot.retired}" if robot.retired else "")
+
+
+def _public(keys: Keys, who: str) -> str:
+    return keys.signer(who).public_key().public_bytes_raw().hex()
+
+
+def _not_there(out: Path) -> None:
+    # Asked before a number is used up; that it is so still when it is written is seen to there.
+    if out.exists() or not out.parent.is_dir():
+        raise UsageError(f"{out} is there already" if out.exists() else f"no folder {out.parent}", "another name")
+
+
+def _passphrase(file: Path | None, *, new: bool = False) -> str:
+    if file is not None:
+        said = first_line(file, "a file whose first line is the passphrase")
+    elif sys.stdin.isatty():
+        what = "New passphrase" if new else "Passphrase"
+        said = click.prompt(what, hide_input=True, confirmation_prompt=new, err=True, default="", show_default=False)
+    else:
+        raise UsageError("nobody is there to say a passphrase", "--passphrase-file FILE")
+    if not said or (new and len(said) < SHORTEST):
+        raise UsageError(f"a passphrase of {len(said)} letters", f"{SHORTEST} or more: some words that nobody guesses")
+    return str(said)
+
+
+def _today() -> str:
+    return datetime.now(UTC).strftime("%Y-%m-%d")

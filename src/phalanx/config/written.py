@@ -1,0 +1,90 @@
+"""What people write in YAML: what it is made of, its words, and the line of each.
+
+Whatever the bytes are, the answer is nodes or words, or a `UsageError` with file and line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import yaml
+
+from phalanx.errors import UsageError
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
+MOST_DEPTH = 100
+Pair = tuple[yaml.Node, yaml.Node]
+
+
+def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:
+    """What a file is made of; None of an empty one. Raises: UsageError: it is not YAML."""
+    with _yaml(data, source, hint):
+        text, depth = data.decode(), 0
+        for event in yaml.parse(text, _Loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MOST_DEPTH:  # libyaml's composer would crash on brackets in brackets without end
+                raise yaml.MarkedYAMLError(problem="nested too deep", problem_mark=event.start_mark)
+        node: yaml.Node | None = yaml.compose(text, _Loader)
+    return node
+
+
+def words_of(node: yaml.Node | None, data: bytes, source: str, hint: str) -> Any:
+    """What `compose` made of `data`, as dicts, lists, texts and numbers; None of an empty file.
+
+    Raises: UsageError: a name is there twice, of which the second would silently replace the first; or a value is none.
+    """
+    with _yaml(data, source, hint):
+        return None if node is None else _Words().construct_document(node)
+
+
+def line_of(node: yaml.Node) -> int:
+    """Where it begins, from 1."""
+    return int(node.start_mark.line) + 1
+
+
+def named(pairs: Iterable[Pair], complaint: str) -> Pair | None:
+    """The first whose key a complaint names, or whose value it quotes."""
+    for key, value in pairs:
+        is_named = isinstance(key, yaml.ScalarNode) and re.search(rf"\b{re.escape(key.value)}\b", complaint)
+        if is_named or (isinstance(value, yaml.ScalarNode) and repr(value.value) in complaint):
+            return key, value
+    return None
+
+
+class _Words(yaml.constructor.SafeConstructor):  # type: ignore[misc]
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            name = self.construct_object(key, deep=True)
+            if isinstance(name, str | int | float) and name in seen:
+                raise yaml.MarkedYAMLError(problem=f"{name!r} is there twice", problem_mark=key.start_mark)
+            seen.add(name if isinstance(name, str | int | float) else id(key))
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+
+def _whole_mapping(words: _Words, node: Any) -> dict[Any, Any]:
+    return words.construct_mapping(node, deep=True)
+
+
+_Words.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _whole_mapping)
+
+
+@contextlib.contextmanager
+def _yaml(data: bytes, source: str, hint: str) -> Iterator[None]:
+    try:
+        yield
+    except UnicodeDecodeError as error:
+        line = 1 + data.count(b"\n", 0, error.start)
+        raise UsageError(f"{source}:{line}: not UTF-8", "save it as UTF-8") from error
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        problem = " ".join(str(error.problem).split())[:200]
+        # libyaml takes the end of the last line for the beginning of another.
+        line = min(mark.line + 1, len(data.splitlines())) if mark else 1
+        raise UsageError(f"{source}:{line}: not YAML: {problem}", hint) from error
+    except Exception as error:  # of `!!int x` or `!!timestamp x` PyYAML raises whatever it comes upon
+        raise UsageError(f"{source}: not YAML", hint) from error

@@ -1,0 +1,50 @@
+"""How long a gateway waits, and lives."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from phalanx.errors import Unavailable
+from phalanx.io import Server
+
+WAIT_QUIETLY_S = 1.5
+
+
+@contextlib.asynccontextmanager
+async def for_at_most(duration_s: float | None) -> AsyncIterator[None]:
+    """The body is ended quietly after `duration_s`, if that is given; a TimeoutError of its own is passed on."""
+    limit = asyncio.timeout(duration_s)
+    try:
+        async with limit:
+            yield
+    except TimeoutError:
+        if not limit.expired():
+            raise
+
+
+async def connected_within(server: Server, wait_s: float) -> None:
+    """Waits for a server's broker.
+
+    Raises: Unavailable: it does not answer in time, or refuses us.
+    """
+    try:
+        await server.wait_connected(wait_s)
+    except TimeoutError as error:
+        raise Unavailable(str(error), "phalanx doctor --broker URL; to wait longer for it, --wait") from error
+
+
+async def until_connected(server: Server, say: Callable[[dict[str, Any]], None], wait_s: float) -> None:
+    """The same; what takes long is said."""
+
+    async def tell() -> None:
+        await asyncio.sleep(WAIT_QUIETLY_S)
+        say({"event": "waiting", "broker": str(server.broker), "trouble": server.trouble})
+
+    telling = asyncio.ensure_future(tell())
+    try:
+        await connected_within(server, wait_s)
+    finally:
+        telling.cancel()

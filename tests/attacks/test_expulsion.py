@@ -1,0 +1,34 @@
+"""`expel`: claims that push as hard as they like throw correct robots out of range; bounded, they do not."""
+
+from __future__ import annotations
+
+import pytest
+
+from phalanx.config import BtiConfig
+from phalanx.config.flock import NO_CROWD
+from phalanx.robot.controllers.flock_law import PUSH
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+
+SEEDS = range(3)
+
+
+def lost(seed: int, crowd: float, **options: object) -> int:
+    """Correct robots in Safe Mode, of the paper's 25, a minute after one of them began to lie for its last seconds."""
+    made = Scenario(robots=25, seed=seed, duration_s=75.0, attacks=(AttackSpec(name="expel"),), **options)
+    run = Run(made)
+    run.world.fleet.params[PUSH] *= crowd / made.flock.crowd
+    run.advance(made.duration_s)
+    told = run.summary()
+    return len(told["correct_in_safe_mode"]) + len(told["without_quorum"])
+
+
+def test_its_claims_lose_nobody_and_without_the_bound_every_time_several():
+    assert [lost(seed, 4.0) for seed in SEEDS] == [0, 0, 0]
+    assert min(lost(seed, NO_CROWD) for seed in SEEDS) >= 3
+
+
+@pytest.mark.parametrize("step_m", [50.0, 60.0])
+def test_nor_does_a_flock_whose_robots_hear_few_others(step_m):
+    few = {"grid_step_m": step_m, "d_m": step_m, "bti": BtiConfig(f_max=1)}
+    assert [lost(seed, 4.0, **few) for seed in SEEDS] == [0, 0, 0]

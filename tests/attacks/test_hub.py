@@ -1,0 +1,90 @@
+"""Few auditors, many who need them: what an auditor takes follows its neighbours, and each has its own share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from phalanx.bti import request
+from phalanx.bti.nodes import Limits
+from phalanx.config import BtiConfig
+from phalanx.robot import node
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.wire.table import AUDIT_FRAGMENT
+
+LIAR = AttackSpec(name="refuse-to-audit", robot=1, at_s=5.0)
+
+
+def star(**changes: object) -> Scenario:
+    """Each in an aisle of its own hears the three where the aisles meet, of which one does not audit."""
+    return replace(find_scenario("star-25"), duration_s=32.0, **{"attacks": (LIAR,), **changes})
+
+
+def stopped(made: Scenario) -> int:
+    run = Run(made)
+    run.advance(made.duration_s)
+    told = run.summary()
+    return len(told["correct_in_safe_mode"]) + len(told["without_quorum"])
+
+
+def test_two_auditors_keep_22_alive_whom_12_f_max_audits_do_not(monkeypatch):
+    assert stopped(star()) == 0
+    assert stopped(star(bti=BtiConfig(f_max=1, t_audit_ms=2000))) == 0
+    monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 12 * bti.f_max))
+    assert stopped(star()) >= 20
+    assert stopped(star(attacks=())) >= 15, "though nobody lies"
+
+
+class Auditor:
+    """Robot 1 of a star that has just begun."""
+
+    def __init__(self):
+        self.run = Run(star(attacks=()))
+        self.fleet, self.now_ms = self.run.world.fleet, 100_000
+
+    def begins(self, src: int, no: int, now_ms: int) -> bool:
+        """Whether a request is taken up; it is of two fragments, of which this is the first."""
+        body = bytes(int(self.fleet.settings[0].frame_max) - request.FRAGMENT_HEAD_BYTES)
+        frame = AUDIT_FRAGMENT.encode(src=src, dst=1, request=no, index=0, count=2, bytes=body)
+        before = self.fleet.rx_info[0].copy()
+        request.take_fragment(self.fleet, 0, np.frombuffer(bytearray(frame), np.uint8), len(frame), now_ms)
+        return bool((self.fleet.rx_info[0] != before).any())
+
+
+def test_a_neighbour_has_one_request_in_half_a_round_taken_up_whatever_others_do():
+    auditor = Auditor()
+    for k in range(8):
+        now_ms = auditor.now_ms + 500 * k
+        assert auditor.begins(7, k, now_ms) == (k % 4 == 0)
+        assert auditor.begins(8 + k, 0, now_ms + 1), "another's is not touched"
+
+
+def test_all_neighbours_at_once_are_audited_and_no_more_than_that():
+    auditor = Auditor()
+    bti = auditor.run.scenario.bti
+    shares = 2 * bti.t_val_ms // bti.t_audit_ms
+    assert bti.n_max == 24
+    taken = [
+        node.admit(auditor.fleet, 0, src, share, auditor.now_ms + share)
+        for share in range(1, shares + 2)
+        for src in range(2, 26)
+    ]
+    assert sum(taken) == bti.audits_taken == 24 * shares, "its work is bounded"
+    assert all(taken[: bti.audits_taken])
+    assert node.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + bti.t_val_ms + 1), "and goes on"
+    assert not node.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + 2 * bti.t_val_ms), "no request twice"
+
+
+@pytest.mark.parametrize("n_max", [4, 24, 100])
+@pytest.mark.parametrize("f_max", [1, 3])
+@pytest.mark.parametrize("t_ms", [(500, 1000), (4000, 10_000)])
+def test_an_a_node_lets_out_a_round_s_requests_and_the_replies_to_all_neighbours(n_max, f_max, t_ms):
+    bti = BtiConfig(n_max=n_max, f_max=f_max, t_audit_ms=t_ms[0], t_val_ms=t_ms[1], frame_max_bytes=2048)
+    replies = 2 * n_max
+    bucket_us = Limits.of(bti, 60, 1000, 200).audit_capacity_us
+    a_request_us = (bti.t_val_ms / 1000 * bti.log_bytes_per_s + bti.n_max * 26 + 366) * 0.2
+    assert bucket_us >= (f_max + 1) * a_request_us + replies * 60

@@ -1,0 +1,398 @@
+"""For each of the auditor's refusals, a log that only it stops: chained by true nodes, of a robot that lies about little.
+
+Whatever is not said to be wrong in a test is right: the same robot, honest at that point, gets its token.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+
+import numpy as np
+import pytest
+from caught import MARKS, Judge
+from test_answers import BOOT_MS, VICTIM, Asking
+
+from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND
+from phalanx.bti.fleet import BOUND, PENDING
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import node
+from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.python_controller import Act, unpack_outputs
+from phalanx.wire.fields import row
+from phalanx.wire.table import CHECKPOINT, KIND_SENSOR, KIND_STATE
+
+DELTA_MS, SKEW_MS = 100, 50
+# From the first INPUT on, before which a-nodes make no request.
+STEPS = 4
+ASKED_MS = 60  # after an INPUT
+
+
+class Auditee(Asking):
+    """A robot with true nodes, whose c-node chains and logs what a test says."""
+
+    def __init__(self):
+        super().__init__()
+        self.judge = Judge(self.fleet, self.config)
+        self.round_begins(BOOT_MS)
+        self.step = 0
+
+    def due_ms(self, step: int | None = None) -> int:
+        """When an INPUT is due, the next one if nothing is said."""
+        return int(rounds.grid(self.fleet, VICTIM, self.step if step is None else step))
+
+    def chained(self, kind: int, t_ms: int, payload: bytes) -> bytes:
+        """The entry, from the trusted node."""
+        n = node.chain(self.fleet, VICTIM, self.work, kind, t_ms, row(payload), len(payload))
+        assert n > 0
+        return self.work.entry[:n].tobytes()
+
+    def logs(self, entry: bytes) -> None:
+        assert log.append(self.fleet, VICTIM, row(entry), len(entry)) == 0
+
+    def polled(self, t_ms: int) -> bytes:
+        return self.chained(INPUT, t_ms, MOTION.pack(KIND_SENSOR, 1, t_ms, self.step, 2.0, 0.0, 0.0))
+
+    def thinks(self, entry: bytes) -> list[tuple[int, bytes]]:
+        """What the controller puts out on an INPUT: kind and payload of each."""
+        self.work.entry[: len(entry)] = row(entry)
+        n = node.think(self.fleet, VICTIM, self.work, len(entry))
+        self.step += 1
+        told = unpack_outputs(self.work.out[:n].tobytes())
+        return [(ACMD if isinstance(each, Act) else SEND, each.payload) for each in told]
+
+    def senses(self, t_ms: int | None = None, late_ms: int = 0) -> None:
+        """An INPUT when it is due, or then, and its outputs so much later."""
+        t_ms = self.due_ms() if t_ms is None else t_ms
+        entry = self.polled(t_ms)
+        self.logs(entry)
+        for kind, payload in self.thinks(entry):
+            self.logs(self.chained(kind, t_ms + late_ms, payload))
+
+    def hears_of(self, t_ms: int) -> bytes:
+        """A state of robot 3's; the controller knows it, the log not yet."""
+        frame = MOTION.pack(KIND_STATE, 3, t_ms, 5.0, 5.0, 0.0, 0.0)
+        entry = self.chained(RECV, t_ms, frame)
+        f, s = self.fleet, self.fleet.settings[0]
+        dispatch.on_recv(s.controller, f.params, 1, t_ms, row(frame), len(frame), f.state[VICTIM])
+        self.robot.state_len = dispatch.size(s.controller, f.state[VICTIM])
+        return entry
+
+    def goes_on(self) -> None:
+        for _ in range(STEPS):
+            self.senses()
+
+    def asks(self, now_ms: int | None = None) -> tuple[int, bytes]:
+        """The auditor's id and the request; a while after the last INPUT if nothing is said."""
+        return self.ask(self.due_ms(self.step - 1) + ASKED_MS if now_ms is None else now_ms)
+
+    def verdict(self, asked: tuple[int, bytes]) -> int:
+        tor, q = asked
+        return self.judge(VICTIM, tor - 1, q)[0]
+
+    def covered(self) -> None:
+        """Its log begins at a checkpoint with f_max + 1 tokens."""
+        self.goes_on()
+        for k in range(self.config.tokens_needed):
+            now_ms = self.due_ms(self.step - 1) + ASKED_MS
+            while True:  # the a-node's bucket
+                if node.next_frame(self.fleet, VICTIM, self.work, now_ms) > 0:
+                    break
+                self.robot.quota = 1
+                self.senses()
+                now_ms = self.due_ms(self.step - 1) + ASKED_MS
+            q = self.fleet.request[VICTIM, : int(self.robot.request_len)].tobytes()
+            self.robot.request_len = 0
+            tor = int(self.robot.request_to)
+            assert self.verdict((tor, q)) == 0
+            assert self.gets(self.token(tor, q, PENDING), now_ms) == k + 1
+        assert not self.robot.booted
+        assert self.robot.tokens_start == self.config.tokens_needed
+        for _ in range(20):
+            self.senses()
+        self.round_begins(self.due_ms(self.step - 1))
+
+    def between(self, now_ms: int) -> tuple[int, np.ndarray, np.ndarray]:
+        """A token request, made; the s-node has still to sign: its auditor, and both records."""
+        self.robot.request_len = 0
+        tor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
+        treq, auth = row(bytes(request.TREQ_BYTES)), row(bytes(30))
+        assert trusted.anode_token_request(BOUND, self.fleet.anode[VICTIM], now_ms, tor, treq) >= 0
+        log.mark(self.fleet, VICTIM, log.FLUSH_A)
+        return tor, treq, auth
+
+    def signed(self, tor: int, treq: np.ndarray, auth: np.ndarray) -> tuple[int, bytes]:
+        """The rest of it."""
+        assert trusted.snode_make_auth(BOUND, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
+        log.mark(self.fleet, VICTIM, log.FLUSH_S)
+        n = int(request._write(self.fleet, VICTIM, treq, auth, row(bytes(30))))
+        return tor, self.fleet.request[VICTIM, :n].tobytes()
+
+
+@pytest.fixture
+def auditee():
+    return Auditee()
+
+
+def segment_at(q: bytes) -> int:
+    return len(q) - int.from_bytes(q[request.AT_SEGMENT_LEN :][:4], "little")
+
+
+def with_segment(q: bytes, segment: bytes) -> bytes:
+    """The request with another segment."""
+    head = bytearray(q[: segment_at(q)])
+    head[request.AT_SEGMENT_LEN : request.AT_SEGMENT_LEN + 4] = len(segment).to_bytes(4, "little")
+    return bytes(head) + segment
+
+
+def parts(segment: bytes) -> list[bytes]:
+    found, at = [], 0
+    while at < len(segment):
+        size = 1 if segment[at] in MARKS else ENTRY_HEAD_BYTES + int.from_bytes(segment[at + 5 : at + 7], "little")
+        found.append(segment[at : at + size])
+        at += size
+    return found
+
+
+def tokens(q: bytes) -> list[bytes]:
+    at = [request.HEAD_BYTES + k * request.TOKEN_BYTES for k in range(q[request.AT_TOKENS])]
+    return [q[each : each + request.TOKEN_BYTES] for each in at]
+
+
+def with_tokens(q: bytes, shown: list[bytes]) -> bytes:
+    head = bytearray(q[: request.HEAD_BYTES])
+    rest = q[request.HEAD_BYTES + q[request.AT_TOKENS] * request.TOKEN_BYTES :]
+    head[request.AT_TOKENS] = len(shown)
+    return bytes(head) + b"".join(shown) + rest
+
+
+def entry(kind: int, t_ms: int, payload: bytes) -> bytes:
+    """As a node would have made it."""
+    return struct.pack("<BIH", kind, t_ms, len(payload)) + payload
+
+
+CHECKED = bytes([log.CHECKPOINT])
+
+
+class TestStart:
+    def test_one_auditor_counts_once(self, auditee):
+        auditee.covered()
+        tor, q = auditee.asks()
+        assert auditee.verdict((tor, q)) == 0
+        one, two, three, _ = tokens(q)
+        assert auditee.verdict((tor, with_tokens(q, [one, two, three, one]))) == Refusal.TOKEN_TWICE
+        assert auditee.verdict((tor, with_tokens(q, [one, one, two, three]))) == Refusal.TOKEN_TWICE
+
+    def test_f_max_tokens_are_not_enough(self, auditee):
+        auditee.covered()
+        tor, q = auditee.asks()
+        assert auditee.verdict((tor, with_tokens(q, tokens(q)[:-1]))) == Refusal.TOO_FEW_TOKENS
+        assert auditee.verdict((tor, with_tokens(q, tokens(q)[::-1]))) == 0, "in any order"
+
+    @pytest.mark.parametrize("nth", range(4))
+    def test_each_token_is_looked_at(self, auditee, nth):
+        auditee.covered()
+        tor, q = auditee.asks()
+        shown = tokens(q)
+        shown[nth] = shown[nth][:-1] + bytes([shown[nth][-1] ^ 1])
+        assert auditee.verdict((tor, with_tokens(q, shown))) == Refusal.TOKEN_INVALID
+
+    def test_the_key_did_not_come_after_the_request_nor_after_the_first_entry(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        t_ms = int.from_bytes(q[request.AT_T :][:4], "little")
+        at = segment_at(q) - 4
+        for t_key in (t_ms + 1, auditee.due_ms(0) + SKEW_MS + 1):
+            assert auditee.verdict((tor, q[:at] + struct.pack("<I", t_key) + q[at + 4 :])) == Refusal.OUT_OF_ORDER
+
+    @pytest.mark.parametrize("after_ms", [0, 1])
+    def test_nor_after_the_request_of_a_robot_that_has_sensed_nothing(self, auditee, after_ms):
+        """Within that it is a robot that stood idle; beyond, no reading would ever be due."""
+        now_ms = BOOT_MS + 3000
+        auditee.robot.t_key = now_ms + after_ms
+        rounds.forget_checkpoint(auditee.fleet, VICTIM)
+        assert auditee.verdict(auditee.asks(now_ms)) == (Refusal.OUT_OF_ORDER if after_ms else 0)
+
+
+class TestHead:
+    def test_it_is_as_long_as_it_says(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        assert auditee.verdict((tor, q + b"\0")) == auditee.verdict((tor, q[:-1])) == Refusal.MALFORMED
+
+    def test_nobody_else_sends_it(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        assert auditee.judge(VICTIM + 3, tor - 1, q)[0] == Refusal.NOT_THE_SENDER
+
+    def test_its_s_node_signed_it(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        at = request.AT_AUTH_S
+        forged = q[:at] + bytes([q[at] ^ 1]) + q[at + 1 :]
+        assert auditee.verdict((tor, forged)) == Refusal.AUTHENTICATOR_INVALID
+
+    def test_the_checkpoint_is_the_one_that_it_claims(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        other = hashlib.sha1(q).digest()
+        assert (
+            auditee.verdict((tor, q[: request.AT_HCKPT] + other + q[request.AT_HCKPT + 20 :]))
+            == Refusal.CHECKPOINT_WRONG
+        )
+
+
+class TestEntries:
+    @pytest.mark.parametrize("over_ms, refusal", [(SKEW_MS, Refusal.NONE), (SKEW_MS + 1, Refusal.OUT_OF_ORDER)])
+    def test_entries_of_two_chains_are_in_the_order_of_time(self, auditee, over_ms, refusal):
+        auditee.goes_on()
+        sensed_ms = auditee.due_ms()
+        sensed = auditee.polled(sensed_ms)
+        auditee.logs(auditee.hears_of(sensed_ms + over_ms))
+        auditee.logs(sensed)
+        for kind, payload in auditee.thinks(sensed):
+            auditee.logs(auditee.chained(kind, sensed_ms + over_ms, payload))
+        assert auditee.verdict(auditee.asks()) == refusal
+
+    @pytest.mark.parametrize("off_ms", [DELTA_MS, -DELTA_MS, DELTA_MS + 1, -DELTA_MS - 1])
+    def test_an_input_comes_when_it_is_due(self, auditee, off_ms):
+        auditee.goes_on()
+        auditee.senses(auditee.due_ms() + off_ms)
+        auditee.senses()
+        assert auditee.verdict(auditee.asks()) == (Refusal.INPUT_OFF_GRID if abs(off_ms) > DELTA_MS else 0)
+
+    def test_none_is_missing_at_the_end(self, auditee):
+        auditee.goes_on()
+        assert auditee.verdict(auditee.asks(auditee.due_ms() + DELTA_MS)) == 0
+        auditee.robot.quota = 1
+        assert auditee.verdict(auditee.asks(auditee.due_ms() + 1000)) == Refusal.INPUT_MISSING
+
+    @pytest.mark.parametrize("past_ms", [0, 1])
+    def test_none_is_later_than_the_request(self, auditee, past_ms):
+        auditee.goes_on()
+        auditee.asks()
+        for _ in range(4):
+            auditee.senses()
+        sensed_ms = auditee.due_ms()
+        made = auditee.between(sensed_ms - past_ms)
+        sensed = auditee.polled(sensed_ms)
+        auditee.logs(sensed)
+        auditee.thinks(sensed)
+        assert auditee.verdict(auditee.signed(*made)) == (Refusal.OUT_OF_ORDER if past_ms else 0)
+
+    def test_audit_frames_are_not_among_them(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        segment = q[segment_at(q) :]
+        forged = entry(RECV, auditee.due_ms(0), b"\x80 an AUDIT frame")
+        assert auditee.verdict((tor, with_segment(q, forged + segment))) == Refusal.AUDIT_FRAME_LOGGED
+
+    @pytest.mark.parametrize("kind, refusal", [(RECV, Refusal.A_CHAIN), (INPUT, Refusal.S_CHAIN)])
+    def test_what_is_shown_behind_the_last_flush_is_chained_too(self, auditee, kind, refusal):
+        """Else it could be anything: here it is a message that never came, or a reading that nobody took."""
+        auditee.goes_on()
+        now_ms = auditee.due_ms() + 1
+        tor, q = auditee.asks(now_ms)
+        assert auditee.verdict((tor, q)) == 0
+        motion = MOTION.pack(KIND_SENSOR if kind == INPUT else KIND_STATE, 1 if kind == INPUT else 3, 0, 1, 2, 3, 4)
+        behind = entry(kind, now_ms, motion)
+        assert auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + behind))) == refusal
+
+
+class TestCheckpoint:
+    def test_there_is_one(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        shown = parts(q[segment_at(q) :])
+        without = b"".join(part for part in shown if part != CHECKED)
+        twice = b"".join(part * 2 if part == CHECKED else part for part in shown)
+        for segment in (without, twice):
+            assert auditee.verdict((tor, with_segment(q, segment))) == Refusal.CHECKPOINT_MISSING
+
+    @pytest.mark.parametrize("kept", [(INPUT,), (ACMD, SEND)], ids=["s", "a"])
+    def test_both_chains_were_flushed_before_it(self, auditee, kept):
+        """Else entries of before it would be in nobody's segment. The claim is of the checkpoint as it stands there."""
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        shown = [part for part in parts(q[segment_at(q) :]) if part != CHECKED]
+        flush_a, flush_s = bytes([log.FLUSH_A]), bytes([log.FLUSH_S])
+        assert shown[-2:] == [flush_a, flush_s]
+        flushed, other = (flush_a, flush_s) if kept == (INPUT,) else (flush_s, flush_a)
+        moved = with_segment(q, b"".join(shown[:-2]) + flushed + CHECKED + other)
+        checkpoint = bytearray(auditee.fleet.checkpoint[VICTIM, PENDING, : int(auditee.robot.pending_len)].tobytes())
+        at = CHECKPOINT.at("top_s" if kept == (INPUT,) else "top_a")
+        checkpoint[at : at + 20] = bytes(20)  # of fewer entries than fill a batch nothing was hashed before
+        claimed = hashlib.sha1(checkpoint).digest()
+        moved = moved[: request.AT_HCKPT] + claimed + moved[request.AT_HCKPT + 20 :]
+        assert auditee.verdict((tor, moved)) == Refusal.CHECKPOINT_NOT_FLUSHED
+
+    def test_no_output_is_owed_at_it(self, auditee):
+        auditee.goes_on()
+        sensed_ms = auditee.due_ms()
+        sensed = auditee.polled(sensed_ms)
+        auditee.logs(sensed)
+        outputs = auditee.thinks(sensed)
+        auditee.asks(sensed_ms + 1)
+        for kind, payload in outputs:
+            auditee.logs(auditee.chained(kind, sensed_ms + 2, payload))
+        auditee.robot.quota = 1
+        for _ in range(4):
+            auditee.senses()
+        assert auditee.verdict(auditee.asks()) == Refusal.OUTPUT_PENDING
+
+
+class TestOutputs:
+    @pytest.mark.parametrize("late_ms", [DELTA_MS, DELTA_MS + 1])
+    def test_none_is_late(self, auditee, late_ms):
+        auditee.goes_on()
+        auditee.senses(late_ms=late_ms)
+        auditee.senses()
+        assert auditee.verdict(auditee.asks()) == (Refusal.OUTPUT_LATE if late_ms > DELTA_MS else 0)
+
+    @pytest.mark.parametrize("after_ms", [DELTA_MS, DELTA_MS + 1])
+    def test_none_is_missing_at_the_end(self, auditee, after_ms):
+        auditee.goes_on()
+        auditee.asks()
+        auditee.robot.quota = 1
+        for _ in range(3):
+            auditee.senses()
+        sensed_ms = auditee.due_ms()
+        sensed = auditee.polled(sensed_ms)
+        auditee.logs(sensed)
+        auditee.thinks(sensed)
+        assert auditee.verdict(auditee.asks(sensed_ms + after_ms)) == (
+            Refusal.OUTPUT_MISSING if after_ms > DELTA_MS else 0
+        )
+
+    def test_a_command_that_was_said_to_the_radio_is_no_command(self, auditee):
+        auditee.goes_on()
+        sensed = auditee.polled(auditee.due_ms())
+        auditee.logs(sensed)
+        for _, payload in auditee.thinks(sensed):
+            auditee.logs(auditee.chained(SEND, auditee.due_ms(auditee.step - 1), payload))
+        assert auditee.verdict(auditee.asks()) == Refusal.OUTPUT_WRONG
+
+    @pytest.mark.parametrize("change", [b"\x01", b"\x00\x00"], ids=["another byte", "longer"])
+    def test_every_byte_of_it_counts(self, auditee, change):
+        auditee.goes_on()
+        sensed = auditee.polled(auditee.due_ms())
+        auditee.logs(sensed)
+        for kind, payload in auditee.thinks(sensed):
+            wrong = payload[:-1] + bytes([payload[-1] ^ 1]) if len(change) == 1 else payload + change
+            auditee.logs(auditee.chained(kind, auditee.due_ms(auditee.step - 1), wrong))
+        assert auditee.verdict(auditee.asks()) == Refusal.OUTPUT_WRONG
+
+    def test_nobody_asked_for_one_more(self, auditee):
+        auditee.goes_on()
+        auditee.logs(auditee.chained(ACMD, auditee.due_ms(auditee.step - 1) + 1, b"\x03 once more"))
+        assert auditee.verdict(auditee.asks()) == Refusal.OUTPUT_UNCALLED
+
+
+def test_the_honest_robot_of_this_file_gets_its_tokens(auditee):
+    auditee.goes_on()
+    assert auditee.verdict(auditee.asks()) == 0
+    again = Auditee()
+    again.covered()
+    assert again.verdict(again.asks()) == 0

@@ -1,0 +1,127 @@
+"""Whether phones get in and through at a broker of somebody else's, in a real mosquitto with an access control."""
+
+from __future__ import annotations
+
+import json
+import os
+import urllib.request
+
+import pytest
+
+from conftest import a_gateway, a_server, bare_mosquitto, called, child, eventually
+from phalanx.io import Login, Server, parse_broker_url
+from phalanx.io.broker import RunningBroker
+from phalanx.io.mosquitto import password_line
+from phalanx.io.phones import PhonesDoor
+from phalanx.io.ports import free_port
+
+pytestmark = pytest.mark.waits
+
+WRITE = ("topic write /qrkey/+/request", "topic write /qrkey/+/command/#")
+READ = ("topic read /qrkey/+/notify", "topic read /qrkey/+/reply/+")
+DEAF, MUTE = "nothing on /qrkey/+/{} reaches them", "nothing of theirs on /qrkey/+/{} reaches the gateway"
+PHONES = {  # what each login may, and what the door says of it
+    "all": ((*WRITE, *READ), ""),
+    "reads": (READ, MUTE.format("request or /qrkey/+/command/#")),
+    "writes": (WRITE, DEAF.format("notify or /qrkey/+/reply/+")),
+    "nothing": ((), MUTE.format("request or /qrkey/+/command/#") + ", and " + DEAF.format("notify")),
+    "no-commands": ((WRITE[0], *READ), MUTE.format("command/#")),
+    "no-answers": ((*WRITE, READ[0]), DEAF.format("reply/+")),
+    "no-notices": ((*WRITE, READ[1]), DEAF.format("notify")),
+}
+
+
+class Guarded:
+    """A broker that knows the gateway and every one of PHONES."""
+
+    def __init__(self, folder, start, kill, tcp, ws):
+        self.start, self.kill, self.folder = start, kill, folder
+        self.tcp, self.ws = f"mqtt://127.0.0.1:{tcp}", f"ws://127.0.0.1:{ws}/mqtt"
+        self.let(PHONES)
+
+    def let(self, phones) -> None:
+        lines = ["user gateway", "topic readwrite /qrkey/#"]
+        for name, (may, _) in phones.items():
+            lines += [f"user {name}", *may]
+        (self.folder / "acl").write_text("\n".join([*lines, ""]))
+
+    def words(self, name: str) -> list[str]:
+        for each in ("gateway", name):
+            (self.folder / each).write_text(f"{each}:secret\n")
+        logins = ("--broker-login", str(self.folder / "gateway"), "--visitors-login", str(self.folder / name))
+        return ["--broker", self.tcp, "--broker-ws", self.ws, *logins]
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    tcp, ws = free_port(), free_port()
+    users, acl = tmp_path / "users", tmp_path / "acl"
+    users.write_text("".join(password_line(Login(name, "secret")) for name in ("gateway", *PHONES)))
+    own = ("user root",) if os.geteuid() == 0 else ()  # or it would become somebody who may not read the test's files
+    rules = (*own, "allow_anonymous false", f"password_file {users}", f"acl_file {acl}")
+    with bare_mosquitto(tcp, ws, tmp_path, *rules) as (start, kill):
+        broker = Guarded(tmp_path, start, kill, tcp, ws)
+        start()
+        yield broker
+
+
+async def test_the_door_says_which_half_of_a_phones_talk_does_not_get_through(guarded, monkeypatch):
+    monkeypatch.setattr("phalanx.io.phones.ARRIVE_S", 0.5)
+    url = parse_broker_url(guarded.tcp, Login("gateway", "secret"))
+    for name, (_, lost) in PHONES.items():
+        login = Login(name, "secret")
+        at = RunningBroker("external", url, url, guarded.ws, 5, login)
+        server = a_server(at, login_for_visitors=login)
+        door = PhonesDoor(server)
+        async with server:
+            await server.wait_connected(10)
+            trouble, hint = await door.trouble()
+        assert trouble == (lost and f"phones get into {guarded.ws}, but {lost}"), name
+        assert ("access control" in hint) == bool(lost)
+
+
+@pytest.mark.parametrize(
+    ("host", "said"), [("nowhere.invalid", "there is no nowhere.invalid"), ("127.0.0.1", "nothing")]
+)
+async def test_a_door_that_is_not_there_is_told_as_that(host, said):
+    server = Server(f"mqtt://127.0.0.1:{free_port()}", broker_for_visitors=f"ws://{host}:{free_port()}/mqtt")
+    trouble, hint = await PhonesDoor(server).trouble()
+    assert trouble.startswith(said)
+    assert hint == "--broker-ws"
+
+
+async def test_up_tells_of_an_access_control_and_that_it_was_mended_as_soon_as_the_broker_is_back(guarded):
+    with a_gateway(*guarded.words("writes")) as (up, ready):
+        lost = f"phones get into {guarded.ws}, but {PHONES['writes'][1]}"
+        (line,) = up.err
+        assert lost in line
+        assert "hint: see its access control: below /qrkey/+/ phones write" in line
+
+        def state():
+            address, token = ready["operator_url"].split("/#token=")
+            asking = urllib.request.Request(f"{address}/api/state", headers={"Authorization": f"Bearer {token}"})
+            return json.load(urllib.request.urlopen(asking))
+
+        assert state()["broker"]["phones"] == lost
+        guarded.let({"writes": PHONES["all"]})
+        guarded.kill()
+        guarded.start()
+        await eventually(lambda: any("phones get in again" in line for line in up.err), 12)
+        now = state()
+        assert now["broker"]["phones"] == ""
+        assert (now["counters"]["commands"], now["counters"]["requests"], now["visitors"]) == (0, 0, [])
+        assert not up.events("command")
+
+
+def test_an_echo_and_the_doctor_tell_of_it_too(guarded, monkeypatch):
+    monkeypatch.setattr("phalanx.io.phones.ARRIVE_S", 0.5)  # the doctor's, who is in this process
+    with child("link", "serve", "--events", *guarded.words("reads")) as echo:
+        echo.wait_for("ready")
+        (line,) = echo.err
+        assert PHONES["reads"][1] in line
+    for name, code in (("reads", 1), ("all", 0)):
+        done = called("doctor", *guarded.words(name))
+        assert done.returncode == code, done.stdout
+        (told,) = [line for line in done.stdout.splitlines() if "broker, for phones" in line]
+        assert (PHONES["reads"][1] in told) == bool(code)
+    assert called("doctor", "--root", "/elsewhere", *guarded.words("all")).returncode == 1

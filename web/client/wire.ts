@@ -1,0 +1,6 @@
+// Made by firmware/generate.py from src/phalanx/wire/table.py.
+
+/** where a robot is, in a frame; with a w of 181 · 360 or more it is no robot, and leaves out 181 numbers. */
+export const PLACE = { bytes: 6, w: 0, x: 2, y: 4 };
+export const TURN_DEG = 360;
+export const PASS_BY = 181;
