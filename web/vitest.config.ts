@@ -6,6 +6,8 @@ export default defineConfig({
     environment: "node",
     // Two cores, shared.
     maxWorkers: 2,
-    testTimeout: 20_000,
+    // Ends what hangs, judges nothing: these run on what others leave of the machine.
+    testTimeout: 120_000,
+    hookTimeout: 60_000,
   },
 });

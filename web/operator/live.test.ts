@@ -38,7 +38,7 @@ describe("the live swarm", () => {
     const whole = new TextEncoder().encode(LINES.map((line) => `${JSON.stringify(line)}\n`).join(""));
     answerWith(...Array.from(whole, (_, i) => whole.slice(i, i + 1)));
     const live = new Live("secret");
-    await vi.waitFor(() => expect(live.view.swarm.seq).toBe(7));
+    await vi.waitFor(() => expect(live.view.swarm.seq).toBe(7), 30_000);
     expect(live.view.swarm.area).toMatchObject({ width: 3000, height: 2000 });
     expect(live.view.swarm.robots.get(A)).toMatchObject({ name: "Zoë", status: 2 });
     live.close();
@@ -47,11 +47,11 @@ describe("the live swarm", () => {
   it("is asked for again when the gateway hangs up or talks nonsense, and no more once closed", async () => {
     answerWith(new TextEncoder().encode("nonsense\n"));
     const live = new Live("secret");
-    await vi.waitFor(() => expect(opened).toBe(2), 3000);
+    await vi.waitFor(() => expect(opened).toBe(2), 30_000);
     answerWith();
-    await vi.waitFor(() => expect(opened).toBe(3), 3000);
+    await vi.waitFor(() => expect(opened).toBe(3), 30_000);
     stop?.();
-    await vi.waitFor(() => expect(opened).toBe(4), 3000);
+    await vi.waitFor(() => expect(opened).toBe(4), 30_000);
     live.close();
     await new Promise((resolve) => setTimeout(resolve, 700));
     expect(opened).toBe(4);

@@ -326,13 +326,12 @@ describe("hostile peers", () => {
   });
 
   test("memory is bounded: robots, names, waypoints, trails", () => {
-    const many = Array.from({ length: 3 * MOST_ROBOTS }, (_, i) =>
-      robot(`R${i}`, {
-        name: "n".repeat(10_000),
-        waypoints: Array(500).fill({ x: 1, y: 1 }),
-        position_history: Array(5000).fill({ x: 1, y: 1 }),
-      }),
-    );
+    const long = {
+      name: "n".repeat(10_000),
+      waypoints: Array(500).fill({ x: 1, y: 1 }),
+      position_history: Array(5000).fill({ x: 1, y: 1 }),
+    };
+    const many = Array.from({ length: 3 * MOST_ROBOTS }, (_, i) => robot(`R${i}`, long));
     const swarm = play([
       told(0, many.slice(0, 50)),
       frame(1, { joined: many }),
