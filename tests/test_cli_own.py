@@ -65,6 +65,22 @@ class TestController:
         assert "6 robots, 3 s, seed 0\n" in out
         assert "distance to the goal" not in out, "that of the scenario, not of this controller"
 
+    def test_where_it_goes_is_not_told_as_only_it_knows(self, phalanx):
+        _, out, _ = phalanx("sim", "run", "flock-12", *QUICK, "--controller", OWN)
+        assert "distance to the goal" not in out
+        _, out, _ = phalanx("sim", "run", "flock-12", *QUICK)
+        assert "distance to the goal" in out
+
+    def test_what_it_prints_is_talk_and_no_data(self, phalanx, mine):
+        words = mine("print('at first')\n" + WHOLE.replace("return []", "print('at work'); return []"))
+        checked = ("sim", "check", words, "--json")
+        attacked = ("attack", "run", "hijack:robot=2,at=1", *QUICK, "--controller", words, "--json")
+        for called in (("sim", "run", "flock-12", *QUICK, "--controller", words, "--json"), attacked, checked):
+            _, out, err = phalanx(*called)
+            assert json.loads(out)
+            assert "at first\n" in err
+            assert "at work\n" in err
+
     def test_a_class_may_go_unnamed_where_there_is_one(self, phalanx, mine):
         mine(WHOLE)
         code, _, err = phalanx("sim", "run", "flock-12", *QUICK, "--controller", "mine.py")

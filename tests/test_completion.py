@@ -76,6 +76,18 @@ def test_what_is_begun_is_ended(shell):
     assert offered(shell, "phalanx attack run spo") == ["spoof", "spoof-scan"]
 
 
+def test_behind_a_file_its_classes_are_offered_and_it_is_not_run(shell):
+    here, _ = shell
+    (here / "mine.py").write_text("class Mine: pass\nclass Min(Mine): pass\nclass _Not: pass\nraise SystemExit(3)")
+    (here / "bad.py").write_text("class")
+    both = ["mine.py:Min", "mine.py:Mine"]
+    for words in ("sim check", "sim run flock-12 --controller", "sim run flock-12 --attack", "attack run"):
+        assert sorted(offered(shell, f"phalanx {words} mine.py")) == both, "bash ends a word before a colon"
+        assert sorted(offered(shell, f"phalanx {words} mine.py:M")) == both
+    assert offered(shell, "phalanx sim check mine.py:Mine") == ["mine.py:Mine"]
+    assert offered(shell, "phalanx sim check bad.py") == ["bad.py"]
+
+
 def test_commands_are_offered_and_the_shell_offers_other_files(shell):
     assert offered(shell, "phalanx si") == ["sim"]
     assert offered(shell, "phalanx sim ") == ["check", "list", "run", "schema"]

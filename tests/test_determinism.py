@@ -12,7 +12,7 @@ from conftest import PHALANX, ROOT
 from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import OwnMistake
-from phalanx.sim.determinism import calls, check
+from phalanx.sim.determinism import calls, check, watch
 from phalanx.sim.determinism.calls import ROBOT, maker
 from phalanx.sim.determinism.check import Report, check_controller
 from phalanx.sim.determinism.trace import LIVES, live
@@ -51,9 +51,9 @@ class Mine(Controller):
 """
 COUNTED = "self.heard = self.heard + 1"
 ACTED = "return self.act(t_ms, self.heard, 0.0)"
-PROCESSES, COMPILED, BESIDE, FROM, OVER, RAISES = (
+PROCESSES, COMPILED, BESIDE, FROM, OVER, RAISES, REFUSED = (
     "same in all processes", "same when not compiled", "same beside another", "same from checkpoints",
-    "same over checkpoints", "raises nothing",
+    "same over checkpoints", "raises nothing", "only what robots take",
 )  # fmt: skip
 
 
@@ -197,15 +197,34 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             r"reading \d+, \d+ ms, .* at byte 15\): on_input raises: OverflowError",
             id="a reading that is huge",
         ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, struct.unpack_from('<f', reading, 15)[0], 0.0)"},
+            {REFUSED},
+            r"at byte 15\): refused: on_input put out Act of acceleration: ax_mps2 is nan",
+            id="NaN that goes on into a command",
+        ),
+        pytest.param(
+            {ACTED: "return self.act(t_ms, 0.0, 0.0) if struct.unpack_from('<f', reading, 15)[0] < 1e9 else None"},
+            {REFUSED},
+            r"at byte 15\): refused: on_input returned None",
+            id="no outputs at an odd reading",
+        ),
+        pytest.param(
+            {COUNTED: "self.heard += len(frame) // 400", '"<d", self.heard)': '"<d", self.heard) + bytes(int(self.heard) * 5000)',
+             '"<d", encoding)': '"<d", encoding[:8])'},
+            {REFUSED},
+            r"refused: encode returned \d+ bytes",
+            id="an encoding that grows with what is heard",
+        ),
     ],
 )  # fmt: skip
 def test_it_is_found_where_it_differs(checked, change, where, place):
     # What one process of several lives shows needs no other.
-    report = checked(change, here=where in ({FROM, OVER}, {OVER}, {RAISES}))
+    report = checked(change, here=where in ({FROM, OVER}, {OVER}, {RAISES}, {REFUSED}))
     found = failed(report)
     assert where <= set(found)
-    if where in ({PROCESSES}, {COMPILED}, {OVER}, {RAISES}):
-        assert set(found) == where, "and nothing else is said of it"
+    if where in ({PROCESSES}, {COMPILED}, {OVER}, {RAISES}, {REFUSED}):
+        assert set(found) - ({REFUSED} - where) == where, "and nothing else is said of it"
     for name in where:
         assert re.search(place, found[name]), found[name]
     assert not report.agrees
@@ -225,9 +244,32 @@ def test_what_fails_without_liars_is_told_with_its_line(checked):
 
 
 def test_what_does_not_return_is_told(checked, monkeypatch):
-    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
     with pytest.raises(UsageError, match=r"mine.py:Mine: on_input has not returned for 0.3 s \(reading 0, "):
         checked({ACTED: "while True: pass"})
+    with pytest.raises(UsageError, match=r"mine.py:Mine: on_input has not returned for 0.3 s \(reading 0, "):
+        checked({ACTED: "__import__('select').select([], [], [])"})
+
+
+@pytest.mark.parametrize(
+    "does, told",
+    [
+        ("open(__file__)", "opens a file"),
+        ("time.sleep(1000)", "sleeps"),
+        ("__import__('threading').Thread(target=time.sleep, args=(1000,)).start()", "starts a thread"),
+        ("__import__('socket').socket()", "opens a socket"),
+        ("__import__('os').system('true')", "starts a program"),
+    ],
+)
+def test_what_looks_beyond_its_inputs_is_told_even_if_it_catches_that(checked, does, told):
+    act = f"""
+        try:
+            {does}
+        except Exception:
+            pass
+        {ACTED}"""
+    with pytest.raises(UsageError, match=rf"mine.py:Mine: on_input {told} \(reading 0, "):
+        checked({ACTED: act})
 
 
 def test_nor_is_that_noted_as_something_raised(monkeypatch):
@@ -236,7 +278,7 @@ def test_nor_is_that_noted_as_something_raised(monkeypatch):
             while True:
                 pass
 
-    monkeypatch.setattr(calls, "LONGEST_CALL_S", 0.3)
+    monkeypatch.setattr(watch, "LONGEST_CALL_S", 0.3)
     with pytest.raises(OwnMistake, match="on_recv has not returned"):
         live(lambda _: Endless(), 1, [calls.Call(-1, 0, b"hello")])
 
@@ -245,7 +287,7 @@ class TestCommand:
     def test_0_is_the_same_everywhere(self):
         done = subprocess.run([*PHALANX, "sim", "check", OWN], capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, "")
-        assert [line.split()[-1] for line in done.stdout.splitlines()[1:]] == ["yes"] * 6
+        assert [line.split()[-1] for line in done.stdout.splitlines()[1:]] == ["yes"] * 7
 
     def test_1_is_a_difference_and_json_has_its_place(self, tmp_path, monkeypatch, capsys):
         monkeypatch.setattr(check, "_Process", Here)

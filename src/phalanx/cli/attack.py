@@ -20,20 +20,21 @@ from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .mission.crack import span
 from .sim import TYPED, changed, progress, told, warn
-from .terminal import Progress, counted, end_status_line, print_json, print_rows
+from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 
 DURATION_S = 150.0  # the paper's
 
 
 def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: Any) -> int:
     """Runs an attack beside the same run without it; 1 if something did not come as declared."""
-    first = find_attack(name)
+    with said_aside():
+        first = find_attack(name)
     if not (first.own or first.name in ATTACKS):
         raise UsageError(f"no attack {first.name!r}", f"{did_you_mean(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
     if first.attack.scene == "flock":
-        with mistakes_in(controller, name):
+        with said_aside(), mistakes_in(controller, name):
             trial, goal_m = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":
         trial = _try_in_team(name, first, said | {"controller": controller}, defence)

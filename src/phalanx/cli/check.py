@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from phalanx.sim.determinism.check import Check, check_controller
 
-from .terminal import print_json, print_rows
+from .terminal import print_json, print_rows, said_aside
 
 
 def check(controller: str, seed: int, as_json: bool) -> int:
     """Checks a controller and says on stdout where it differs; 1 if it does."""
-    report = check_controller(controller, seed)
+    with said_aside():
+        report = check_controller(controller, seed)
     if as_json:
         print_json(report.as_json())
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -16,8 +17,8 @@ Offer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
-    """Completes a word to one of `names`, or to a file with one of `endings` (".yaml"); where neither fits, to any
-    file.
+    """Completes a word to one of `names`, to a file with one of `endings` (".yaml"), where that is Python's behind its
+    whole name to the classes in it; and where nothing fits, to any file.
 
     Names are asked for when somebody presses Tab. Without endings, no file is offered.
     """
@@ -25,12 +26,24 @@ def offer(names: Callable[[], Iterable[str]], *endings: str) -> Offer:
     def complete(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
         folder = Path(begun if begun.endswith("/") else Path(begun).parent)
         files = [path for path in folder.glob("*") if path.suffix in endings]
+        path, _, name = begun.partition(":")
+        if path.endswith(".py") and ".py" in endings and (known := _classes(Path(path))):
+            return [CompletionItem(f"{path}:{each}") for each in known if each.startswith(name)]
         words = sorted([*names(), *(f"./{path}" if begun.startswith("./") else str(path) for path in files)])
         fitting = [CompletionItem(word) for word in words if word.startswith(begun)]
         # The shell offers files itself, and goes into folders.
         return fitting or ([CompletionItem(begun, type="file")] if endings else [])
 
     return complete
+
+
+def _classes(path: Path) -> list[str]:
+    """What a file's classes are called; none if it is no Python. It is read, and not run."""
+    try:
+        parts = ast.parse(path.read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return []
+    return [part.name for part in parts if isinstance(part, ast.ClassDef) and not part.name.startswith("_")]
 
 
 a_scenario = offer(lambda: built_in("scenarios"), ".yaml", ".yml")

@@ -17,7 +17,7 @@ from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
-from .terminal import Progress, counted, end_status_line, print_json, print_rows
+from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 
 # What people typed, for what a scenario calls otherwise.
 TYPED = {
@@ -52,12 +52,15 @@ def run(
     **said: Any,
 ) -> int:
     """Runs a scenario and sums it up on stdout."""
-    chosen = changed(find_scenario(scenario), said, defence=defence, attacks=find_attacks(attacks) if attacks else None)
-    chosen, own = find_controller(controller, chosen)
-    warn(chosen)
     before = _written(record)
+    with said_aside():
+        liars = find_attacks(attacks) if attacks else None
+        chosen, own = find_controller(
+            controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars)
+        )
+    warn(chosen)
     try:
-        with mistakes_in(controller, *attacks):
+        with said_aside(), mistakes_in(controller, *attacks):
             ended = play(chosen, record, progress(chosen.duration_s), own)
     except KeyboardInterrupt:
         end_status_line()
@@ -67,7 +70,7 @@ def run(
     if as_json:
         print_json(ended.summary())
     else:
-        show(chosen, ended.summary())
+        show(chosen, ended.summary(), knows_goal=own is None)
     if own and ended.summary()["correct_in_safe_mode"]:
         click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {controller}", err=True)
     if record:
@@ -98,12 +101,13 @@ def progress(duration_s: float, label: str = "") -> Callable[[Run], None]:
     return tell
 
 
-def show(scenario: Scenario, summary: dict[str, Any]) -> None:
-    """A run's summary for people, on stdout."""
+def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True) -> None:
+    """A run's summary for people, on stdout; without the goal where only the controller knows where it goes."""
+    to_goal = told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots")
     rows = {
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
-        "distance to the goal": told(summary["mean_distance_to_goal_m"], ".1f", " m, mean of the correct robots"),
+        **({"distance to the goal": to_goal} if knows_goal else {}),
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
         "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
         "for want of a quorum": _ids(summary["without_quorum"]),

@@ -13,7 +13,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,13 @@ def status_line(text: str, *more: str) -> None:
                 break
             text += f"  {part}"
         click.echo(f"\r\x1b[2K{text[:width]}", nl=False, err=True)
+
+
+@contextlib.contextmanager
+def said_aside() -> Iterator[None]:
+    """What files of a researcher's print while they run is talk: it goes to stderr, as stdout is data."""
+    with contextlib.redirect_stdout(sys.stderr):
+        yield
 
 
 def end_status_line() -> None:

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from types import FrameType
 
 import numpy as np
 
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
-from phalanx.robot.controllers.python_controller import Controller, Output, OwnMistake, compiled
+from phalanx.robot.controllers.python_controller import Controller, Output, compiled
 from phalanx.sim.scenarios.own import find_class, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
-from phalanx.sim.signals import handled_by
 from phalanx.wire import table
 from phalanx.wire.fields import put_u16, put_u64
+
+from .watch import watched
 
 Make = Callable[[int], Controller]
 ROBOTS, ROBOT, LIFE_S, GOAL_M = 9, 5, 15.0, (120.0, 120.0)
 CONTROL_MS = 250
-LONGEST_CALL_S = 10.0
 LATEST_MS = (1 << 32) - 1  # entries carry no later time
 LONGEST_BYTES = 400
 # Numbers as they lie in frames and readings: not a number of either sign, infinities, the largest, the least, -0.
@@ -48,31 +44,6 @@ class Call:
     def __str__(self) -> str:
         what = f"reading {self.step}" if self.step >= 0 else "frame"
         return f"{what}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
-
-
-@contextlib.contextmanager
-def returning(controller: Controller, call: Call) -> Iterator[None]:
-    """The body asks `controller` this; for longer than 10 s of processor time is an `OwnMistake`.
-
-    What numba compiles may take longer. Outside the main thread nobody looks.
-    """
-    method = "on_recv" if call.step < 0 else "on_input"
-
-    def late(_number: int, frame: FrameType | None) -> None:
-        while frame:
-            if "numba" in Path(frame.f_code.co_filename).parts:
-                return
-            frame = frame.f_back
-        what = f"{method} has not returned for {LONGEST_CALL_S:g} s ({call})"
-        raise OwnMistake(what, "is there a loop that does not end?", controller)
-
-    with handled_by(late, signal.SIGVTALRM) as watched:
-        seconds = LONGEST_CALL_S if watched else 0.0
-        signal.setitimer(signal.ITIMER_VIRTUAL, seconds, seconds)
-        try:
-            yield
-        finally:
-            signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
 
 
 def maker(words: str) -> Make:
@@ -114,12 +85,12 @@ class _Listener(Controller):
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         self._calls.append(Call(-1, t_ms, frame))
-        with returning(self._inner, self._calls[-1]):
+        with watched(self._inner, "on_recv", str(self._calls[-1])):
             self._inner.on_recv(t_ms, frame)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         self._calls.append(Call(step, t_ms, reading))
-        with returning(self._inner, self._calls[-1]):
+        with watched(self._inner, "on_input", str(self._calls[-1])):
             return self._inner.on_input(step, t_ms, reading)  # type: ignore[return-value]
 
 

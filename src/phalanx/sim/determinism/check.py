@@ -112,6 +112,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
             compare("same from checkpoints", iter([("gone on from it", first["live_on"])])),
             compare("same over checkpoints", iter([("gone on from it", first["live_over"])])),
             Check("raises nothing", _first_raised(calls, straight)),
+            Check("only what robots take", _first_refused(calls, straight)),
         ),
     )
 
@@ -153,18 +154,25 @@ def _named(turn: int) -> str:
 
 
 def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
-    for k, (call, (_, _, raised)) in enumerate(zip(calls, steps, strict=True)):
+    for k, (call, (_, _, raised, _)) in enumerate(zip(calls, steps, strict=True)):
         if raised:
             method = "on_recv" if call.step < 0 else "on_input"
             return Finding(k, str(call), f"{method} raises", None, "", raised, "")
     return None
 
 
+def _first_refused(calls: list[Call], steps: list[Step]) -> Finding | None:
+    for k, (call, (_, _, _, refused)) in enumerate(zip(calls, steps, strict=True)):
+        if refused:
+            return Finding(k, str(call), "refused", None, "", refused, "")
+    return None
+
+
 def _first_difference(words: str, calls: list[Call], one: list[Step], other: list[Step], who: str) -> Finding | None:
     remembered = BUNDLED[words].remembers if words in BUNDLED else ()
     for k, (call, mine, theirs) in enumerate(zip(calls, one, other, strict=True)):
-        outputs, state, raised = mine
-        outputs_2, state_2, raised_2 = theirs
+        outputs, state, raised, _ = mine
+        outputs_2, state_2, raised_2, _ = theirs
         if raised != raised_2:
             said, said_2 = raised or "nothing", raised_2 or "nothing"
             return Finding(k, str(call), "raised", None, "", f"{PLAIN}: {said}", f"{who}: {said_2}")

@@ -14,15 +14,33 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from phalanx.robot.controllers.python_controller import Controller, OwnMistake, Send
+from phalanx.config import BtiConfig
+from phalanx.robot.controllers.dispatch import BUNDLED
+from phalanx.robot.controllers.python_controller import (
+    Act,
+    Controller,
+    Output,
+    OwnMistake,
+    checked_outputs,
+    checked_state,
+)
+from phalanx.wire.record import MalformedRecord
 
-from .calls import Call, Make, maker, returning
+from .calls import Call, Make, maker
+from .watch import Endless, watched
 
-# What a controller did at one call: type and bytes of each output, what it remembers then, and what it raised.
-Step = tuple[list[tuple[str, str]], str, str]
+# What a controller did at one call: type and bytes of each output, what it remembers then, what it raised, and what
+# no body, no radio and no checkpoint takes of that.
+Step = tuple[list[tuple[str, str]], str, str, str]
+# By first byte and length.
+COMMANDS, SAID = (
+    {(record.tag, record.size): record for record in records}
+    for records in ([each.commands for each in BUNDLED.values()], [each.says for each in BUNDLED.values()])
+)
 # Neither whole days nor whole hours: the hour, the minute and the second of a day are others too.
 LATER_S = 118_383.0
 # So many calls another robot's controller is behind: what both keep in one place is then not the same.
@@ -74,31 +92,59 @@ def _relayed(calls: list[Call], controller: Controller, following: Callable[[], 
             controller.decode(encoding)
             decoded = controller.encode()
         except Exception as error:  # noqa: BLE001 - it is told
-            steps.append(([], "", f"decode: {_told(error)}"))
+            steps.append(([], "", f"decode: {_told(error)}", ""))
             continue
         step = _step(controller, call)
-        steps.append(step if decoded == encoding else ([], decoded.hex(), "decode, then encode: other bytes"))
+        steps.append(step if decoded == encoding else ([], decoded.hex(), "decode, then encode: other bytes", ""))
     return steps
 
 
 def _step(controller: Controller, call: Call) -> Step:
-    outputs: list[tuple[str, str]] = []
-    raised = ""
+    outputs: list[Output] = []
+    raised = refused = ""
+    method = "on_recv" if call.step < 0 else "on_input"
     try:
-        with returning(controller, call):
+        with watched(controller, method, str(call)):
             if call.step < 0:
                 controller.on_recv(call.t_ms, call.payload)
             else:
                 told = controller.on_input(call.step, call.t_ms, call.payload)
-                outputs = [("Send" if isinstance(output, Send) else "Act", output.payload.hex()) for output in told]
-    except OwnMistake:  # it does not return: nor will it at the next call
+                outputs = checked_outputs(told, BtiConfig().frame_max_bytes, controller)
+                refused = _unfit(outputs)
+    except Endless:
         raise
+    except OwnMistake as error:
+        refused = str(error)
     except Exception as error:  # noqa: BLE001 - it is told
         raised = _told(error)
     try:
-        return outputs, controller.encode().hex(), raised
+        state = checked_state(controller.encode(), _room(controller.state_bytes), controller)
+    except OwnMistake as error:
+        state, refused = b"", refused or str(error)
     except Exception as error:  # noqa: BLE001 - as above
-        return outputs, "", raised or f"encode: {_told(error)}"
+        state, raised = b"", raised or f"encode: {_told(error)}"
+    return [(type(output).__name__, output.payload.hex()) for output in outputs], state.hex(), raised, refused
+
+
+def _unfit(outputs: list[Output]) -> str:
+    """What is wrong with the first of them that no body and no neighbour could use; "" if nothing is."""
+    for output in outputs:
+        layouts = COMMANDS if isinstance(output, Act) else SAID
+        known = layouts.get((output.payload[0], len(output.payload)))
+        try:
+            if known:
+                known.decode(output.payload)
+            elif isinstance(output, Act):
+                return f"on_input put out no command: {len(output.payload)} bytes, the first {output.payload[0]}"
+        except MalformedRecord as error:
+            return f"on_input put out {type(output).__name__} of {error}"
+    return ""
+
+
+def _room(state_bytes: int) -> int:
+    """For a checkpoint, in a scenario that says nothing of it."""
+    bti = BtiConfig()
+    return replace(bti, state_bytes=max(bti.state_bytes, state_bytes)).checkpoint_capacity_bytes
 
 
 def _told(error: Exception) -> str:
