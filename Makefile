@@ -35,7 +35,7 @@ ifeq ($(filter test% check-long coverage lint% bench docs %-dev,$(MAKECMDGOALS))
 NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
-NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind
+NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind spin=spin
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
