@@ -2,8 +2,9 @@
 
 mosquitto keeps what it is given: sessions that sleep, subscriptions, news for readers that stall, connections that say
 nothing. Here each visitor may have a little of everything, and all of them together a fixed amount. What they want of
-us they get in turns, place by place (`turns.py`), and so much at once that this loop is never late; whoever is not to
-be contented is hung up on. The control loop lives in another process, and is held up by nothing of it.
+us they get in turns (`turns.py`), head by head who has proved the pin and place by place the others, and so much at
+once that this loop is never late; whoever is not to be contented is hung up on. The control loop lives in another
+process, and is held up by nothing of it.
 
 Started by `guarding.py`: `python -m phalanx.io.guard SOCKET DOOR…`, the path of the broker's socket and the numbers of
 sockets that listen: for whoever watches us, for programs, and for browsers.
@@ -19,6 +20,7 @@ import time
 from collections import Counter
 
 from .files import allow_files
+from .heads import Heads, Standing
 from .pace import Pace
 from .seats import Seats, place_of
 from .turns import Turns
@@ -50,6 +52,7 @@ class House(Seats[Visitor]):
         self.waiting_bytes = 0
         self._turns: Turns[Visitor] = Turns()
         self._line: Turns[Visitor] = Turns()
+        self._heads = Heads()
         self._readers: dict[bytes, Visitor] = {}
         self._asking = 0
         self._is_busy = self._has_turns = False
@@ -63,10 +66,11 @@ class House(Seats[Visitor]):
             asyncio.get_running_loop().call_soon(self._give_turns)
 
     def _give_turns(self) -> None:
-        until_s, pause_s = time.monotonic() + AT_ONCE_S, 0.0
+        # Of the processor's time: by the clock, whoever shares a busy machine would give a turn or two at once.
+        until_s, pause_s = time.thread_time() + AT_ONCE_S, 0.0
         try:
-            while self._turns and (now_s := time.monotonic()) < until_s:
-                if self._pace.wait_s(now_s):
+            while self._turns and time.thread_time() < until_s:
+                if self._pace.wait_s(now_s := time.monotonic()):
                     self._is_busy, pause_s = True, FEW_PACKETS_S
                     return
                 until_s -= self._turns.next().turn(now_s)
@@ -78,6 +82,23 @@ class House(Seats[Visitor]):
     def passes_on(self, words: int) -> None:
         """So much of what somebody says in its turn."""
         self._pace.said(self._turns.passed_on(words))
+
+    @property
+    def words(self) -> int:
+        """That a turn is worth just now."""
+        return self._turns.words
+
+    def shows(self, visitor: Visitor, shown: Standing) -> None:
+        """It hears the swarm, or was answered: then it counts as a head, if there is room for one more of its place."""
+        if visitor.standing is Standing.HEARS is shown:
+            return
+        if shown is Standing.PROVED and self._heads.one_more(visitor.place):
+            visitor.standing = shown
+            self.know(visitor)
+        else:
+            visitor.standing = Standing.HEARS
+        if self._turns.gone(visitor):  # it waits among those who have shown less
+            self._turns.wait(visitor, much=visitor.says_much(time.monotonic()))
 
     def asks(self, visitor: Visitor) -> None:
         """It asks the broker to let it in, when it is its turn."""
@@ -111,6 +132,9 @@ class House(Seats[Visitor]):
         """It has left, and wants nothing any more."""
         self.reads(visitor, frozenset())
         self.gone(visitor)
+        if visitor.standing is Standing.PROVED:
+            visitor.standing = Standing.STRANGER
+            self._heads.one_less(visitor.place)
         self._turns.gone(visitor)
         self._line.gone(visitor)
 

@@ -1,7 +1,7 @@
 """Seats at a server: so many in all, and none that one address has to itself.
 
 When all are taken, one more takes that of one from where most are: so whoever has one address pushes out only who
-shares it. It is whoever was silent longest, of those first who never spoke.
+shares it. It is whoever was silent longest, of those first who never spoke. Who is known keeps its seat meanwhile.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ class Seated(Protocol):
 
 
 Who = TypeVar("Who", bound=Seated)
+
+KNOWN_PERCENT = 90  # of the seats, at most, while there are others to push out
 
 
 class _Place(Generic[Who]):
@@ -57,11 +59,10 @@ class _Place(Generic[Who]):
         return None
 
 
-class Seats(Generic[Who]):
-    """Who sits where."""
+class _Places(Generic[Who]):
+    """Who comes from where."""
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._count = 0
         self._from: dict[str, _Place[Who]] = {}
         # Places by how many come from there, which was silent longest first: so whoever comes from everywhere makes us
@@ -75,15 +76,16 @@ class Seats(Generic[Who]):
     def __len__(self) -> int:
         return self._count
 
-    def take(self, who: Who) -> None:
-        """One more; somebody leaves if that is one too many."""
+    def add(self, who: Who) -> None:
         place = self._from.setdefault(who.place, _Place())
         place.strangers[who] = None
         self._count += 1
         self._is_now(who.place, len(place) - 1, len(place))
-        if self._count > self._most:
-            crowded = next(iter(self._crowds[self._crowd]))
-            self._from[crowded].first(who).leave()
+
+    def first(self, but: Who) -> Who:
+        """Who should leave, of where most are."""
+        crowded = next(iter(self._crowds[self._crowd]))
+        return self._from[crowded].first(but)
 
     def _is_now(self, place: str, before: int, crowd: int) -> None:
         if before:
@@ -95,22 +97,64 @@ class Seats(Generic[Who]):
         if self._crowd not in self._crowds or crowd > self._crowd:
             self._crowd = crowd
 
-    def heard(self, who: Who, *, speaks: bool = False) -> None:
-        """It said something that we serve, just now; or what is for others, and `speaks`."""
+    def heard(self, who: Who, *, speaks: bool) -> bool:
+        """Whether it is here."""
         place = self._from.get(who.place, _Place())
         row = place.drop(who)
-        if row is not None:
-            (place.spoke if speaks or row is place.spoke else place.served)[who] = None
-            self._is_now(who.place, len(place), len(place))
+        if row is None:
+            return False
+        (place.spoke if speaks or row is place.spoke else place.served)[who] = None
+        self._is_now(who.place, len(place), len(place))
+        return True
+
+    def drop(self, who: Who) -> bool:
+        """Whether it was here."""
+        place = self._from.get(who.place, _Place())
+        if place.drop(who) is None:
+            return False
+        self._count -= 1
+        self._is_now(who.place, len(place) + 1, len(place))
+        if not place:
+            del self._from[who.place]
+        return True
+
+
+class Seats(Generic[Who]):
+    """Who sits where, and of whom we know that they may."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._guests: _Places[Who] = _Places()
+        self._known: _Places[Who] = _Places()
+
+    def __iter__(self) -> Iterator[Who]:
+        return itertools.chain(self._guests, self._known)
+
+    def __len__(self) -> int:
+        return len(self._guests) + len(self._known)
+
+    def take(self, who: Who) -> None:
+        """One more; somebody leaves if that is one too many."""
+        self._guests.add(who)
+        if len(self) > self._most:
+            crowded = 100 * len(self._known) > KNOWN_PERCENT * self._most
+            (self._known if crowded else self._guests).first(who).leave()
+
+    def heard(self, who: Who, *, speaks: bool = False) -> None:
+        """It said something that we serve, just now; or what is for others, and `speaks`."""
+        if not self._guests.heard(who, speaks=speaks):
+            self._known.heard(who, speaks=speaks)
+
+    def know(self, who: Who) -> None:
+        """It is known from now on."""
+        if self._guests.drop(who):
+            self._known.add(who)
+            self._known.heard(who, speaks=True)
 
     def gone(self, who: Who) -> None:
         """It has left."""
-        place = self._from.get(who.place, _Place())
-        if place.drop(who) is not None:
-            self._count -= 1
-            self._is_now(who.place, len(place) + 1, len(place))
-            if not place:
-                del self._from[who.place]
+        if not self._guests.drop(who):
+            self._known.drop(who)
 
 
 def place_of(address: str) -> str:

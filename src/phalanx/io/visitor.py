@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, cast
 
 from phalanx.errors import PeerError
 
+from .heads import NEW_WORDS, Proof, Standing
 from .pace import Pace
-from .visitor_packets import PINGREQ, PUBLISH, SUBSCRIBE, UNSUBSCRIBE, VisitorPackets
+from .turns import TURN
+from .visitor_packets import PINGREQ, PUBLISH, SUBSCRIBE, UNSUBSCRIBE, VisitorPackets, is_question
 from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ LATE_S = 0.3
 LITTLE = (50.0, 60.0, 10.0)
 WORD_BYTES = 4096
 FEW = 100  # of what it may say at once
-TURN, MUCH = 16, 8  # words; each packet that is passed on of who said much is as much as so many
+MUCH = 8  # words that each packet is of a turn, which is passed on of who said much
 ASKING = 4  # words that a SUBSCRIBE is, or an UNSUBSCRIBE: the broker has more to do for it, and a phone says few
 PINGS_APART_S = 0.5  # more PINGREQs are dropped: nobody's keepalive is below 1 s
 LET_IN_S = 0.0002  # processor time, after its turn
@@ -47,7 +49,7 @@ class Visitor(asyncio.BufferedProtocol):
     """It comes as a connection that was accepted, and nothing else yet; whatever it wants of us is done in turns."""
 
     def __init__(self, house: House, connection: socket.socket, place: str, *, browser: bool) -> None:
-        self.place = place
+        self.place, self.standing = place, Standing.NEW
         self.pace, self._little = Pace(*PACE), Pace(*LITTLE)
         self.answers: frozenset[bytes] = frozenset()  # that it reads
         self.loud_checks = 0  # so often in a row it said too much
@@ -61,6 +63,7 @@ class Visitor(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport
         self._websocket = Websocket() if browser else None
         self._packets = VisitorPackets(os.urandom(8).hex().encode())
+        self._proof, self._new_words = Proof(), NEW_WORDS
         self._said = self._hello = b""
         self._broker: asyncio.WriteTransport | None = None
         self._task: asyncio.Task[None] | None = None
@@ -143,9 +146,9 @@ class Visitor(asyncio.BufferedProtocol):
             self._read()
         self._has_packets = True
         is_much = self.says_much(now_s)
-        left, each = TURN, MUCH if is_much else 1
-        while left > 0 and not self._is_held_up:
-            packet, words = self._next or (self._packets.next(), 1)
+        left, each, may_say = TURN, MUCH if is_much else 1, self._house.words
+        while not self._is_held_up:
+            packet, words = self._next or self._cut()
             self._next = None
             if packet is None:
                 self._has_packets = False
@@ -153,12 +156,20 @@ class Visitor(asyncio.BufferedProtocol):
             if self._broker is None:  # the first is its CONNECT
                 self._hello, self._is_held_up = packet, True
                 self._house.asks(self)
-            elif (words := words_of(packet)) > 1 and not is_much and self._little.wait_s(now_s, words):
-                self._next = packet, words  # when it is the turn of who says much
+            elif min(left, may_say) <= 0 or (words > 1 and not is_much and self._little.wait_s(now_s, words)):
+                self._next = packet, words  # when it is its turn again, or that of who says much
                 return False
+            elif self._pass_on(packet, words, now_s):
+                left -= max(words, each)
+                may_say -= words
             else:
-                left -= max(words, each) if self._pass_on(packet, words, now_s) else 1
+                left -= 1
         return False
+
+    def _cut(self) -> tuple[bytes | None, int]:
+        """The next packet, if it is there, and its words."""
+        packet = self._packets.next()
+        return packet, words_of(packet) if packet else 1
 
     def says_much(self, now_s: float) -> bool:
         """Whether it said more than a phone lately."""
@@ -201,8 +212,11 @@ class Visitor(asyncio.BufferedProtocol):
             self._house.reads(self, self._packets.answers)
         self.pace.said(words)
         self._little.said(words)
+        self._new_words -= words
+        if self.standing is Standing.NEW and self._new_words < 0:
+            self.standing = Standing.STRANGER
         if kind & 0xF0 == PUBLISH:
-            if self.is_behind(now_s):
+            if self.is_behind(now_s) and not is_question(packet):
                 return False
             self._house.passes_on(words)
         elif kind == PINGREQ:
@@ -265,6 +279,8 @@ class Visitor(asyncio.BufferedProtocol):
         self._is_answered()
         if self._has_left:
             return
+        if self.standing < Standing.PROVED and (shown := self._proof.of(data, self.answers)):
+            self._house.shows(self, shown)
         before = self.waiting_bytes()
         if self._websocket is not None:
             data = frame_head(BINARY, len(data)) + data

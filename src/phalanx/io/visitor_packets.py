@@ -35,6 +35,12 @@ def is_one_topic(name: bytes) -> bool:
     return b"+" not in name and b"#" not in name and not name.startswith(b"$")
 
 
+def is_question(published: bytes) -> bool:
+    """Whether this PUBLISH asks the swarm something; whole, as `VisitorPackets` gives it."""
+    _, at = varint(published, 1)
+    return published[at + 2 : at + 2 + u16(published, at)].endswith(b"/request")
+
+
 class VisitorPackets:
     """One visitor's stream of MQTT, cut into packets that are whole and may be passed on.
 
@@ -65,7 +71,7 @@ class VisitorPackets:
         """
         came = self._came
         try:
-            length, at = _varint(came, 1)
+            length, at = varint(came, 1)
             first = came[0]
         except IndexError:
             return None
@@ -85,13 +91,15 @@ class VisitorPackets:
                 return self._keep_nothing_of(packet[at:])
             if kind in (SUBSCRIBE, UNSUBSCRIBE):
                 self._count(kind, packet[at:])
+            if kind == PUBLISH and at + 2 + u16(packet, at) > len(packet):
+                raise NotForVisitorsError("a topic that does not end")
         except IndexError:
             raise NotForVisitorsError("shorter than it says") from None
         return bytes(packet)
 
     def _keep_nothing_of(self, packet: bytearray) -> bytes:
         """A CONNECT whose session ends with its connection, whatever was asked for."""
-        name = bytes(packet[2 : 2 + _u16(packet, 0)])
+        name = bytes(packet[2 : 2 + u16(packet, 0)])
         at = 2 + len(name)
         self._mqtt = packet[at]
         # Exactly: mosquitto leaves the highest bit out, and would take 0x85 for 5.
@@ -104,15 +112,15 @@ class VisitorPackets:
         at += 4
         if self._mqtt == 5:
             at = self._forget_session(packet, at)
-        elif not 0 < _u16(packet, at - 2) <= MAX_KEEPALIVE_S:  # by MQTT 5 the broker says how long
+        elif not 0 < u16(packet, at - 2) <= MAX_KEEPALIVE_S:  # by MQTT 5 the broker says how long
             packet[at - 2 : at] = MAX_KEEPALIVE_S.to_bytes(2, "big")
-        if size := _u16(packet, at):  # by MQTT 5, whoever says none is told
+        if size := u16(packet, at):  # by MQTT 5, whoever says none is told
             packet[at : at + 2 + size] = len(self._client_id).to_bytes(2, "big") + self._client_id
-        return bytes([CONNECT]) + _as_varint(len(packet)) + packet
+        return bytes([CONNECT]) + _asvarint(len(packet)) + packet
 
     def _forget_session(self, packet: bytearray, at: int) -> int:
         """Where the properties end that begin there."""
-        size, at = _varint(packet, at)
+        size, at = varint(packet, at)
         end = at + size
         while at < end:
             kind, at = packet[at], at + 1
@@ -122,7 +130,7 @@ class VisitorPackets:
             if not size:
                 raise NotForVisitorsError("no such property")
             for _ in range(-size):
-                at += 2 + _u16(packet, at)
+                at += 2 + u16(packet, at)
             at += max(size, 0)
         if at != end or end > len(packet):
             raise NotForVisitorsError("properties that do not end")
@@ -131,11 +139,11 @@ class VisitorPackets:
     def _count(self, kind: int, body: bytearray) -> None:
         at, named = 2, 0
         if self._mqtt == 5:
-            size, at = _varint(body, at)
+            size, at = varint(body, at)
             at += size
         while at < len(body):
             named += 1
-            end = at + 2 + _u16(body, at)
+            end = at + 2 + u16(body, at)
             name = bytes(body[at + 2 : end])
             if len(name) > FILTER_BYTES or name.count(b"/") >= FILTER_LEVELS:
                 raise NotForVisitorsError("a filter like none of ours")
@@ -154,12 +162,16 @@ class VisitorPackets:
             raise NotForVisitorsError("subscriptions without end")
 
 
-def _u16(data: bytearray, at: int) -> int:
+def u16(data: bytes | bytearray, at: int) -> int:
+    """The number of two bytes there. Raises: IndexError: they are not there."""
     return data[at] << 8 | data[at + 1]
 
 
-def _varint(data: bytearray, at: int) -> tuple[int, int]:
-    """The number there, and where it ends."""
+def varint(data: bytes | bytearray, at: int) -> tuple[int, int]:
+    """The number there of one to four bytes, and where it ends.
+
+    Raises: IndexError: they are not there. NotForVisitorsError: it is longer.
+    """
     value = 0
     for shift in range(0, 28, 7):
         value |= (data[at] & 127) << shift
@@ -169,6 +181,6 @@ def _varint(data: bytearray, at: int) -> tuple[int, int]:
     raise NotForVisitorsError("a length without an end")
 
 
-def _as_varint(value: int) -> bytes:
+def _asvarint(value: int) -> bytes:
     """For up to 16 383."""
     return bytes([value]) if value < 128 else bytes([value & 127 | 128, value >> 7])
