@@ -94,6 +94,34 @@ class TestDisc:
         assert radio.delivery(world.air, radio.APP_UNICAST) == 0.0
         assert np.isnan(radio.delivery(world.air, radio.AUDIT_UNICAST))
 
+    def test_a_share_of_receptions_is_lost_by_chance_and_the_same_ones_with_the_same_seed(self):
+        def heard(loss, seed):
+            world = World([(0, 0), (50, 0), (0, 50)], RadioConfig(loss=loss), seed)
+            for n in range(1000):
+                world.send(0, 27, BROADCAST, n * 1000)
+                world.run()
+            return [(now_us, k) for now_us, k, _, _ in world.heard]
+
+        lossy = heard(0.2, 3)
+        for robot in (1, 2):
+            assert sum(k == robot for _, k in lossy) == pytest.approx(800, abs=50)
+        times = [{now_us for now_us, k in lossy if k == robot} for robot in (1, 2)]
+        assert len(times[0] & times[1]) == pytest.approx(640, abs=50), "each by its own luck"
+        assert heard(0.2, 3) == lossy != heard(0.2, 4)
+        assert len(heard(0.0, 3)) == 2000
+
+    def test_a_lost_unicast_or_acknowledgement_is_tried_again_and_the_frame_delivered_once(self):
+        world = World([(0, 0), (50, 0)], RadioConfig(loss=0.2, tries=255))
+        for n in range(1000):
+            world.send(0, 1000, 1, n * 100_000)
+            world.run()
+        assert len(world.heard) == 1000
+        assert all(arrived for _, _, arrived in world.left)
+        tries = world.air.counts[0, radio.APP_UNICAST, radio.AIRTIME_US] / 348
+        assert tries == pytest.approx(1000 / 0.8**2, rel=0.1)
+        with pytest.raises(UsageError, match="loss is 1"):
+            RadioConfig(loss=1.0)
+
 
 class TestRules:
     def test_a_robot_that_hears_another_waits(self):

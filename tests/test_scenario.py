@@ -34,6 +34,25 @@ class TestScenario:
         assert len(set(scenario.starts_m)) == robots
         assert max(map(max, scenario.starts_m)) <= (edge - 1) * scenario.grid_step_m
 
+    def test_or_in_a_line_in_a_ring_or_on_two_islands(self):
+        line = Scenario(formation="line", robots=4, grid_step_m=7.0).starts_m
+        assert line == [(0, 0), (7, 0), (14, 0), (21, 0)]
+        ring = np.array(Scenario(formation="ring", robots=9, grid_step_m=7.0).starts_m)
+        assert np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) == pytest.approx(np.full(9, 7.0), abs=0.002)
+        assert ring.min() >= 0
+        apart = Scenario(formation="islands", robots=9, grid_step_m=7.0)
+        here, there = np.array(apart.starts_m[:5]), np.array(apart.starts_m[5:])
+        assert here[:, 0].max() == 14
+        assert there[:, 0].min() - 14 == 7 + math.ceil(apart.radio.range_m)
+        with pytest.raises(UsageError, match="no formation 'circle'"):
+            Scenario(formation="circle")
+
+    @pytest.mark.parametrize("formation", ["line", "ring", "islands"])
+    @pytest.mark.parametrize("robots", [1, 2, 24, 25])
+    def test_nobody_shares_a_place_in_any_of_them(self, formation, robots):
+        starts_m = Scenario(formation=formation, robots=robots).starts_m
+        assert len(set(starts_m)) == len(starts_m) == robots
+
     def test_neighbours_provided_for_are_those_in_range_and_half_as_many_again(self):
         assert Scenario().bti.n_max == 24, "all others are in range"
         sparse = Scenario(robots=324, grid_step_m=64.0, bti=BtiConfig(f_max=2))

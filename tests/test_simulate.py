@@ -283,8 +283,9 @@ class TestCautions:
 
     @pytest.mark.parametrize("robots", [1, 2, 7, 25, 60, 324])
     @pytest.mark.parametrize("grid_step_m", [1.0, 30.0, 64.0, 110.0, 200.0])
-    def test_neighbours_are_counted_as_the_world_does(self, robots, grid_step_m):
-        scenario = Scenario(robots=robots, grid_step_m=grid_step_m)
+    @pytest.mark.parametrize("formation", ["grid", "line", "ring", "islands"])
+    def test_neighbours_are_counted_as_the_world_does(self, robots, grid_step_m, formation):
+        scenario = Scenario(robots=robots, grid_step_m=grid_step_m, formation=formation)
         starts_m = np.array(scenario.starts_m)
         apart = np.linalg.norm(starts_m[:, None] - starts_m[None], axis=2)
         near = (apart <= scenario.radio.range_m).sum(axis=1) - 1

@@ -46,6 +46,9 @@ class RadioConfig:
         12.0, 0, 300, "the same for unicast frames and acknowledgements. 300 for both: every overlap loses both"
     )
     tries: int = within(7, 1, 255, "transmissions of a unicast frame before it is given up")
+    loss: float = within(
+        0.0, 0.0, 0.9, "share of receptions, acknowledgements too, that fail by chance, each robot's own"
+    )
     long_bytes: int = within(2048, 64, 8192, "longest frame; each robot's NIC holds one of more than 64 bytes")
 
     def __post_init__(self) -> None:

@@ -69,6 +69,7 @@ class Air(NamedTuple):
     half_exponents: int  # twice the exponent of the path loss
     capture: float  # how many times as strong as all that overlaps it a broadcast must be
     data_capture: float  # the same for unicast frames and acknowledgements
+    loss: float  # share of receptions that fail by chance
     tries: int  # transmissions of a unicast frame
 
 
@@ -105,6 +106,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         half_exponents=round(2 * config.exponent),
         capture=10 ** (config.capture_db / 10),
         data_capture=10 ** (config.data_capture_db / 10),
+        loss=float(config.loss),
         tries=config.tries,
     )
     return pack(air)
@@ -208,12 +210,12 @@ def finish(
     if dst == BROADCAST:
         for at in range(reach.start[robot], reach.start[robot + 1]):
             other = reach.ids[at]
-            if received(air.nic[other], robot, now_us, air.capture):
+            if received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
                 count += 1
         _account(air, robot, slot, receivers, count, now_us)
         return End(count, _done(air, queue, robot, now_us), 1, frame)
-    if not (0 <= dst < len(air.nic) and received(air.nic[dst], robot, now_us, air.data_capture)):
+    if not (0 <= dst < len(air.nic) and received(air.nic[dst], robot, now_us, air.data_capture, air.loss)):
         arrived = 1 if nic.delivered else 0
         return End(0, _retry(air, queue, robot, now_us), arrived, frame)
     if not nic.delivered:
@@ -230,7 +232,7 @@ def finish(
 def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
     nic = air.nic[sender]
     frame = _bytes(air, sender, nic.head)
-    if received(nic, robot, now_us, air.data_capture):
+    if received(nic, robot, now_us, air.data_capture, air.loss):
         return End(0, _done(air, queue, sender, now_us), 1, frame)
     return End(0, _retry(air, queue, sender, now_us), 1, frame)
 

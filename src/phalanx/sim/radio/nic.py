@@ -82,14 +82,18 @@ def listen(nic: Any, sender: int, strong: float, capture: float, now_us: int, en
 
 
 @kernel
-def received(nic: Any, sender: int, now_us: int, capture: float) -> bool:
+def received(nic: Any, sender: int, now_us: int, capture: float, loss: float) -> bool:
     """Whether the NIC now has the sender's frame, which ends: it listened to that one, and the noise was low enough.
+
+    Of those frames it loses a share of `loss` by chance, its own; without a loss it asks no chance.
 
     Source: docs/adr/0011.
     """
     # The time matters too: a robot that drove out of range while it heard the sender still has its name there.
     heard = nic.hears == sender and nic.hears_until == now_us and not nic.off
-    return bool(heard and nic.strength > capture * nic.noise)
+    if not heard or nic.strength <= capture * nic.noise:
+        return False
+    return bool(loss <= 0.0 or np.float64(_step(nic) >> np.uint64(11)) >= loss * 2.0**53)
 
 
 @kernel
@@ -121,10 +125,16 @@ def hold(nic: Any, now_us: int, until_us: int) -> None:
 
 @kernel
 def draw(nic: Any) -> int:
-    """A back-off in slots, from the NIC's own state and its window. Source: Marsaglia, Xorshift RNGs (2003)."""
+    """A back-off in slots, from the NIC's own state and its window."""
+    return np.int64(_step(nic) >> np.uint64(33)) & nic.window  # type: ignore[no-any-return]
+
+
+@kernel
+def _step(nic: Any) -> Any:
+    """The NIC's next 64 random bits. Source: Marsaglia, Xorshift RNGs (2003)."""
     state = nic.random
     state ^= state << np.uint64(13)
     state ^= state >> np.uint64(7)
     state ^= state << np.uint64(17)
     nic.random = state
-    return np.int64(state >> np.uint64(33)) & nic.window  # type: ignore[no-any-return]
+    return state

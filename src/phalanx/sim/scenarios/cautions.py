@@ -40,16 +40,31 @@ def _lonely(scenario: Scenario) -> list[str]:
 
 def neighbours_at_start(scenario: Scenario, enough: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """(N,), how many others each robot has in range when it starts, or `enough` where there are more."""
+    n, range_m = scenario.robots, scenario.radio.range_m
+    count: np.ndarray[tuple[int], np.dtype[np.int64]]
+    if scenario.formation == "line":
+        each, near = np.arange(n), int(range_m / scenario.grid_step_m)
+        count = np.minimum(each, near) + np.minimum(n - 1 - each, near)
+    elif scenario.formation == "ring":
+        apart_m = np.linalg.norm(np.subtract(scenario.starts_m, scenario.starts_m[0]), axis=1)
+        count = np.full(n, (apart_m <= range_m).sum() - 1)
+    else:
+        count = np.concatenate([_on_a_grid(size, scenario, enough) for size in scenario.grids])
+    if scenario.hub:
+        count[scenario.hub :] = np.minimum(count[scenario.hub :], scenario.hub)
+    count = np.minimum(count, enough)
+    return count
+
+
+def _on_a_grid(robots: int, scenario: Scenario, enough: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     edge, step_m, range_m = scenario.robots_per_edge, scenario.grid_step_m, scenario.radio.range_m
-    rows, columns = np.divmod(np.arange(scenario.robots), edge)
-    count = np.zeros(scenario.robots, np.int64)
+    rows, columns = np.divmod(np.arange(robots), edge)
+    count = np.zeros(robots, np.int64)
     # In a corner, two columns or rows on hold as many as are asked for, if the grid has them.
     far = min(edge, enough + 1, int(range_m / step_m) + 1)
     for across in range(-far, far + 1):
         for up in range(-far, far + 1):
             if (across or up) and (across * step_m) ** 2 + (up * step_m) ** 2 <= range_m**2:
                 there = (columns + across >= 0) & (columns + across < edge) & (rows + up >= 0)
-                count += there & ((rows + up) * edge + columns + across < scenario.robots)
-    if scenario.hub:
-        count[scenario.hub :] = np.minimum(count[scenario.hub :], scenario.hub)
-    return np.minimum(count, enough)
+                count += there & ((rows + up) * edge + columns + across < robots)
+    return count

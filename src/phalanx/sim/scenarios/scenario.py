@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral
+from typing import Literal, get_args
 
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
@@ -19,12 +20,14 @@ from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 from phalanx.robot.controllers.declaration import bundled
 
 CONTROLLERS = tuple(bundled())
+Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
 LONGEST_S = 7 * 86_400.0
 # A log of more neighbours does not fit a request; nor does a channel carry that of 130.
 MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
 CLOSER, SPARE = 1.5, 4
+ROWS = ("line", "ring")  # one robot behind the other
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +74,11 @@ class Scenario:
     name: str = field(default="", metadata=told("what it is called"))
     about: str = field(default="", metadata=told("what it shows, in a line"))
     robots: int = field(default=25, metadata=told("on a square grid, ids 1.. row by row from the corner at the origin"))
-    grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid")
+    formation: Formation = field(
+        default="grid",
+        metadata=told("or in a line, in a ring, or on two grids, the second a step out of the first one's hearing"),
+    )
+    grid_step_m: float = within(25.0, 0.01, 1e4, "between two robots of the grid, the line or the ring")
     d_m: float = field(default=20.0, metadata=told("spacing that the flock keeps"))
     goal_m: tuple[float, float] = field(default=(500.0, 500.0), metadata=told("where it goes"))
     duration_s: float = within(150.0, 0.1, LONGEST_S, "simulated time")
@@ -113,7 +120,10 @@ class Scenario:
         if not 0 <= self.hub <= self.robots:
             raise UsageError(f"hub is {self.hub}", f"0 to {self.robots}, as there are robots")
         check_limits(self)
-        check_within("the grid's edge", self.grid_step_m * (self.robots_per_edge - 1), 0.0, FARTHEST_M)
+        if self.formation not in get_args(Formation):
+            raise UsageError(f"no formation {self.formation!r}", f"one of {', '.join(get_args(Formation))}")
+        row = self.robots if self.formation in ROWS else self.robots_per_edge
+        check_within("the grid's edge", self.grid_step_m * (row - 1), 0.0, FARTHEST_M)
         if self.defence not in DEFENCES:
             raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
         if self.controller not in CONTROLLERS:
@@ -127,19 +137,37 @@ class Scenario:
 
     @property
     def robots_per_edge(self) -> int:
-        """Robots in a row of the grid; the last row may be shorter."""
-        return math.isqrt(self.robots - 1) + 1
+        """Robots in a row of the grid, or of the larger of two; the last row may be shorter."""
+        return math.isqrt(self.grids[0] - 1) + 1
 
     @property
     def starts_m(self) -> list[tuple[float, float]]:
         """N places, where the robots stand at first; all are at rest."""
-        edge, step_m = self.robots_per_edge, self.grid_step_m
-        return [(i % edge * step_m, i // edge * step_m) for i in range(self.robots)]
+        n, step_m = self.robots, self.grid_step_m
+        if self.formation == "ring":
+            radius_m, turn = step_m / 2 / math.sin(math.pi / max(n, 2)), math.tau / n
+            around = [(math.cos(i * turn), math.sin(i * turn)) for i in range(n)]
+            # To the millimetre: a cosine's last bit is not the same on all machines.
+            return [(round(radius_m * (1 + x), 3), round(radius_m * (1 + y), 3)) for x, y in around]
+        edge = n if self.formation == "line" else self.robots_per_edge
+        apart_m = edge * step_m + math.ceil(self.radio.range_m)
+        return [
+            (i % edge * step_m + nth * apart_m, i // edge * step_m)
+            for nth, robots in enumerate(self.grids)
+            for i in range(robots)
+        ]
+
+    @property
+    def grids(self) -> tuple[int, ...]:
+        """So many robots stand on each grid."""
+        half = self.robots // 2
+        return (self.robots - half, half) if self.formation == "islands" else (self.robots,)
 
     @property
     def robots_in_range(self) -> float:
-        """Of a robot, itself included, in the middle of the grid and while that keeps its step."""
-        return min(math.pi * (self.radio.range_m / self.grid_step_m) ** 2, self.robots)
+        """Of a robot, itself included, in the middle of the grid or the row and while that keeps its step."""
+        steps = self.radio.range_m / self.grid_step_m
+        return min(1 + 2 * steps if self.formation in ROWS else math.pi * steps**2, self.robots)
 
     def drawn_attacks(self) -> tuple[AttackSpec, ...]:
         """The attacks, each with the robot it is about: no two with the same.

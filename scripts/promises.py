@@ -1,0 +1,282 @@
+"""P1 to P4 of docs/spec/rebound.md, a run a row: every attack, wherever robots stand, whatever the radio loses.
+
+    python scripts/promises.py [--attacks spoof,…] [--layouts grid,hub,line,ring,islands] [--f-max 1,2,3,4,5]
+                               [--t-audit 2,4,8] [--loss 0,5,20] [--seeds 2] [--csv out/promises.csv] [--table]
+
+Seeds are even and odd: with an even one as many robots lie as the attack takes, with an odd one f_max. Runs come in an
+order drawn by lot, so that a table that was stopped is a sample of it all. Each is appended to the CSV when it is over
+and is not lived again; after a change of the robot begin another file. Ends with 1 if a promise was broken.
+
+What is judged. P1: no liar lives on beyond its bound after its first deviation. P2: no correct robot that has a quorum
+is stopped; `jam` saturates the channel and is left out. P3: who lives was vouched for in T_val by so many correct
+robots that with all liars they are f_max + 1: no token comes of anything else. P4: no correct robot's log is ever full,
+and no a-node lets out more AUDIT airtime than its bucket has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from dataclasses import asdict, astuple, dataclass, fields, replace
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.config.radio import RadioConfig
+from phalanx.errors import PhalanxError, UsageError
+from phalanx.experiments.bti.attack_trial import Sent, airtime_since
+from phalanx.experiments.table import Head, TableFile
+from phalanx.experiments.version import version
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.robot.attacks.liar import Liar
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+
+LAYOUTS = {"grid": "bti-fig9", "hub": "star-25", "line": "line-25", "ring": "ring-25", "islands": "islands-24"}
+NEAR_M = (150.0, 150.0)  # the grid's goal: at the paper's, lies about the way there have no time to matter
+SATURATES = {"jam"}
+SHOWN = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run: what decides it."""
+
+    attack: str
+    layout: str
+    f_max: int
+    t_audit_s: float
+    loss_pct: float
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Case):
+    """What became of it; the promises are counts of robots for which they were broken."""
+
+    at_s: float  # from when on liars lie
+    lasted_s: float
+    liars: int
+    deviated: int
+    p1: int
+    p2: int
+    p3: int
+    p4: int
+    without_quorum: int
+    who: str  # of the robots for which a promise was broken, or that had no quorum
+    digest: str
+    wall_s: float
+
+
+TYPES = {"str": str, "int": int, "float": float}
+COLUMNS = {field.name: TYPES[str(field.type)] for field in fields(Row)}
+PROMISES = ("p1", "p2", "p3", "p4")
+
+
+def scenario_of(case: Case) -> Scenario:
+    """The robots of a case, who lie from somewhere in the first five rounds on, and are watched for long enough.
+
+    T_val is 10 s, and 20 s where rounds come each 8 s.
+    """
+    t_val_s = max(10.0, 2.5 * case.t_audit_s)
+    drawn = hashlib.sha256(repr(case).encode()).digest()[0] / 256
+    at_s = round(1.0 + drawn * (min(5 * case.t_audit_s, 2 * t_val_s) - 1.0), 3)
+    attack = IN_FLOCKS[case.attack]
+    liars = case.f_max if case.seed % 2 else attack.liars(case.f_max)
+    made = find_scenario(LAYOUTS[case.layout])
+    bti = BtiConfig(f_max=case.f_max, t_audit_ms=round(1000 * case.t_audit_s), t_val_ms=round(1000 * t_val_s))
+    return replace(
+        made,
+        # Liars may be all of the hub but f_max + 2: one more than the least that P2 speaks of.
+        hub=2 * case.f_max + 2 if case.layout == "hub" else 0,
+        goal_m=NEAR_M if case.layout == "grid" else made.goal_m,
+        seed=case.seed,
+        defence="bound",
+        duration_s=at_s + 2.5 * t_val_s + 1.0,
+        bti=bti,
+        n_max=None,
+        radio=RadioConfig(loss=case.loss_pct / 100),
+        attacks=(AttackSpec(name=case.attack, at_s=at_s),) * liars,
+    )
+
+
+def lived(case: Case) -> Row:
+    """What became of a run."""
+    began = time.perf_counter()
+    made = scenario_of(case)
+    run = Run(made)
+    told_of: list[tuple[float, int, int]] = []
+    unvouched: set[int] = set()
+    while run.now_s < made.duration_s:
+        run.advance(min(made.duration_s, run.now_s + 1.0))
+        told_of += [(at_s, tor, tee) for at_s, tor, tee, why in run.new_verdicts() if why == Refusal.NONE]
+        unvouched |= alive_unvouched(run, told_of)
+    summary = run.summary()
+    liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
+    correct = set(run.ids.tolist()) - set(run.compromised)
+    late = {liar.id for liar, told in zip(liars, summary["compromised"], strict=True) if is_late(run, liar, told)}
+    stopped = set() if case.attack in SATURATES else set(summary["correct_in_safe_mode"])
+    full = {robot for robot in correct if run.world.fleet.robot[robot - 1].log_full}
+    poured = {i + 1 for i in range(len(run.ids)) if case.attack not in SATURATES and over_its_bucket(run, i)}
+    without = () if case.attack in SATURATES else summary["without_quorum"]
+    broken = {"p1": late, "p2": stopped, "p3": unvouched, "p4": full | poured}
+    return Row(
+        **asdict(case),
+        at_s=made.attacks[0].at_s,
+        lasted_s=round(run.now_s, 3),
+        liars=len(liars),
+        deviated=sum(liar.first_deviation_ms is not None for liar in liars),
+        **{name: len(robots) for name, robots in broken.items()},
+        without_quorum=len(without),
+        who=" ".join(
+            f"{name}:{'/'.join(map(str, sorted(robots)))}"
+            for name, robots in {**broken, "q": without}.items()
+            if robots
+        ),
+        digest=summary["digest"][:16],
+        wall_s=round(time.perf_counter() - began, 2),
+    )
+
+
+def is_late(run: Run, liar: Liar, told: dict[str, float | None]) -> bool:
+    """Whether P1 was broken."""
+    deviated_s, safe_s = told["first_deviation_s"], told["safe_mode_s"]
+    if deviated_s is None:
+        return False
+    bound_s = run.scenario.bti.stop_bound_ms(output_missing=liar.output_missing) / 1000
+    return (run.now_s if safe_s is None else safe_s) > deviated_s + bound_s
+
+
+def alive_unvouched(run: Run, told_of: list[tuple[float, int, int]]) -> set[int]:
+    """Robots that live after their grace, and too few correct ones have found no fault in their logs since."""
+    bti = run.scenario.bti
+    since_s = run.now_s - (bti.t_val_ms + bti.p_check_ms) / 1000
+    if since_s <= 0:
+        return set()
+    found: dict[int, set[int]] = {int(robot): set() for robot in run.ids[~run.in_safe_mode]}
+    for at_s, tor, tee in told_of:
+        if at_s >= since_s and tor not in run.compromised and tee in found:
+            found[tee].add(tor)
+    needed = {robot: bti.tokens_needed - len(run.compromised) + (robot in run.compromised) for robot in found}
+    return {robot for robot, auditors in found.items() if len(auditors) < needed[robot]}
+
+
+def over_its_bucket(run: Run, i: int) -> bool:
+    """Whether a robot's a-node has let out more AUDIT frames than it may."""
+    used = airtime_since(run, i, Sent(0.0, 0.0, 0.0))
+    return used.used_s > used.bucket_s
+
+
+def cases_of(said: argparse.Namespace) -> list[Case]:
+    """All runs that are asked for, in an order drawn by lot within each seed. Raises: UsageError: one cannot be."""
+    attacks = said.attacks.split(",") if said.attacks else list(IN_FLOCKS)
+    layouts = said.layouts.split(",")
+    for words, known in ((attacks, IN_FLOCKS), (layouts, LAYOUTS)):
+        if unknown := [word for word in words if word not in known]:
+            raise UsageError(f"no {unknown[0]!r}", f"one of {', '.join(known)}")
+    numbers = [[kind(word) for word in words.split(",")] for kind, words in
+               ((int, said.f_max), (float, said.t_audit), (float, said.loss))]  # fmt: skip
+    seeds = range(said.first, said.first + said.seeds)
+    cases = [Case(*each) for each in product(attacks, layouts, *numbers, seeds)]
+    for case in {replace(case, attack=attacks[0], seed=0) for case in cases}:
+        scenario_of(case)
+    return sorted(cases, key=lambda case: (case.seed // 2, hashlib.sha256(repr(case).encode()).digest()))
+
+
+def rows_in(file: TableFile) -> list[Row]:
+    """Those that were there."""
+    return [Row(*(kind(word) for kind, word in zip(COLUMNS.values(), words, strict=True)))
+            for _, words in file.table.lines]  # fmt: skip
+
+
+def case_of(row: Row) -> Case:
+    """The run that it tells of."""
+    return Case(*(getattr(row, field.name) for field in fields(Case)))
+
+
+def live(cases: list[Case], file: TableFile, workers: int) -> list[Row]:
+    """The rows of these runs, each written down when it is over; those that were until Ctrl-C."""
+    rows: list[Row] = []
+    # Ctrl-C is for this process; leaving the block ends the others.
+    with get_context("spawn").Pool(workers, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+        try:
+            for row in pool.imap_unordered(lived, cases):
+                rows.append(row)
+                file.append_line(map(str, astuple(row)))
+                if row.who:
+                    print(told(row), flush=True)
+                print(f"\r{len(rows)}/{len(cases)}", end="", file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            print(f"\nstopped; {len(cases) - len(rows)} of {len(cases)} runs are left", file=sys.stderr)
+    return rows
+
+
+def told(row: Row) -> str:
+    """A run in a line."""
+    return (
+        f"{row.attack} {row.layout} f_max {row.f_max} T_audit {row.t_audit_s:g} s loss {row.loss_pct:g} % "
+        f"seed {row.seed}, {row.liars} from {row.at_s:g} s: {row.who}"
+    )
+
+
+def print_table(rows: list[Row]) -> bool:
+    """By each thing that was varied; whether a promise was broken."""
+    for name in ("layout", "f_max", "t_audit_s", "loss_pct", "liars", "attack"):
+        print(
+            f"\n{name:18}{'runs':>7}{'P1':>5}{'P2':>5}{'P3':>5}{'P4':>5}{'no quorum':>11}  runs in which it was broken"
+        )
+        for value in sorted({getattr(row, name) for row in rows}):
+            group = [row for row in rows if getattr(row, name) == value]
+            counts = Counter(
+                {each: sum(getattr(row, each) > 0 for row in group) for each in (*PROMISES, "without_quorum")}
+            )
+            print(f"{value!s:18}{len(group):7}" + "".join(f"{counts[each]:5}" for each in PROMISES)
+                  + f"{counts['without_quorum']:11}")  # fmt: skip
+    broken = [row for row in rows if any(getattr(row, each) for each in PROMISES)]
+    print(f"\n{len(rows)} runs, {len(broken)} broke a promise")
+    for row in broken[:SHOWN]:
+        print(told(row))
+    return bool(broken)
+
+
+def main() -> int:
+    """Lives what is asked for and is not yet in the file, and prints the table of it all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--attacks", help="names, with commas between; all")
+    parser.add_argument("--layouts", default=",".join(LAYOUTS))
+    parser.add_argument("--f-max", default="1,2,3,4,5")
+    parser.add_argument("--t-audit", default="2,4,8", help="seconds")
+    parser.add_argument("--loss", default="0,5,20", help="of receptions, percent")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--csv", type=Path, default=Path("out/promises.csv"))
+    parser.add_argument("--table", action="store_true", help="of what is in the CSV; nothing is lived")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    said = parser.parse_args()
+    try:
+        asked = cases_of(said)
+    except (UsageError, ValueError) as error:
+        parser.error(str(error))
+    head = Head(figure="promises", columns=tuple(COLUMNS), origin={"version": version()}, by_line=True)
+    with TableFile(said.csv, head) as file:
+        before = rows_in(file)
+        known = {case_of(row) for row in before}
+        left = [] if said.table else [case for case in asked if case not in known]
+        rows = before + (live(left, file, min(said.workers, len(left))) if left else [])
+    wanted = set(asked)
+    return int(print_table([row for row in rows if said.table or case_of(row) in wanted]))
+
+
+if __name__ == "__main__":
+    try:
+        raise SystemExit(main())
+    except PhalanxError as error:
+        raise SystemExit(f"{error}\n{getattr(error, 'hint', '')}") from error
