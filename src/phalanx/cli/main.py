@@ -31,6 +31,7 @@ ABOUT = {
     "mission": "What may be done: missions that a robot can only read by living them.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
     "sim": "What is really done: a simulated swarm whose robots audit each other.",
+    "sweep": "Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.",
     "up": "Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.",
 }
 NAMES: dict[str, click.Command] = {name: click.Command(name, short_help=about) for name, about in ABOUT.items()}

@@ -1,0 +1,39 @@
+"""`phalanx sweep`: many runs, on many processors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from phalanx.cli.complete import offer
+from phalanx.cli.options import FILE, json_option, option
+
+from .runs import runs
+
+
+@click.command(
+    epilog="Example: phalanx sweep examples/sweep.yaml --out out/sweep; docs/sweeps.md says what the file holds"
+)
+@click.argument("file", metavar="SWEEP.yaml", type=FILE, shell_complete=offer(tuple, ".yaml", ".yml"))
+@option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Of a dask scheduler, as tcp://10.0.0.1:8786; without, processes of this machine.",
+)
+@option(
+    "--workers", type=click.IntRange(min=1), help="Processes of this machine; without, one a processor.", metavar="N"
+)
+@option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the rows; without, out/ and the file's name.",
+)
+@json_option
+@runs("sweep", "sweep")
+def sweep() -> None:
+    """Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.
+
+    Every point is run under every seed, and each run is a row. What is there already is not run again: after Ctrl-C, a
+    crash or more seeds, the same command goes on. Ends with 1 if it was stopped, or a run failed.
+    """

@@ -1,0 +1,77 @@
+"""`phalanx sweep`: runs what is not there yet, and says what each point of the grid came to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.errors import UsageError
+from phalanx.experiments.sweep.cluster import run_sweep
+from phalanx.experiments.sweep.plan import read_sweep
+from phalanx.experiments.sweep.store import Store, points
+from phalanx.experiments.version import version
+
+from .commands.runs import tell_of_compiling
+from .sim import told
+from .terminal import Progress, end_status_line, print_json, said_aside, talk
+
+MOST_FAILURES = 10  # that are told one by one
+
+
+def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | None, as_json: bool) -> int:
+    """Runs a sweep; 1 if it was stopped or a run failed."""
+    if scheduler and workers:
+        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+    chosen, progress = read_sweep(file), Progress()
+    tell_of_compiling()
+    there = 0
+
+    def tell(done: int, of: int) -> None:
+        nonlocal there
+        there = done
+        progress.tell(f"{done} of {of} runs", done / of)
+
+    with Store(out or Path("out") / file.stem, chosen, version()) as store:
+        try:
+            with said_aside():
+                failed = run_sweep(chosen, store, scheduler, workers, tell)
+        except KeyboardInterrupt:
+            end_status_line()
+            store.write()
+            talk(f"stopped: {len(store.done)} rows are in {store.runs}; the same command goes on")
+            return 1
+        end_status_line()
+        store.write()
+        rows = points(chosen, store.rows())
+    for line in failed[:MOST_FAILURES]:
+        talk(f"phalanx: failed: {line}")
+    if len(failed) > MOST_FAILURES:
+        talk(f"phalanx: failed: {len(failed) - MOST_FAILURES} more")
+    if as_json:
+        print_json({"points": rows, "failed": failed, "rows": str(store.runs)})
+    else:
+        _show(rows, [name for name, values in chosen.axes.items() if len(values) > 1])
+        talk(f"rows: {store.runs}")
+    return 1 if failed else 0
+
+
+def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
+    heads = [*varied, "runs", "liars stopped", "never", "slowest s", "correct stopped", "no quorum", "contacts"]
+    lines = [
+        [
+            *(str(row[name]) for name in varied),
+            str(row["runs"]),
+            f"{row['liars_stopped']} of {row['liars']}",
+            str(row["liars_never_stopped"]),
+            told(row["slowest_stop_s"], ".2f"),
+            str(row["correct_in_safe_mode"]),
+            str(row["without_quorum"]),
+            str(row["contacts"]),
+        ]
+        for row in rows
+    ]
+    widths = [max(map(len, column)) for column in zip(heads, *lines, strict=True)]
+    for line in (heads, *lines):
+        click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
