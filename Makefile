@@ -10,7 +10,7 @@ PINNED = VIRTUAL_ENV=.venv UV_HTTP_TIMEOUT=10 UV_HTTP_RETRIES=0 $(BIN)/uv --quie
 	$(PIP) --require-hashes -r $(1)
 PAGES := src/phalanx/gateway/pages
 PEER := tests/peers/npm_qrkey
-FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch])
+FIRMWARE := $(wildcard setup.py firmware/build.py firmware/*/*.[ch] firmware/*/*/*.[ch])
 WEB_SOURCES := $(shell find web -type f -not -path '*/node_modules/*' 2>/dev/null)
 KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/wire src/phalanx/crypto src/phalanx/bti src/phalanx/mission src/phalanx/robot src/phalanx/sim -name '*.py')
 # To read all other files takes longer than some of these tests.

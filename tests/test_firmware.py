@@ -29,6 +29,12 @@ STATE = b"\x01".ljust(27, b"s")
 BOTH = pytest.mark.parametrize("profile", [trusted.BOUND, trusted.PAPER], ids=["bound", "paper"])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _as_robots_compute():
+    for profile in (trusted.BOUND, trusted.PAPER):
+        trusted.host_use(profile, 0)
+
+
 def cases(name):
     return json.loads((VECTORS / f"{name}.json").read_text())["cases"]
 

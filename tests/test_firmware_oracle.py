@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -43,6 +44,12 @@ PAYLOADS = st.one_of(
     st.binary(max_size=60).map(lambda raw: b"\x80" + raw),
     st.tuples(st.integers(0, 255), st.sampled_from([2047, 2048, 2049, 5000])).map(lambda x: bytes([x[0]]) * x[1]),
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _as_robots_compute():
+    for profile in (trusted.BOUND, trusted.PAPER):
+        trusted.host_use(profile, 0)
 
 
 class Both(RuleBasedStateMachine):

@@ -117,17 +117,25 @@ def _share(compiled: Any) -> None:
     """
     compile_it, on_disk = compiled.compile, compiled._cache._cache_file  # noqa: SLF001
     folder, name, save = on_disk._cache_path, on_disk._index_name, on_disk.save  # noqa: SLF001
+    index = on_disk._load_index  # noqa: SLF001
 
     def compile_once(signature: Any) -> Any:
         # Threads first: whoever held a process's lock and waited for a thread of its own would wait for ever.
         with global_compiler_lock, _alone(folder, f"{name} {signature}"):
             return compile_it(signature)
 
+    def readable() -> Any:
+        # numba reads all of it before it looks how old it is; it may name types that an older version of us had.
+        try:
+            return index()
+        except (AttributeError, ImportError):
+            return {}
+
     def save_once(key: Any, data: Any) -> None:
         with _alone(folder, name):
             save(key, data)
 
-    compiled.compile, on_disk.save = compile_once, save_once
+    compiled.compile, on_disk.save, on_disk._load_index = compile_once, save_once, readable  # noqa: SLF001
 
 
 def _wide(kind: Any) -> Any:

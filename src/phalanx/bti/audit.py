@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.wire import table
@@ -70,7 +70,7 @@ class Work(NamedTuple):
     told: NDArray[np.int64]  # (8,): what happened, for whoever called (see robot/node.py)
 
 
-WorkType, WorkRef, pack = reference(Work)
+pack = bundled(Work)
 
 
 def make_work(config: BtiConfig) -> Work:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
@@ -92,6 +92,7 @@ SETTINGS = np.dtype(
         ("batch_size", "i8"),
         ("frame_max", "i8"),
         ("mission_seed", "i8"),
+        ("plain", "u1"),  # nothing is computed in a clever way: a run to compare with
     ],
     align=True,
 )
@@ -117,7 +118,7 @@ class Fleet(NamedTuple):
     taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
 
 
-FleetType, FleetRef, pack = reference(Fleet)
+pack = bundled(Fleet)
 
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -134,17 +135,20 @@ def make_fleet(
     profile: int,
     controller: int,
     mission_seed: int,
+    plain: bool = False,
     snode: NDArray[np.uint8],
     anode: NDArray[np.uint8],
 ) -> Fleet:
     """A fleet of `n` robots that are not powered up yet, with ids 1..n, of manufactured nodes, (n, size).
 
-    `controller` is a bundled one's number, 0 for one in plain Python; `mission_seed` spreads the sensors' phases.
+    `controller` is a bundled one's number, 0 for one in plain Python; `mission_seed` spreads the sensors' phases;
+    `plain` is for a run that others are compared with, whose bytes are the same.
     Source: docs/spec/rebound.md.
     """
     settings = records(1, SETTINGS)
     chosen = settings[0]
     chosen.profile, chosen.controller, chosen.mission_seed = profile, controller, mission_seed
+    chosen.plain = plain
     chosen.f_max, chosen.t_audit, chosen.t_val = config.f_max, config.t_audit_ms, config.t_val_ms
     chosen.t_control, chosen.delta, chosen.skew = config.t_control_ms, config.delta_ms, config.skew_ms
     chosen.retry, chosen.batch_size, chosen.frame_max = config.retry_ms, config.batch_size, config.frame_max_bytes

@@ -193,6 +193,15 @@ def anode_check(profile: int, node: Row, now: int) -> int:
 
 
 @_in_c
+def host_use(profile: int, fast: int) -> int:
+    """From now on hashes and MACs are computed as fast as this processor can, or, with `fast` 0, by the firmware's C.
+
+    The bytes are the same; at first it is the firmware's. Of the whole process. Returns: 0 for the firmware's.
+    """
+    raise NotImplementedError
+
+
+@_in_c
 def sha1(data: Row, length: int, digest: Row) -> int:
     """`digest` is the hash of `data[:length]`. Source: FIPS 180."""
     raise NotImplementedError

@@ -48,6 +48,7 @@ def run(
     attacks: tuple[str, ...],
     controller: str | None,
     record: Path | None,
+    plain: bool,
     as_json: bool,
     **said: Any,
 ) -> int:
@@ -61,7 +62,7 @@ def run(
     warn(chosen)
     try:
         with said_aside(), mistakes_in(controller, *attacks):
-            ended = play(chosen, record, progress(chosen.duration_s), own)
+            ended = play(chosen, record, progress(chosen.duration_s), own, plain=plain)
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)

@@ -33,6 +33,7 @@ def sim() -> None:
 )
 @controller_option
 @record_option
+@option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
 @json_option
 @runs("sim", "run")
 def run() -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
@@ -27,7 +27,7 @@ class Queue(NamedTuple):
     tally: NDArray[np.int64]  # (3,): events that wait, pushes so far, pushes refused for want of room
 
 
-QueueType, QueueRef, pack = reference(Queue)
+pack = bundled(Queue)
 
 
 def make_queue(capacity: int) -> Queue:

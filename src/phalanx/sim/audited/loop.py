@@ -37,6 +37,8 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
     Source: docs/spec/world.md.
     """
     clock = world.clock[0]
+    for profile in (trusted.BOUND, trusted.PAPER):
+        trusted.host_use(profile, 1 - world.fleet.settings[0].plain)
     while True:
         while clock.next < clock.receivers:
             j = world.receivers[clock.next]

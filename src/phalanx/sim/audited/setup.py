@@ -57,6 +57,7 @@ class Setup:
     radio: RadioConfig
     obstacles: Sequence[Disc | Box] = ()  # count as contacts
     area_m: tuple[float, float] = (0.0, 0.0)  # what wheels stay within
+    plain: bool = False  # one simple way to compute each thing, for a run that others are compared with
     hub: int = 0  # so many robots hear all in range, and the others, each in an aisle of its own, hear them alone
     # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
@@ -132,6 +133,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
             profile=setup.profile,
             controller=setup.controller,
             mission_seed=setup.seed,
+            plain=setup.plain,
             snode=snode,
             anode=anode,
         ),

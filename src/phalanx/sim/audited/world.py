@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet, records
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
 from phalanx.sim.radio.reach import Reach
@@ -79,7 +79,7 @@ class World(NamedTuple):
     verdicts: NDArray[np.int64]  # (VERDICTS, 4): time µs, auditor, auditee, refusal
 
 
-WorldType, WorldRef, pack = reference(World)
+pack = bundled(World)
 
 
 @kernel

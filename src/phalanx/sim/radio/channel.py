@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
@@ -73,7 +73,7 @@ class Air(NamedTuple):
     tries: int  # transmissions of a unicast frame
 
 
-AirType, AirRef, pack = reference(Air)
+pack = bundled(Air)
 
 
 class End(NamedTuple):

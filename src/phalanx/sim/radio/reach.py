@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bundle import reference
+from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
 
@@ -35,7 +35,7 @@ class Reach(NamedTuple):
     aisle: NDArray[np.int32]  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
 
 
-ReachType, ReachRef, pack = reference(Reach)
+pack = bundled(Reach)
 
 
 def make_reach(robots: int, range_m: float, capacity: int | None = None) -> Reach:

@@ -54,6 +54,8 @@ def play(
     on_step: Callable[[Run], None] = lambda _run: None,
     controller: Callable[[int], Controller] | None = None,
     step_s: float = STEP_S,
+    *,
+    plain: bool = False,
 ) -> Run:
     """The run, at the end of the scenario.
 
@@ -62,9 +64,10 @@ def play(
         on_step: called each `step_s` from 0 on, and at the end; what it raises ends the run, the recording complete.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
         step_s: between two steps, simulated seconds.
+        plain: as for `Run`.
     Raises: UsageError, Unavailable: the recording cannot be written.
     """
-    run = Run(scenario, controller)
+    run = Run(scenario, controller, plain=plain)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(Recording(record, scenario)) if record else None

@@ -39,11 +39,14 @@ class Run:
     Args:
         scenario: what runs.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+        plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
     Raises: Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
     """
 
-    def __init__(self, scenario: Scenario, controller: Callable[[int], Controller] | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, controller: Callable[[int], Controller] | None = None, *, plain: bool = False
+    ) -> None:
         if longest := getattr(controller, "state_bytes", 0):
             bti = replace(scenario.bti, state_bytes=max(scenario.bti.state_bytes, longest))
             scenario = replace(scenario, bti=bti)
@@ -68,6 +71,7 @@ class Run:
             contact_m=scenario.contact_m,
             obstacles=scenario.obstacles,
             hub=scenario.hub,
+            plain=plain,
             bti=scenario.bti,
             radio=scenario.radio,
             before_key={int(spec.robot or 0) - 1: spec.attack.kind.before_key for spec in drawn},

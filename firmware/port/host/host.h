@@ -1,0 +1,15 @@
+/* Host only: hash.c and mac.c for simulators, which compute little else. They give the bytes that src/hash.c and
+   src/mac.c give, from which everybody else has them; both are in one library, and phx_host_use says which is called. */
+#ifndef PHX_HOST_H
+#define PHX_HOST_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* From now on, with 1, what this processor does fastest; with 0, as at first, the firmware's own C. */
+int phx_host_use(uint32_t fast);
+int phx_host_used(void); /* which of the next are in use */
+/* What this processor can: 1 hashes by instructions of its own, 2 encrypts eight blocks at once. */
+int phx_host_can(void);
+
+#endif

@@ -1,0 +1,52 @@
+"""Whatever is computed in a clever way gives what the simple way gives: `--plain` ends in the same digest."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from phalanx.cli.main import run_command
+from phalanx.config import BtiConfig
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+
+pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
+
+SWARM = Scenario(robots=9, duration_s=20.0, bti=BtiConfig(f_max=1))
+CROWD = Scenario(robots=49, duration_s=8.0, grid_step_m=4.0, d_m=4.0)
+ATTACKS = ["flee", "spoof", "expel", "stale-log", "forge-checkpoint", "slot-squat", "frame-flood", "reorder-entries"]
+
+
+def told(scenario, *, plain):
+    run = Run(scenario, plain=plain)
+    run.advance(scenario.duration_s)
+    return {name: said for name, said in run.summary().items() if name != "real_time_factor"}
+
+
+def same(scenario):
+    clever, plain = (told(scenario, plain=plain) for plain in (False, True))
+    assert clever == plain
+    return plain
+
+
+@pytest.mark.parametrize("defence", ["none", "paper", "bound"])
+@pytest.mark.parametrize("scenario", [SWARM, CROWD], ids=["swarm", "crowd"])
+def test_honest_swarms(scenario, defence):
+    same(replace(scenario, defence=defence, seed=5))
+
+
+@pytest.mark.parametrize("defence", ["paper", "bound"])
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_swarms_with_a_liar(attack, defence):
+    liar = AttackSpec(name=attack, robot=5, at_s=2.0)
+    assert same(replace(SWARM, defence=defence, attacks=(liar,)))["compromised"]
+
+
+def test_the_command_says_the_same_of_both(capsys):
+    def digest(*words):
+        assert run_command(["sim", "run", "flock-12", "--duration", "5", "--json", *words]) == 0
+        return json.loads(capsys.readouterr().out)["digest"]
+
+    assert digest() == digest("--plain")
