@@ -137,3 +137,26 @@ describe("asking", () => {
     expect(fake.asked.length).toBeGreaterThan(asked);
   });
 });
+
+describe("a device that says it has no network", () => {
+  const offline = () => vi.stubGlobal("navigator", { onLine: false });
+  afterEach(() => vi.unstubAllGlobals());
+
+  test("is told so at once, also if a frame or two still came", () => {
+    list(1);
+    const seq = play(2000, 1);
+    offline();
+    play(300, seq);
+    vi.advanceTimersByTime(700);
+    expect(link.view.health).toEqual({ state: "offline", why: "network" });
+  });
+
+  test("is not, if it went on hearing the swarm without one", () => {
+    list(1);
+    const seq = play(2000, 1);
+    offline();
+    play(5000, seq);
+    vi.advanceTimersByTime(1000);
+    expect(link.view.health).toEqual({ state: "late" });
+  });
+});

@@ -35,6 +35,8 @@ const TICK_MS = 100;
 const WAKE_MS = 3000;
 /** Walls are told once; in many parts, where there are many. */
 const WALLS_AGAIN_MS = 5000;
+// What was on its way when the network went comes within so long.
+const NETWORK_LAG_MS = 2000;
 
 export class SwarmLink implements SwarmSource {
   readonly connection: Connection;
@@ -45,6 +47,8 @@ export class SwarmLink implements SwarmSource {
   readonly #onMoved: (pin: Pin) => void;
   #waking: ReturnType<typeof setTimeout> | undefined;
   #heardAt_ms = 0;
+  #networkAt_ms = performance.now(); // when the device last said that it has one
+  #needsNoNetwork = false;
   #wallsAskedAt_ms = Number.NEGATIVE_INFINITY;
   #view: SwarmView = { swarm: NO_SWARM, health: { state: "connecting", broker: "away" } };
 
@@ -171,8 +175,16 @@ export class SwarmLink implements SwarmSource {
       this.#ask(REQUEST_AREA);
     }
     this.#askForWalls(now_ms);
-    const health = this.#watch.health(now_ms, hasNetwork());
+    const health = this.#watch.health(now_ms, this.#hasNetwork(now_ms));
     if (JSON.stringify(health) !== JSON.stringify(this.#view.health)) this.#show({ ...this.#view, health });
+  }
+
+  /** Whether what is not heard may be blamed on other things than the device's network. */
+  #hasNetwork(now_ms: number): boolean {
+    if (hasNetwork()) this.#networkAt_ms = now_ms;
+    // Whoever is heard long after it was gone is heard without it: a broker on this machine.
+    else if (this.#heardAt_ms - this.#networkAt_ms > NETWORK_LAG_MS) this.#needsNoNetwork = true;
+    return this.#networkAt_ms === now_ms || this.#needsNoNetwork;
   }
 
   #askForWalls(now_ms: number): void {
