@@ -36,6 +36,8 @@ NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind spin=spin
+# What the firmware is compiled with for microcontrollers: 70 MB to fetch.
+NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-linux-gnu
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
