@@ -33,7 +33,7 @@ void *memcpy(void *to, const void *from, size_t n)
 void *memset(void *to, int c, size_t n) { unsigned char *a = to; while (n--) *a++ = (unsigned char)c; return to; }
 """
 # What fig. 5 measures: lengths of what is hashed or has a MAC, bytes.
-MAC_BYTES = (7, 14, 29, 31, 45, 64, 128, 256, 512, 1024)
+MAC_BYTES = (7, 14, 29, 31, 39, 45, 64, 128, 256, 512, 1024)
 HASH_BYTES = (16, 32, 64, 128, 270, 512, 1024, 2048)
 
 

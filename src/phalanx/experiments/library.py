@@ -29,6 +29,21 @@ FIGURES = {
             counted="packets of each kind",
             size_in=(11.0, 5.4),
         ),
+        Figure(
+            name="bti-fig5",
+            about="What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)",
+            made_by="bti.fig5",
+        ),
+        Figure(
+            name="bti-table1",
+            about="Worst load of the a-node, call by call (RoboRebound Table 1)",
+            made_by="bti.loads:TABLE1",
+        ),
+        Figure(
+            name="bti-table2",
+            about="Worst load of the s-node, call by call (RoboRebound Table 2)",
+            made_by="bti.loads:TABLE2",
+        ),
         flock(
             name="bti-fig8",
             about="One robot lies and nobody stops it: the flock stays away (RoboRebound Fig. 8)",

@@ -1,0 +1,124 @@
+"""RoboRebound Tables 1 and 2: how busy the trusted nodes are at worst, by what each call costs and how often it comes.
+
+Instructions are counted (counted.py); the c-node's bus is taken to carry 2 Mb/s, at which 2 kB in and out take the
+20 ms that the paper assumes. While bytes come and go the node does nothing else, as in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from phalanx.experiments.plot import BLUE, VERMILION
+from phalanx.experiments.statement import Statement
+from phalanx.experiments.table import Rows, Table
+
+from .counted import TARGETS, instructions, milliseconds
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Picture
+
+# Where the bus is all of it, framing may be a little more than in the paper.
+NEAR = 1.05
+MS_PER_BYTE = 10 / 2e6 * 1000
+FRAMING_BYTES = 8  # of each message on the bus: where it begins, its length and kind, a checksum
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A row of the paper's table."""
+
+    name: str  # as firmware/count.py has it
+    per_s: float
+    bytes_in: int  # over the bus, without framing
+    bytes_out: int
+    paper_ms: float
+    paper_pct: float
+
+    @property
+    def bus_ms(self) -> float:
+        """For how long bytes come and go."""
+        return (self.bytes_in + self.bytes_out + 2 * FRAMING_BYTES) * MS_PER_BYTE
+
+
+# What goes on to radio, sensors or actuators counts too. An audit frame is of 2000 bytes, a state of 27.
+A_NODE = (
+    Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
+    Call("isTokenValid", 2.0, 36, 1, 11.0, 2.20),
+    Call("makeTokenRequest", 2.0, 2, 32, 11.0, 2.20),
+    Call("sendWireless, 27 B", 3.17, 27, 61, 1.1, 0.35),
+    Call("sendWireless, audit of 2000 B", 0.25, 2000, 2000, 20.1, 0.50),
+    Call("recvWireless, 27 B", 9.17, 27, 34, 1.1, 1.01),
+    Call("recvWireless, audit of 2000 B", 2.50, 2000, 2000, 20.1, 5.03),
+    Call("actuatorCmd", 4.0, 19, 45, 1.1, 0.44),
+    Call("issueToken", 2.50, 54, 8, 21.0, 5.25),
+)
+S_NODE = (
+    Call("pollSensors", 4.0, 27, 34, 1.1, 0.44),
+    Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
+    Call("checkAuthenticator", 2.50, 38, 1, 21.0, 5.25),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Loads:
+    """One of the two tables. Its cases are its calls, and are the same however often they are asked for."""
+
+    calls: tuple[Call, ...]
+    COLUMNS: ClassVar[tuple[str, ...]] = ("per_s", "bus_ms", "cortex_m3", "mips32", "paper_ms", "paper_pct")
+
+    def cases(self, _seeds: int) -> list[str]:
+        """Names, without commas."""
+        return [call.name.replace(",", "") for call in self.calls]
+
+    def measure_case(self, case: str, tell: Callable[[float], None]) -> Rows:
+        """One call."""
+        call = self.calls[self.cases(1).index(case)]
+        tell(1.0)
+        counted = (instructions(target, "calls", call.name) for target in TARGETS)
+        return np.array([(call.per_s, call.bus_ms, *counted, call.paper_ms, call.paper_pct)])
+
+    def loads_pct(self, table: Table, target: str) -> Rows:
+        """(calls,), share of the time for which each call keeps the node busy."""
+        columns = {name: np.array([table.column(case, name)[0] for case in self.cases(1)]) for name in self.COLUMNS}
+        ms = milliseconds(1.0) * columns[target.replace("-", "_")] + columns["bus_ms"]
+        load: Rows = columns["per_s"] * ms / 10
+        return load
+
+    def compare(self, table: Table) -> list[Statement]:
+        """Each call, and all of them."""
+        pct = {words: self.loads_pct(table, target) for target, words in TARGETS.items()}
+        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self.calls)]
+        rows.append(
+            ("all", round(sum(call.paper_pct for call in self.calls), 2), [each.sum() for each in pct.values()])
+        )
+        return [
+            Statement(
+                what=f"{name}, % of the time",
+                paper=f"{paper:.2f}",
+                ours=", ".join(f"{load:.2f} {words}" for words, load in zip(pct, ours, strict=True)),
+                agrees=bool(max(ours) <= NEAR * paper),
+                why=f"at most {NEAR:g} times the paper's; 50 MHz, one instruction a cycle, a bus of 2 Mb/s",
+            )
+            for name, paper, ours in rows
+        ]
+
+    def draw(self, table: Table, picture: Picture) -> None:
+        """Bars, and the paper's hollow."""
+        axes = picture.subplots()
+        at = np.arange(len(self.calls))
+        for shift, colour, (target, words) in zip((-0.2, 0.2), (BLUE, VERMILION), TARGETS.items(), strict=True):
+            axes.barh(at + shift, self.loads_pct(table, target), 0.35, color=colour, label=words)
+        paper = [call.paper_pct for call in self.calls]
+        axes.plot(paper, at, "o", mfc="none", mec="black", label="paper's PIC32MX")
+        axes.set(xlabel="load (% of the time)", yticks=at)
+        axes.set_yticklabels([call.name for call in self.calls])
+        axes.invert_yaxis()
+        axes.legend(fontsize=8)
+
+
+TABLE1 = Loads(A_NODE)
+TABLE2 = Loads(S_NODE)
