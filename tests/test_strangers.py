@@ -109,10 +109,12 @@ class TestNothingFreezesTheGateway:
                     assert time.monotonic() - began_s < 5
                     with contextlib.suppress(ConnectionError):
                         assert await asyncio.to_thread(stranger.socket.recv, 1) == b"", "hung up on"
-                    # What is short enough for the guard is looked at by the gateway.
+                    # What is short enough for the guard comes to the gateway without them.
                     async with Stranger(ready["broker_port"]) as other:
                         await asyncio.to_thread(other.publish, f"/qrkey/{ready['topic']}/request", b"x", bomb[:70_000])
-                        await eventually(lambda: any(e["reason"] == "too_large" for e in gateway.events("rejected")))
+                        await eventually(
+                            lambda: any(e["reason"] == "malformed_jwe" for e in gateway.events("rejected"))
+                        )
 
     async def test_a_foreign_broker_that_passes_everything_on_holds_nothing_up_either(self, tmp_path):
         tcp = free_port()
@@ -349,7 +351,7 @@ class TestTheRest:
     def test_an_absurd_header_is_refused_and_nothing_of_it_told(self):
         with a_gateway("--robots", "2") as (gateway, ready):
             where = urlsplit(ready["page_url"])
-            for words in (b"X-Long: " + b"marker" * 5000, b"marker\xff\x00", b"Content-Length: -5marker"):
+            for words in (b"X-Long: " + b"marker" * 2000, b"marker\xff\x00", b"Content-Length: -5marker"):
                 with socket.create_connection((where.hostname, where.port), 5) as stranger:
                     stranger.settimeout(5)
                     stranger.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n" + words + b"\r\n\r\n")

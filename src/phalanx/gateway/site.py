@@ -28,6 +28,8 @@ PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
+# What a request may be before what it asks for is known: aiohttp keeps 128 headers of 8190 bytes, of many at once.
+LINE_BYTES, HEADERS, HEAD_BYTES = 4096, 64, 16 * 1024
 FILES_EACH = 2  # a connection, and what is read for it
 # aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
@@ -80,7 +82,13 @@ class Site:
         self._add_routes()
         if self._folder.is_dir():
             self.app.router.add_static("/", self._folder)
-        self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5)
+        limits: dict[str, Any] = {
+            "max_line_size": LINE_BYTES,
+            "max_field_size": LINE_BYTES,
+            "max_headers": HEADERS,
+        }
+        self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5, **limits)
+        self._longest = HEAD_BYTES + longest
 
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
@@ -132,14 +140,18 @@ class Site:
 
     def _connection(self) -> _Connection:
         assert self._runner.server is not None
-        return _Connection(self._runner.server(), self._seats, self._by_handler)
+        return _Connection(self._runner.server(), self._seats, self._by_handler, self._longest)
 
 
 class _Connection(asyncio.Protocol):
     """One connection: it has a seat, and aiohttp does the rest."""
 
     def __init__(
-        self, handler: asyncio.Protocol, seats: Seats[_Connection], by_handler: dict[object, _Connection]
+        self,
+        handler: asyncio.Protocol,
+        seats: Seats[_Connection],
+        by_handler: dict[object, _Connection],
+        longest: int,
     ) -> None:
         self.place = ""
         self.heard_at_s = time.monotonic()
@@ -147,11 +159,14 @@ class _Connection(asyncio.Protocol):
         self._seats = seats
         self._by_handler = by_handler
         self._answering: asyncio.Task[Any] | None = None
+        self._longest = longest
+        self._unanswered = 0  # bytes since its last request was taken up
 
     def asks(self, answering: asyncio.Task[Any] | None) -> None:
         """A request came, which this works on."""
         self.heard_at_s = time.monotonic()
         self._answering = answering
+        self._unanswered = 0
         self._seats.heard(self)
 
     def leave(self) -> None:
@@ -175,8 +190,12 @@ class _Connection(asyncio.Protocol):
         self._seats.take(self)
 
     def data_received(self, data: bytes) -> None:
-        """It said something."""
-        self._handler.data_received(data)
+        """It said something; whoever says more than a request is, before that is answered, is hung up on."""
+        self._unanswered += len(data)
+        if self._unanswered > self._longest:
+            self.leave()
+        else:
+            self._handler.data_received(data)
 
     def eof_received(self) -> bool | None:
         """It says nothing more."""

@@ -6,11 +6,13 @@ import asyncio
 import contextlib
 import ctypes
 import logging
+import resource
 import signal
 import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
+from functools import partial
 from pathlib import Path
 
 from phalanx.errors import Unavailable
@@ -24,15 +26,20 @@ RESTART_S = 0.3
 PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
 
 
-def die_with_parent() -> None:
-    """Called in a child before its program starts: it is sent SIGTERM when we end, even if we are killed outright."""
+def die_with_parent(most_bytes: int = 0) -> None:
+    """Called in a child before its program starts: it is sent SIGTERM when we end, even if we are killed outright.
+
+    `most_bytes` is what it may have of memory, if that is limited.
+    """
+    if most_bytes:
+        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @contextlib.asynccontextmanager
 async def a_child(
-    *words: str, user: str | None = None, pass_fds: Sequence[int] = ()
+    *words: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """A program that is gone when the context is left, in whatever way, and its pipe closed."""
     process = await asyncio.create_subprocess_exec(
@@ -41,7 +48,7 @@ async def a_child(
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
-        preexec_fn=die_with_parent,  # or a gateway that is killed outright left it behind
+        preexec_fn=partial(die_with_parent, most_bytes),  # or a gateway that is killed outright left it behind
         user=user,
         pass_fds=pass_fds,
     )

@@ -8,9 +8,11 @@ cheap.
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import socket
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Self
 
 import aiomqtt
 from paho.mqtt.enums import MQTTErrorCode
@@ -22,7 +24,7 @@ from .websocket import Websocket
 MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
 MAX_TOPIC_BYTES = 1024  # above the longest topic of ours, under the longest root
 MAX_PROPERTIES_BYTES = 256  # nobody here reads any
-MAX_ANSWER_BYTES = 4096  # of a broker to what we asked of it
+MAX_ANSWER_BYTES = 512  # of a broker to what we asked of it: paho reads properties in a time that grows with its square
 # Other work of this loop waits no longer for packets that come without end; more than enough to empty a socket.
 READ_FOR_S = 0.005
 READ_BYTES = 64 * 1024
@@ -106,34 +108,45 @@ class Frames:
         self._websocket = Websocket(server=False)
         self._carried = bytearray()
         self._at = 0
+        self.is_dry = True  # the last that was read was all there was
         self._pending = sock.pending
         sock.recv, sock.pending = self.recv, self.pending
 
     def recv(self, length: int) -> bytes:
         """At most so many bytes; b"" at the end.
 
-        Raises: BlockingIOError: there are none now.
+        Raises: BlockingIOError: there are none now, or some frames that carry nothing were read: there may be more.
         """
-        while self._at == len(self._carried):
-            if self._websocket.closed:
+        if self._at == len(self._carried):
+            self.is_dry = False
+            if self._websocket.closed or not self._read():
                 return b""
-            try:
-                data = self._socket.recv(READ_BYTES)
-                self._carried, self._at = bytearray(self._websocket.read(data)), 0
-                if self._websocket.replies:
-                    self._socket.send(self._websocket.replies)
-                    self._websocket.replies = b""
-            except (ConnectionError, PeerError):
-                return b""
-            if not data:
-                return b""
+            if not self._carried:
+                raise BlockingIOError
         piece = bytes(self._carried[self._at : self._at + length])
         self._at += len(piece)
         return piece
 
+    def _read(self) -> bool:
+        """A few frames; whether the other end is still there. Raises: BlockingIOError: there are none now."""
+        try:
+            data = b"" if self._websocket.has_more else self._socket.recv(READ_BYTES)
+            if not (data or self._websocket.has_more):
+                return False
+            self._carried, self._at = bytearray(self._websocket.read(data)), 0
+            if self._websocket.replies:
+                self._socket.send(self._websocket.replies)
+                self._websocket.replies = b""
+        except BlockingIOError:
+            self.is_dry = True
+            raise
+        except (ConnectionError, PeerError):
+            return False
+        return True
+
     def pending(self) -> int:
         """Bytes that were taken from the socket already."""
-        waiting: int = len(self._carried) - self._at + self._pending()
+        waiting: int = len(self._carried) - self._at + self._websocket.has_more + self._pending()
         return waiting
 
 
@@ -149,11 +162,37 @@ class CheckedClient(aiomqtt.Client):
         self._on_dropped = on_dropped
         self._emptied = emptied
         self._again: asyncio.Handle | None = None
+        self._frames: Frames | None = None
         paho: Any = self._client
         # A broker can send a topic that aiomqtt raises on. Unsuppressed, paho would read the same packet again for
         # ever, and log it each time, escape sequences included.
         paho.suppress_exceptions = True
         self._parse, paho._packet_handle = paho._packet_handle, self._check_and_parse  # noqa: SLF001
+        self._dial, paho._create_socket_connection = paho._create_socket_connection, self._dialled  # noqa: SLF001
+        self._way: socket.socket | None = None
+        # It asks for all that is missing of a packet at once, a hundred times a turn: tens of megabytes.
+        receive = paho._sock_recv  # noqa: SLF001
+        paho._sock_recv = lambda length: receive(min(length, READ_BYTES))  # noqa: SLF001
+
+    async def __aenter__(self) -> Self:
+        # paho connects in a thread that nothing can stop, and waits anew for each byte of a websocket's answer:
+        # whatever happens here, it has no way left then.
+        try:
+            async with asyncio.timeout(self.timeout):
+                return await super().__aenter__()
+        except BaseException:
+            if self._way:
+                with contextlib.suppress(OSError):
+                    self._way.shutdown(socket.SHUT_RDWR)
+            raise
+        finally:
+            if self._way:
+                self._way.close()
+
+    def _dialled(self) -> socket.socket:
+        way: socket.socket = self._dial()
+        self._way = way.dup()  # TLS takes the other one over
+        return way
 
     def _check_and_parse(self) -> MQTTErrorCode:
         paho: Any = self._client
@@ -171,7 +210,7 @@ class CheckedClient(aiomqtt.Client):
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         # Called from the thread that connects. aiomqtt's own reader does not end under TLS while packets come.
         if self._is_websocket:
-            Frames(sock)
+            self._frames = Frames(sock)
         super()._on_socket_open(client, userdata, sock)
         self._loop.call_soon_threadsafe(self._loop.add_reader, sock.fileno(), self._read)
 
@@ -189,15 +228,20 @@ class CheckedClient(aiomqtt.Client):
                 if code == MQTTErrorCode.MQTT_ERR_AGAIN:
                     if paho._in_packet["remaining_length"] > MAX_PACKET_BYTES:  # noqa: SLF001
                         paho._in_packet["packet"].clear()  # noqa: SLF001  # will be dropped: nothing of it is kept
-                    self._emptied.read(empty=True)
+                    self._emptied.read(empty=self._frames is None or self._frames.is_dry)
+                    self._read_again()
                     return
                 if code > 0:
                     paho._loop_rc_handle(code)  # noqa: SLF001
                     return
             self._emptied.read(empty=False)
-            if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
-                # Decrypted already: the loop does not see it on the socket.
-                self._again = self._loop.call_soon(self._read)
+            self._read_again()
         except Exception as error:  # noqa: BLE001  # as in aiomqtt: the connection broke
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
+
+    def _read_again(self) -> None:
+        paho: Any = self._client
+        if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
+            # Decrypted already, or read already: the loop does not see it on the socket.
+            self._again = self._loop.call_soon(self._read)

@@ -35,7 +35,7 @@ PACE = (400.0, 400.0)
 LATE_S = 0.3
 # And what little is, without the frames: a phone that drives sends 25.
 LITTLE = (50.0, 60.0, 10.0)
-WORD_BYTES = 4096
+WORD_BYTES = 512  # a long message takes a gateway as long as so many short ones: 48 KiB of JSON up to 6.4 ms
 FEW = 100  # of what it may say at once
 MUCH = 8  # words that each packet is of a turn, which is passed on of who said much
 ASKING = 4  # words that a SUBSCRIBE is, or an UNSUBSCRIBE: the broker has more to do for it, and a phone says few

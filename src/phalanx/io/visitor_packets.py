@@ -18,10 +18,12 @@ REPEATED = 8
 FILTER_BYTES, FILTER_LEVELS = 1024, 16
 OTHERS = (PINGREQ, DISCONNECT)
 VERSIONS = ((b"MQTT", 5), (b"MQTT", 4), (b"MQIsdp", 3))
+QOS = 0x06
 CLEAN, WILL, SESSION_EXPIRY = 0x02, 0x04, 0x11
 MAX_KEEPALIVE_S = 120
 # How long a property of CONNECT is, by its id; a negative one begins with so many strings' lengths.
 _PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0x26: -2, 0x15: -1, 0x16: -1}
+NONE = b"\x00"  # properties: nobody here reads any, and mosquitto 2.0.11 counts 56 bytes for each for ever
 
 
 class NotForVisitorsError(PeerError):
@@ -84,20 +86,36 @@ class VisitorPackets:
             raise NotForVisitorsError("CONNECT comes first, and once")
         if len(came) < at + length:
             return None
-        packet = came[: at + length]
+        packet = came[at : at + length]
         del came[: at + length]
         try:
-            if kind == CONNECT:
-                return self._keep_nothing_of(packet[at:])
-            if kind in (SUBSCRIBE, UNSUBSCRIBE):
-                self._count(kind, packet[at:])
-            if kind == PUBLISH and at + 2 + u16(packet, at) > len(packet):
-                raise NotForVisitorsError("a topic that does not end")
+            self._check(kind, first, packet)
         except IndexError:
             raise NotForVisitorsError("shorter than it says") from None
-        return bytes(packet)
+        return bytes([first]) + _as_varint(len(packet)) + packet
 
-    def _keep_nothing_of(self, packet: bytearray) -> bytes:
+    def _check(self, kind: int, first: int, packet: bytearray) -> None:
+        """It becomes what the broker shall have."""
+        if kind == CONNECT:
+            self._keep_nothing_of(packet)
+        elif kind in (SUBSCRIBE, UNSUBSCRIBE):
+            self._without_properties(packet, 2)
+            self._count(kind, packet)
+        elif kind == PUBLISH:
+            end = 2 + u16(packet, 0) + (2 if first & QOS else 0)
+            self._without_properties(packet, end)
+            if end > len(packet):
+                raise NotForVisitorsError("a topic that does not end")
+
+    def _without_properties(self, packet: bytearray, at: int) -> None:
+        """It has none, where those of MQTT 5 begin."""
+        if self._mqtt == 5:
+            size, end = varint(packet, at)
+            if end + size > len(packet):
+                raise NotForVisitorsError("properties that do not end")
+            packet[at : end + size] = NONE
+
+    def _keep_nothing_of(self, packet: bytearray) -> None:
         """A CONNECT whose session ends with its connection, whatever was asked for."""
         name = bytes(packet[2 : 2 + u16(packet, 0)])
         at = 2 + len(name)
@@ -111,36 +129,34 @@ class VisitorPackets:
         self.connected = True
         at += 4
         if self._mqtt == 5:
-            at = self._forget_session(packet, at)
+            at = self._keep_few(packet, at)
         elif not 0 < u16(packet, at - 2) <= MAX_KEEPALIVE_S:  # by MQTT 5 the broker says how long
             packet[at - 2 : at] = MAX_KEEPALIVE_S.to_bytes(2, "big")
         if size := u16(packet, at):  # by MQTT 5, whoever says none is told
             packet[at : at + 2 + size] = len(self._client_id).to_bytes(2, "big") + self._client_id
-        return bytes([CONNECT]) + _asvarint(len(packet)) + packet
 
-    def _forget_session(self, packet: bytearray, at: int) -> int:
-        """Where the properties end that begin there."""
-        size, at = varint(packet, at)
+    def _keep_few(self, packet: bytearray, begin: int) -> int:
+        """Where the properties end that begin there: what it can take, once each; the session ends without a word."""
+        size, at = varint(packet, begin)
         end = at + size
+        kept: dict[int, bytes] = {}
         while at < end:
             kind, at = packet[at], at + 1
-            if kind == SESSION_EXPIRY:
-                packet[at : at + 4] = bytes(4)
             size = _PROPERTIES.get(kind, 0)
             if not size:
                 raise NotForVisitorsError("no such property")
             for _ in range(-size):
                 at += 2 + u16(packet, at)
+            if size > 0 and kind != SESSION_EXPIRY:
+                kept[kind] = bytes(packet[at - 1 : at + size])
             at += max(size, 0)
         if at != end or end > len(packet):
             raise NotForVisitorsError("properties that do not end")
-        return end
+        packet[begin:end] = _as_varint(sum(map(len, kept.values()))) + b"".join(kept.values())
+        return begin + 1 + packet[begin]
 
     def _count(self, kind: int, body: bytearray) -> None:
-        at, named = 2, 0
-        if self._mqtt == 5:
-            size, at = varint(body, at)
-            at += size
+        at, named = 2 + (self._mqtt == 5), 0
         while at < len(body):
             named += 1
             end = at + 2 + u16(body, at)
@@ -181,6 +197,9 @@ def varint(data: bytes | bytearray, at: int) -> tuple[int, int]:
     raise NotForVisitorsError("a length without an end")
 
 
-def _asvarint(value: int) -> bytes:
-    """For up to 16 383."""
-    return bytes([value]) if value < 128 else bytes([value & 127 | 128, value >> 7])
+def _as_varint(value: int) -> bytes:
+    """For up to 2 097 151."""
+    if value < 128:
+        return bytes([value])
+    high = value >> 7
+    return bytes([value & 127 | 128]) + (bytes([high]) if high < 128 else bytes([high & 127 | 128, high >> 7]))

@@ -12,7 +12,7 @@ import hashlib
 from phalanx.errors import PeerError
 
 LONGEST_REQUEST = 8192
-FRAMES_AT_ONCE = 16  # of a visitor; others wait meanwhile
+FRAMES_AT_ONCE = 16  # others wait meanwhile
 LONGEST_CONTROL = 125
 BINARY, CLOSE, PING, PONG = 2, 8, 9, 10
 UNMASKED = bytes(4)
@@ -51,7 +51,7 @@ class Websocket:
 
     @property
     def has_more(self) -> bool:
-        """Whether something that came is not read yet: a visitor's frames above `FRAMES_AT_ONCE`."""
+        """Whether something that came is not read yet: frames above `FRAMES_AT_ONCE`."""
         return bool(self._unread) and not self.closed
 
     def read(self, data: bytes = b"") -> bytes:
@@ -75,7 +75,7 @@ class Websocket:
         at = 0
         while at < len(data) and not self.closed:
             if not self._left:
-                if self._server and self.frames == FRAMES_AT_ONCE:
+                if self.frames == FRAMES_AT_ONCE:
                     self._unread = data[at:]
                     break
                 self.frames += 1
@@ -137,7 +137,8 @@ class Websocket:
             self.closed = True
             self.replies += self._control_frame(CLOSE)
         if self._opcode == PING:
-            self.replies += self._control_frame(PONG)
+            # The last of many may be answered alone (§5.5.3): who asks and does not read leaves us nothing to keep.
+            self.replies = (self.replies if self._server else b"") + self._control_frame(PONG)
         self._control.clear()
         self._opcode = BINARY
 
