@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
 
 import pytest
@@ -16,6 +17,9 @@ from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
 from phalanx.io import Client, Server
+from phalanx.link.envelope import encode_envelope, seal
+from phalanx.link.messages import Publish
+from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.robot import Led, Point
 from phalanx.sim import Dotbots
 
@@ -298,3 +302,34 @@ class TestGateway:
                 await eventually(lambda: any(note["cmd"] == 1 for note in heard))
                 listener.cancel()
             job.cancel()
+
+
+async def test_who_has_read_no_frame_and_would_say_so_moves_nothing(broker):
+    """A broker that withholds frames could else hand out a client's words for as long as they are fresh."""
+
+    async def withheld(*_: object) -> None:
+        pass
+
+    swarm, driven = Dotbots(1, 1, time.time), []
+    swarm.drive = lambda _, left_pct, right_pct: driven.append(left_pct)
+    address = swarm.robots()[0].address
+    async with Server(broker.gateway, broker_for_visitors=broker.websocket) as server:
+        gateway = Gateway(swarm, server)
+        job = asyncio.create_task(gateway.run())
+        await server.wait_connected(10)
+        async with Client(server.qr()) as client:
+            hear, client._link._on_message = client._link._on_message, withheld
+            await eventually(lambda: gateway._told.age_s(-1, time.monotonic()) > 1)
+            await client.command(address, "move_raw", {"left_y": 70, "right_y": 70})
+            await eventually(lambda: server.rejected == {"late": 1})
+            client._link._on_message = hear
+            await eventually(lambda: client._side.has_seen)
+            await client.command(address, "move_raw", {"left_y": 60, "right_y": 60})
+            await eventually(lambda: 60 in driven)
+            # Published clients, which bind nothing, are heard as before.
+            words = encode_envelope({"left_y": 50, "right_y": 50}, time.time())
+            topic = full_topic("/qrkey", server.epoch.topic, CommandTopic(address, "0", "move_raw"))
+            await client._link.send([Publish(topic, seal(words, server.epoch, os.urandom(12)))])
+            await eventually(lambda: 50 in driven)
+        job.cancel()
+    assert 70 not in driven

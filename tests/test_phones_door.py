@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
 import os
 import urllib.request
@@ -12,8 +14,9 @@ from conftest import a_gateway, a_server, bare_mosquitto, called, child, eventua
 from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker
 from phalanx.io.mosquitto import password_line
-from phalanx.io.phones import PhonesDoor
+from phalanx.io.phones import COMMAND, NUMBER, PhonesDoor
 from phalanx.io.ports import free_port
+from phalanx.link import Command, Request
 
 pytestmark = pytest.mark.waits
 
@@ -88,6 +91,27 @@ async def test_a_door_that_is_not_there_is_told_as_that(host, said):
     trouble, hint = await PhonesDoor(server).trouble()
     assert trouble.startswith(said)
     assert hint == "--broker-ws"
+
+
+async def test_who_is_out_of_files_does_not_say_that_nothing_listens(monkeypatch):
+    async def out_of_files(*_, **__):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(asyncio, "open_connection", out_of_files)
+    server = Server("mqtt://127.0.0.1:1", broker_for_visitors="ws://127.0.0.1:1/mqtt")
+    assert await PhonesDoor(server).trouble() == (
+        "whether phones get in is not known: too many open files",
+        "ulimit -n",
+    )
+
+
+def test_only_what_it_says_itself_is_not_told():
+    door = PhonesDoor(Server("mqtt://127.0.0.1:1"))
+    door._knocker = "me"
+    assert door.is_knocking(Request(NUMBER, "me", {}))
+    assert door.is_knocking(Command(COMMAND, "me"))
+    for said in (Request(NUMBER, "you", {}), Request(0, "me", {}), Command(COMMAND, "you"), Command(COMMAND, {})):
+        assert not door.is_knocking(said)
 
 
 async def test_up_tells_of_an_access_control_and_that_it_was_mended_as_soon_as_the_broker_is_back(guarded):

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from phalanx.io.phones import is_of_the_door
 from phalanx.io.server import Happening
 from phalanx.link import Command, Epoch, Request
 from phalanx.link.messages import Rejected
 
 
 def tell_event(said: Happening, qr_url: str) -> dict[str, Any] | None:
-    """The event in JSON's types; None for what is nobody's business. A rotation has the pin in it."""
+    """The event in JSON's types; None for what is no event. A rotation has the pin in it."""
     if isinstance(said, Epoch):
         return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": qr_url}
-    if is_of_the_door(said):
-        return None
     if isinstance(said, Command):
         return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
     if isinstance(said, Request):

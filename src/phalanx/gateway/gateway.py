@@ -135,7 +135,9 @@ class Gateway:
 
     def _refuse_late(self, command: Command) -> None:
         """Whatever held it back: a broker that was paused obeys nobody's old words. Raises: Late."""
-        age_s = self._told.age_s(command.seen, time.monotonic()) if command.seen is not None else 0.0
+        # Who would say which frame it had read, and says none, has read none of all that were sent.
+        seen = -1 if command.seen is None and command.bound else command.seen
+        age_s = self._told.age_s(seen, time.monotonic()) if seen is not None else 0.0
         age_s = max(age_s, command.waited_s)
         if age_s > LATE_S:
             raise Late(f"{age_s:.1f} s under way")

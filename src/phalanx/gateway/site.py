@@ -22,6 +22,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from phalanx.errors import Unavailable
 from phalanx.io.files import a_share
+from phalanx.io.ports import PortTaken
 from phalanx.io.seats import Seats, place_of
 
 PAGES = Path(__file__).parent / "pages"
@@ -110,7 +111,7 @@ class Site:
         except OSError as error:
             await self._runner.cleanup()
             is_taken = error.errno == errno.EADDRINUSE
-            raise Unavailable(
+            raise (PortTaken if is_taken else Unavailable)(
                 f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
                 f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
                 if is_taken

@@ -24,7 +24,7 @@ from phalanx.io.broker import RunningBroker, open_broker
 from phalanx.io.broker_url import on_host
 from phalanx.io.files import allow_files
 from phalanx.io.phones import PhonesDoor, no_way_from, warn_if_phones_are_locked_out
-from phalanx.io.ports import EVERYWHERE, LOOPBACK, free_port, lan_address
+from phalanx.io.ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port, lan_address
 from phalanx.io.server import Happening
 from phalanx.link import Request
 from phalanx.link.messages import Rejected
@@ -281,7 +281,8 @@ class Running:
 
     def _on_event(self, said: Happening) -> None:
         event = tell_event(said, self.qr_url)
-        if event is None or isinstance(said, Request):  # pages ask all the time
+        # Pages ask all the time; and what we say ourselves is nobody's business.
+        if event is None or isinstance(said, Request) or (self._door and self._door.is_knocking(said)):
             return
         if isinstance(said, Rejected):
             # The first of its kind at once; the others are added up, for they may come in thousands.
@@ -290,6 +291,18 @@ class Running:
             self._told[said.reason] = self._server.rejected[said.reason]
             event["count"] = self._told[said.reason]
         self._say(event)
+
+
+async def _visitors_page(stack: contextlib.AsyncExitStack, options: UpOptions, preferred: int) -> VisitorPages:
+    """Served where it was asked for, else at `preferred` or any port that is free, also when it is listened on."""
+    for left in reversed(range(PORT_TRIES)):
+        port = free_port(preferred, options.host) if options.port is None else options.port
+        try:
+            return await stack.enter_async_context(beside(VisitorPages(options.host, port)))
+        except PortTaken:
+            if options.port is not None or not left:
+                raise
+    raise AssertionError
 
 
 async def up(
@@ -310,7 +323,6 @@ async def up(
     loopback_only = options.host in (LOOPBACK, "localhost")
     advertised = lan_address() if options.host in EVERYWHERE else options.host
     preferred = DEFAULT_PORT if options.operator_port != DEFAULT_PORT else 0
-    port = free_port(preferred, options.host) if options.port is None else options.port
     ws_host = LOOPBACK if loopback_only else options.host
     token = options.operator_token or secrets.token_hex(16)
     allow_files(MANY_FILES)
@@ -318,7 +330,7 @@ async def up(
         host = urlsplit(options.frontend).hostname
         log.warning("the visitors' login stands in every link beside the pin, in the query: %s is told both", host)
     async with contextlib.AsyncExitStack() as stack:
-        pages = await stack.enter_async_context(beside(VisitorPages(options.host, port)))
+        pages = await _visitors_page(stack, options, preferred)
         broker = await stack.enter_async_context(
             open_broker(
                 options.broker,

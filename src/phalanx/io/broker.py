@@ -16,14 +16,14 @@ from phalanx.link.qrurl import Login
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
-from .ports import EVERYWHERE, LOOPBACK, PortTaken, free_port
+from .ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port
+from .private_folder import sweep
 
 log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
 AMQTT_LACKS = "which is slower and has no guard: a stranger can fill it, and take all its connections"
-PORT_TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +65,7 @@ async def open_broker(
     Raises: UsageError: a bad URL, or what is for a broker elsewhere given for one of ours. Unavailable: ours fails, or
         is not installed.
     """
+    sweep()
     if kind not in EMBEDDED:
         url = parse_broker_url(kind, login)
         if "://" not in kind:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import random
@@ -27,6 +28,7 @@ log = logging.getLogger(__name__)
 UNREAD, UNREAD_BYTES = 256, 4 * 1024 * 1024
 # A request without an answer is sent again: so a client that slept through a rotation finds its way (ADR 0004).
 ASK_AGAIN_S = 1.5
+FIRST_FRAME_S = 1.0  # a gateway sends one every 300 ms at least; other servers may send none
 
 
 class Client:
@@ -70,6 +72,8 @@ class Client:
         self._unread_bytes = 0
         self.dropped = 0  # notifications that nobody read in time
         self.moves = 0
+        self._entered_at_s = 0.0
+        self._framed = asyncio.Event()
 
     @property
     def rejected(self) -> dict[str, int]:
@@ -104,6 +108,7 @@ class Client:
             if isinstance(error, TimeoutError):
                 raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
             raise
+        self._entered_at_s = time.monotonic()
         return self
 
     async def __aexit__(
@@ -113,15 +118,24 @@ class Client:
         self._running.cancel()
         await asyncio.gather(self._running, return_exceptions=True)
 
-    async def command(self, address: str, name: str, payload: Any, application: str = "0") -> bool:
+    async def command(
+        self, address: str, name: str, payload: Any, application: str = "0", *, at_once: bool = False
+    ) -> bool:
         """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
+
+        The first waits for a frame of the swarm, as long as one may take to come, unless it is to go `at_once`.
 
         Raises: UsageError: not entered; not JSON, or more than a server reads. WrongTopic: not an address or name.
         Source: Qrkey Table I.
         """
-        return await self._entered().send(
-            (self._side.command(CommandTopic(address, application, name), payload, self._clock()),)
-        )
+        link = self._entered()
+        if (
+            not (at_once or self._side.has_seen)
+            and (left_s := self._entered_at_s + FIRST_FRAME_S - time.monotonic()) > 0
+        ):
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._framed.wait(), left_s)
+        return await link.send((self._side.command(CommandTopic(address, application, name), payload, self._clock()),))
 
     async def request(self, number: int, *, timeout_s: float = 10.0, **words: Any) -> Any:
         """The data that the server answers to request `number`; asked again now and then until it does.
@@ -193,6 +207,8 @@ class Client:
             return
         self.skew_s = None
         if isinstance(said, Notification):
+            if self._side.has_seen:
+                self._framed.set()
             self._keep(said.payload, len(token))
         else:
             self._on_answer(said)

@@ -7,7 +7,9 @@ only what arrives tells.
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
+import os
 import socket
 from collections import Counter
 from collections.abc import Awaitable
@@ -59,7 +61,9 @@ class PhonesDoor:
                 writer.close()
         except (socket.gaierror, UnicodeError):
             return f"there is no {at.host} for this machine, where phones will look for the broker", "--broker-ws"
-        except (OSError, TimeoutError):
+        except (OSError, TimeoutError) as error:
+            if getattr(error, "errno", 0) in (errno.EMFILE, errno.ENFILE):
+                return f"whether phones get in is not known: {os.strerror(error.errno or 0).lower()}", "ulimit -n"
             return f"nothing listens at {at}, where phones will look for the broker", "--broker-ws"
         try:
             async with Client(qr, broker=at, config=self._server.config, timeout_s=CONNECT_S) as client:
@@ -82,7 +86,7 @@ class PhonesDoor:
             self._came.add("notify")
         if await _comes(client.request(NUMBER, timeout_s=ARRIVE_S)) or "request" not in self._came:
             self._came.add("reply/+")  # an answer to what was not heard is not missed
-        await client.command(COMMAND.address, COMMAND.name, self._knocker, COMMAND.application)
+        await client.command(COMMAND.address, COMMAND.name, self._knocker, COMMAND.application, at_once=True)
         await _comes(self._obeyed.wait())
         if not self._server.connected:
             return ""
@@ -92,17 +96,23 @@ class PhonesDoor:
         )
         return ", and ".join(filter(None, halves))
 
+    def is_knocking(self, said: object) -> bool:
+        """Whether we said this ourselves, through the phones' door."""
+        if isinstance(said, Request):
+            return said.number == NUMBER and said.client_id == self._knocker
+        return isinstance(said, Command) and said.topic == COMMAND and said.payload == self._knocker
+
     def _nothing(self, what: str, *subs: str) -> str:
         lost = [f"{self._server.config.root}/+/{sub}" for sub in subs if sub not in self._came]
         return f"nothing {what.format(' or '.join(lost))}" if lost else ""
 
     def _asked(self, request: Request) -> None:
-        if request.client_id == self._knocker:
+        if self.is_knocking(request):
             self.counters["requests"] += 1
             self._came.add("request")
 
     def _told(self, command: Command) -> None:
-        if command.payload == self._knocker:
+        if self.is_knocking(command):
             self.counters["commands"] += 1
             self._came.add("command/#")
             self._obeyed.set()
@@ -114,11 +124,6 @@ def no_way_from(page: str, websocket: str) -> str:
     if is_here or not (page.startswith("https://") and websocket.startswith("ws://")):
         return ""
     return f"browsers let no page by https, such as {page.partition('?')[0]}, reach {websocket}"
-
-
-def is_of_the_door(said: object) -> bool:
-    """Whether this was said by a gateway that looks whether phones get through."""
-    return said.number == NUMBER if isinstance(said, Request) else isinstance(said, Command) and said.topic == COMMAND
 
 
 async def _comes(what: Awaitable[Any]) -> bool:

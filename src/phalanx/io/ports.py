@@ -15,6 +15,7 @@ log = logging.getLogger(__name__)
 LOOPBACK = "127.0.0.1"
 # Below what systems give to outgoing connections: one of those is soon some flood's, before anybody listens there.
 QUIET = range(20_000, 32_768)
+PORT_TRIES = 5  # a port that was free can be taken by the time somebody listens there
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
 
 

@@ -20,19 +20,18 @@ YOUNG_S = 10.0
 
 @contextlib.contextmanager
 def private_folder() -> Iterator[Path]:
-    """A new folder that nobody else may enter, for as long as the context lasts.
-
-    Folders that killed gateways left behind are removed first: no living process holds their lock, or is started from
-    them, where an older one made no lock.
-    """
-    _sweep()
+    """A new folder that nobody else may enter, for as long as the context lasts."""
     with tempfile.TemporaryDirectory(prefix=PREFIX) as folder, (Path(folder) / LOCK).open("w") as lock:
         os.fchmod(lock.fileno(), 0o600)
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield Path(folder)
 
 
-def _sweep() -> None:
+def sweep() -> None:
+    """Remove the folders that killed gateways left behind.
+
+    No living process holds their lock, or is started from them, where an older one made no lock.
+    """
     for folder in Path(tempfile.gettempdir()).glob(f"{OURS}*"):
         with contextlib.suppress(OSError):
             made = folder.lstat()

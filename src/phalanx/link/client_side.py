@@ -57,6 +57,11 @@ class ClientSide:
         """Name under which answers come."""
         return self._reply.client_id
 
+    @property
+    def has_seen(self) -> bool:
+        """Whether a frame was read: a gateway refuses commands until then."""
+        return self._seen is not None
+
     def subscriptions(self) -> tuple[str, ...]:
         """Every topic to be subscribed to now."""
         root, topic = self.config.root, self._epoch.topic

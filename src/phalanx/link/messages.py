@@ -47,6 +47,9 @@ class Command:
     payload: Any = field(repr=False)
     seen: int | None = field(default=None, compare=False)  # last frame that its sender had read, if it says so
     waited_s: float = field(default=0.0, compare=False)  # unread, on this side
+    bound: bool = field(
+        default=False, compare=False
+    )  # sealed for its topic, as clients do that say what they have seen
 
     @property
     def address(self) -> str:

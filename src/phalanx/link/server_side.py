@@ -152,7 +152,7 @@ class ServerSide:
         if epoch not in self.live_epochs():
             return self._knock(uptime_s)
         if isinstance(sub, CommandTopic):
-            return Command(sub, opened.payload, opened.bound.seen)
+            return Command(sub, opened.payload, opened.bound.seen, bound=opened.bound.sub is not None)
         return _parse_request(opened.payload, len(token))
 
     def _locate(self, topic: str) -> tuple[Epoch, SubTopic]:

@@ -1,0 +1,99 @@
+"""What stands in deploy/: linted, and held to what the rest of the repository says."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from conftest import ROOT
+from phalanx.gateway.up import DEFAULT_PORT
+
+DEPLOY = ROOT / "deploy"
+KNOWN = {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENV", "VOLUME", "EXPOSE", "ENTRYPOINT"}
+
+
+def faults_of_unit(text: str, folder: Path) -> list[str]:
+    """What systemd says of a unit whose program is there."""
+    program = folder / "phalanx"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    unit = folder / "phalanx.service"
+    unit.write_text(text.replace("/opt/phalanx/bin/phalanx", str(program)))
+    words = ["systemd-analyze", "verify", "--man=no", str(unit)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    return [line for line in done.stderr.splitlines() if "phalanx.service" in line]
+
+
+@pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd here")
+def test_systemd_takes_every_line_of_the_unit(tmp_path):
+    text = (DEPLOY / "phalanx.service").read_text()
+    assert faults_of_unit(text, tmp_path) == []
+    for right, wrong in (("ProtectHome=yes", "ProtectHomes=yes"), ("RestartSec=2", "RestartSec=soon")):
+        assert right in text
+        assert faults_of_unit(text.replace(right, wrong), tmp_path)
+
+
+def steps() -> list[tuple[str, str]]:
+    """Instruction and words of each step of the Containerfile."""
+    text = re.sub(r"^#.*\n", "", (DEPLOY / "Containerfile").read_text(), flags=re.MULTILINE).replace("\\\n", " ")
+    return [(line.split()[0], line.split(maxsplit=1)[1]) for line in text.splitlines() if line.strip()]
+
+
+def told(instruction: str) -> list[str]:
+    return [words for name, words in steps() if name == instruction]
+
+
+class TestContainerfile:
+    def test_each_step_is_one_that_there_is_and_each_stage_is_made_before_it_is_used(self):
+        made = []
+        for name, words in steps():
+            assert name in KNOWN
+            if name == "FROM":
+                image, *stage = words.split(" AS ")
+                assert re.fullmatch(r"docker\.io/library/\w+:[\w.-]*\d[\w.-]*", image), "of a version"
+                made += stage
+            for used in re.findall(r"(?:--from=|,from=)(\w+)", words):
+                assert used in made
+        assert len(made) == 2
+
+    def test_its_images_have_what_the_project_asks_for(self):
+        node = int(re.search(r"node:(\d+)-", told("FROM")[0])[1])
+        assert node >= int(
+            re.search(r"\d+", json.loads((ROOT / "web" / "package.json").read_text())["engines"]["node"])[0]
+        )
+        python = re.search(r"python:([\d.]+)-", told("FROM")[2])[1]
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        assert f"Programming Language :: Python :: {python}" in project["classifiers"]
+        assert [re.search(r"python:([\d.]+)-", image)[1] for image in told("FROM")[1:]] == [python, python], "of wheels"
+
+    def test_what_it_runs_is_what_there_is_to_run(self):
+        runs = " && ".join(told("RUN"))
+        scripts = json.loads((ROOT / "web" / "package.json").read_text())["scripts"]
+        assert set(re.findall(r"npm run --prefix web (\S+)", runs)) <= set(scripts)
+        assert "npm ci --prefix web" in runs
+        assert (ROOT / "web" / "package-lock.json").exists()
+        assert [name for name in re.findall(r"\S+\.lock", runs) if not (ROOT / name).exists()] == []
+        assert "touch src/phalanx/gateway/pages/built" in runs
+        makefile = (ROOT / "Makefile").read_text()
+        assert "\nPAGES := src/phalanx/gateway/pages\n" in makefile
+        assert "\n$(PAGES)/built:" in makefile, "what make looks for"
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        assert re.search(r"--find-links /wheels (\S+)$", told("RUN")[-1])[1] == project["name"]
+        for line in told("RUN"):
+            if "apt-get install" in line:
+                assert "apt-get update" in line
+                assert "--no-install-recommends" in line
+                assert "rm -rf /var/lib/apt/lists/*" in line
+
+    def test_whoever_runs_it_is_nobody_who_may_do_much_and_the_ports_are_those_of_a_gateway(self):
+        (user,) = told("USER")
+        assert f"useradd --uid {user} " in " ".join(told("RUN"))
+        assert [name for name, _ in steps()].index("USER") < [name for name, _ in steps()].index("ENTRYPOINT")
+        assert told("EXPOSE") == [f"{DEFAULT_PORT} 9001"]
+        assert "free_port(9001" in (ROOT / "src/phalanx/io/broker.py").read_text()
