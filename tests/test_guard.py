@@ -300,9 +300,13 @@ class TestNothingIsFilled:
             async with Stranger(broker.url.port, 4, name=b"a") as asleep, Stranger(broker.url.port, 4, name=b"b") as me:
                 for reader in (asleep, me):
                     await asyncio.to_thread(reader.subscribe, f"{base}/reply/me", f"{base}/notify")
-                assert await asyncio.to_thread(asleep.socket.recv, 1) == b""
+                assert await asyncio.to_thread(asleep.socket.recv, 4) == b"\xb0\x02\xff\xff", "unsubscribed, and here"
                 me.publish(f"{base}/request", seal(question, server.epoch, os.urandom(12)))
                 assert b"/reply/me" in await asyncio.to_thread(me.socket.recv, 500)
+                asleep.socket.sendall(b"\xc0\x00")
+                assert await asyncio.to_thread(asleep.socket.recv, 100) == b"\xd0\x00", (
+                    "its id can be learnt: it drives on"
+                )
 
     async def test_nobody_pushes_another_off_by_its_name(self, broker):
         async with (

@@ -118,13 +118,14 @@ class House(Seats[Visitor]):
     def reads(self, visitor: Visitor, answers: frozenset[bytes]) -> None:
         """It alone reads these answers now: with many readers a small question was gigabytes for the broker.
 
-        Whoever read one before is hung up on. It may be the same phone, which came again.
+        Whoever read one before reads it no longer, and keeps all else: its name can be learnt. It may be the same
+        phone, which came again.
         """
         for name in visitor.answers - answers:
             del self._readers[name]
-        before = {self._readers[name] for name in answers - visitor.answers if name in self._readers}
-        for other in before:
-            other.leave()
+        for name in answers - visitor.answers:
+            if other := self._readers.get(name):
+                other.loses(name)
         self._readers.update(dict.fromkeys(answers, visitor))
         visitor.answers = answers
 

@@ -58,8 +58,7 @@ class Visitor(asyncio.BufferedProtocol):
         self._pinged_at_s = 0.0
         self._paused_at_s: float | None = None
         self._next: tuple[bytes, int] | None = None  # a packet that is much to say, and its words
-        self._house = house
-        self._connection = connection
+        self._house, self._connection = house, connection
         self._transport: asyncio.Transport
         self._websocket = Websocket() if browser else None
         self._packets = VisitorPackets(os.urandom(8).hex().encode())
@@ -138,10 +137,7 @@ class Visitor(asyncio.BufferedProtocol):
                 self._wait(self.pace.wait_s(now_s))
 
     def _hear(self, now_s: float) -> bool:
-        """Pass on so many words; whether that is all that it said.
-
-        Raises: PeerError.
-        """
+        """Pass on so many words; whether that is all that it said. Raises: PeerError."""
         if not self._has_packets:
             self._read()
         self._has_packets = True
@@ -265,6 +261,13 @@ class Visitor(asyncio.BufferedProtocol):
             self._in_line = False
             self._house.answered()
 
+    def loses(self, name: bytes) -> None:
+        """Another one reads the answers on this topic now."""
+        self.answers -= {name}
+        goodbye = self._packets.without(name)
+        if self._broker and not self._broker.is_closing():
+            self._broker.write(goodbye)
+
     def hold_up(self) -> None:
         """The broker does not keep up."""
         self._is_held_up = True
@@ -298,7 +301,7 @@ class Visitor(asyncio.BufferedProtocol):
         """Whether it should have said or read something by now."""
         if not self.waiting_bytes():
             self._read_all_at_s = now_s
-        is_silent = not self._packets.connected and now_s - self._came_at_s > HELLO_S
+        is_silent = now_s - self._came_at_s > HELLO_S and not self._packets.connected
         return is_silent or now_s - self._read_all_at_s > STALLED_S
 
     def say_goodbye(self) -> None:

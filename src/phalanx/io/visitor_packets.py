@@ -23,6 +23,7 @@ CLEAN, WILL, SESSION_EXPIRY = 0x02, 0x04, 0x11
 MAX_KEEPALIVE_S = 120
 # How long a property of CONNECT is, by its id; a negative one begins with so many strings' lengths.
 _PROPERTIES = {SESSION_EXPIRY: 4, 0x21: 2, 0x22: 2, 0x27: 4, 0x19: 1, 0x17: 1, 0x26: -2, 0x15: -1, 0x16: -1}
+NOT_ITS_OWN = b"\xff\xff"  # a packet's number: clients count from 1
 NONE = b"\x00"  # properties: nobody here reads any, and mosquitto 2.0.11 counts 56 bytes for each for ever
 
 
@@ -61,6 +62,12 @@ class VisitorPackets:
     def answers(self) -> frozenset[bytes]:
         """Topics for answers that it reads."""
         return frozenset(name for name in self._filters if name.rpartition(b"/")[0].endswith(b"/reply"))
+
+    def without(self, name: bytes) -> bytes:
+        """What ends its subscription to `name`, said for it; the answer to that is nothing to it."""
+        self._filters.discard(name)
+        body = NOT_ITS_OWN + (NONE if self._mqtt == 5 else b"") + len(name).to_bytes(2, "big") + name
+        return bytes([UNSUBSCRIBE]) + _as_varint(len(body)) + body
 
     def add(self, data: bytes) -> None:
         """More of the stream."""
