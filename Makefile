@@ -36,6 +36,8 @@ NEEDS += broker=mosquitto
 else
 NEEDED := .venv/needs-dev
 NEEDS += mosquitto=mosquitto chromium=chromium valgrind=valgrind spin=spin
+# The only compiler with a fuzzer: 50 MB to fetch.
+NEEDS += clang=clang fuzzer=libclang-rt-14-dev
 # What the firmware is compiled with for microcontrollers: 70 MB to fetch.
 NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-linux-gnu
 endif

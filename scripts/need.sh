@@ -76,6 +76,10 @@ for pair in "$@"; do
             echo "note: no mosquitto here; going on with amqtt, a slower broker (hint: sudo apt-get install $package)" >&2
         fi
         ;;
+    fuzzer)
+        # Debian's clang comes without what its sanitizers and its fuzzer link.
+        is_there clang && [ -e "$(clang --print-file-name="libclang_rt.fuzzer-$(uname -m).a")" ] || missing="$missing $package"
+        ;;
     *) is_there "${pair%%=*}" || missing="$missing $package" ;;
     esac
 done

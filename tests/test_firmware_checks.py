@@ -1,4 +1,4 @@
-"""The proofs of the trusted nodes at their larger sizes; each of them can fail."""
+"""What is too long for every run: proofs at their larger sizes, and ten minutes of any calls and any bytes."""
 
 from __future__ import annotations
 
@@ -23,3 +23,11 @@ def test_all_proofs_hold_and_each_can_fail():
     said = run("prove.py", "--all")
     assert "can fail" in said
     assert "DOES NOT HOLD" not in said
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_ten_minutes_of_anything_find_nothing():
+    done = subprocess.run(["make", "fuzz", "FUZZ_S=600"], cwd=FIRMWARE, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "any calls: nothing found" in done.stdout
