@@ -140,7 +140,7 @@ class Bench:
             return "keys on the stack"
         if not self._run([sys.executable, "setup.py", "-q", "build_ext", "--inplace"], self.at):
             sys.exit("what the vectors' program is made of does not become a Python module: see setup.py")
-        tests = ["tests/test_firmware.py", "tests/test_firmware_oracle.py"]
+        tests = [f"tests/test_firmware{name}.py" for name in ("", "_buckets", "_oracle")]
         if not self._run([sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests], self.at):
             return "tests"
         if proofs and not self._run([sys.executable, "prove.py", "--jobs", "1"], firmware):

@@ -33,13 +33,13 @@ VICTIM = 0
 class Asking:
     """A robot that asks for audits, and auditors that sign whatever they want to sign."""
 
-    def __init__(self):
-        self.config, n = BtiConfig(), 8
+    def __init__(self, profile=BOUND, config=None):
+        self.profile, self.config, n = profile, config or BtiConfig(), 8
         limits = limits_of(self.config, RadioConfig())
-        nodes = power_up(n, BOUND, limits, np.full(n, BOOT_MS), np.random.default_rng(1), {})
+        nodes = power_up(n, profile, limits, np.full(n, BOOT_MS), np.random.default_rng(1), {})
         params = flock_params(FlockConfig(n_max=self.config.n_max))
         self.fleet = make_fleet(
-            n, self.config, params, profile=BOUND, controller=1, mission_seed=5, snode=nodes.snode, anode=nodes.anode
+            n, self.config, params, profile=profile, controller=1, mission_seed=5, snode=nodes.snode, anode=nodes.anode
         )
         self.work, self.robot = make_work(self.config), self.fleet.robot[VICTIM]
         for i in range(n):
@@ -68,7 +68,7 @@ class Asking:
         t = int.from_bytes(q[request.AT_T : request.AT_TOP_A], "little")
         top, treq = head[request.AT_TOP_A :][:20].copy(), head[request.AT_TREQ_MAC :][:8].copy()
         hckpt, anode = self.fleet.hckpt[VICTIM, which], self.fleet.anode[tor - 1]
-        assert trusted.anode_issue_token(BOUND, anode, VICTIM + 1, t, top, treq, hckpt, mac) >= 0
+        assert trusted.anode_issue_token(self.profile, anode, VICTIM + 1, t, top, treq, hckpt, mac) >= 0
         return tor, t, mac
 
     def gets(self, token: tuple[int, int, np.ndarray], now_ms: int) -> int:

@@ -33,8 +33,8 @@ ASKED_MS = 60  # after an INPUT
 class Auditee(Asking):
     """A robot with true nodes, whose c-node chains and logs what a test says."""
 
-    def __init__(self):
-        super().__init__()
+    def __init__(self, **said):
+        super().__init__(**said)
         self.judge = Judge(self.fleet, self.config)
         self.round_begins(BOOT_MS)
         self.step = 0

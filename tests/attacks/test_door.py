@@ -1,0 +1,215 @@
+"""What an auditor's radio hears: whose it is, whether it is audited, and what goes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_answers import VICTIM
+from test_refusals import Auditee
+
+from phalanx.bti import request, rounds, trusted
+from phalanx.bti.refusal import Refusal
+from phalanx.robot import node
+from phalanx.wire.fields import row
+
+VICTIM_ID = VICTIM + 1
+STRANGER_ID = 8
+NO = 77
+
+
+class Door(Auditee):
+    """The auditee's frames come to an auditor, in whose memory another's request has begun."""
+
+    def __init__(self, **said):
+        super().__init__(**said)
+        self.goes_on()
+        self.tor, self.q = self.asks()
+        self.now_ms = self.due_ms(self.step - 1) + 80
+        self.auditor = self.fleet.robot[self.tor - 1]
+        other = next(each for each in range(2, 9) if each != self.tor)
+        assert self.hears_frame(self.fragment(b"?" * self.body, src=other, count=2)) == node.NOTHING
+
+    @property
+    def body(self) -> int:
+        return self.config.frame_max_bytes - request.FRAGMENT_HEAD_BYTES
+
+    def fragment(self, part: bytes, *, src=VICTIM_ID, dst=None, index=0, count=1, sub=request.FRAGMENT) -> bytes:
+        frame = row(bytes(request.FRAGMENT_HEAD_BYTES) + part)
+        request.audit_head(frame, src, self.tor if dst is None else dst, sub)
+        frame[request.AT_REQUEST] = NO
+        frame[request.AT_INDEX], frame[request.AT_COUNT] = index, count
+        return frame.tobytes()
+
+    def hears_frame(self, frame: bytes, now_ms: int | None = None, robot: int | None = None) -> int:
+        now_ms = self.now_ms if now_ms is None else now_ms
+        self.work.told[:] = -7
+        at = self.tor - 1 if robot is None else robot
+        return int(node.hear(self.fleet, at, self.work, now_ms, row(frame), len(frame)))
+
+    def hears_request(self, q: bytes, now_ms: int | None = None, **said) -> int:
+        """All of its fragments; what the last one leads to."""
+        cut = [q[at : at + self.body] for at in range(0, len(q), self.body)]
+        for k, part in enumerate(cut):
+            told = self.hears_frame(self.fragment(part, index=k, count=len(cut), **said), now_ms)
+            assert told == node.NOTHING or k == len(cut) - 1
+        return told
+
+    def said(self, what: int) -> int:
+        return int(self.work.told[what])
+
+    def knows(self, rob_id: int, robot: int | None = None) -> bool:
+        at = self.tor - 1 if robot is None else robot
+        return rob_id in self.fleet.peer[at, : int(self.fleet.robot[at].peers)].id
+
+
+@pytest.fixture
+def door():
+    return Door()
+
+
+def test_who_is_found_right_is_sent_a_token_and_takes_it(door):
+    assert door.hears_request(door.q) == node.REPLY
+    assert door.said(node.TOLD_REFUSAL) == 0
+    assert door.said(node.TOLD_TEE) == door.said(node.TOLD_TO) == VICTIM_ID
+    assert door.said(node.TOLD_PLACE) == 1
+    assert door.said(node.TOLD_LENGTH) == request.TOKEN_FRAME_BYTES
+    assert (door.auditor.audits_passed, door.auditor.audits_refused, door.auditor.accepted) == (1, 0, 1)
+    frame = door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes()
+    head = row(bytes(request.TOKEN_FRAME_BYTES))
+    request.audit_head(head, door.tor, VICTIM_ID, request.TOKEN)
+    head[request.AT_REQUEST] = NO
+    head[request.REPLY_T : request.REPLY_T + 4] = row(door.q[request.AT_T :][:4])
+    assert frame[: request.REPLY_MAC] == head[: request.REPLY_MAC].tobytes()
+    claimed, mac = row(door.q[request.AT_HCKPT :][:20]), row(frame[request.REPLY_MAC :])
+    t_ms = int.from_bytes(door.q[request.AT_T :][:4], "little")
+    assert trusted.anode_check_token(door.profile, door.fleet.anode[0], door.tor, VICTIM_ID, t_ms, claimed, mac) == 0
+    assert door.robot.got == 0
+    assert door.hears_frame(frame, robot=VICTIM) == node.INSTALLED
+    assert door.said(node.TOLD_TEE) == door.tor
+    assert door.robot.got == 1
+
+
+@pytest.mark.parametrize("change", [-1, 1])
+def test_a_token_of_another_length_is_none(door, change):
+    door.hears_request(door.q)
+    frame = (door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes() + b"\0")[: request.TOKEN_FRAME_BYTES + change]
+    assert door.hears_frame(frame, robot=VICTIM) == node.NOTHING
+    assert door.robot.got == 0
+
+
+def test_a_token_with_another_mac_is_none(door):
+    door.hears_request(door.q)
+    frame = bytearray(door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes())
+    frame[-1] ^= 1
+    assert door.hears_frame(bytes(frame), robot=VICTIM) == node.NOTHING
+
+
+@pytest.mark.parametrize(
+    "at, refusal",
+    [
+        (0, Refusal.MALFORMED),
+        (request.AT_TREQ_MAC, Refusal.REQUEST_INVALID),
+        (request.AT_AUTH_S, Refusal.AUTHENTICATOR_INVALID),
+        (-1, Refusal.A_CHAIN),
+    ],
+)
+def test_who_is_found_wrong_is_told_nothing(door, at, refusal):
+    """And whoever has no true token request is not even counted as audited."""
+    wrong = bytearray(door.q)
+    if at < 0:
+        wrong[-1] = wrong[-2] = wrong[-3]  # the same mark thrice
+        refusal = Refusal.CHECKPOINT_MISSING
+    else:
+        wrong[at] ^= 1
+    assert door.hears_request(bytes(wrong)) == node.REPLY
+    assert door.said(node.TOLD_REFUSAL) == refusal
+    assert door.said(node.TOLD_TEE) == VICTIM_ID
+    assert door.said(node.TOLD_LENGTH) == 0
+    assert (door.auditor.audits_passed, door.auditor.audits_refused) == (0, 1)
+    audited = refusal not in (Refusal.MALFORMED, Refusal.REQUEST_INVALID)
+    assert door.auditor.accepted == audited
+
+
+def test_a_robot_that_the_replay_finds_wrong_is_told_nothing():
+    door = Door()
+    door.logs(door.chained(4, door.due_ms(door.step - 1) + 90, b"\x03 once more"))
+    for _ in range(3):
+        door.senses()
+    door.robot.quota = 1
+    later_ms = door.due_ms(door.step - 1) + 3000
+    door.tor, q = door.asks(door.due_ms(door.step - 1) + 60)
+    assert door.hears_request(q, later_ms) == node.REPLY
+    assert door.said(node.TOLD_REFUSAL) == Refusal.OUTPUT_UNCALLED
+
+
+def test_one_token_request_is_audited_once(door):
+    assert door.hears_request(door.q) == node.REPLY
+    for after_ms in (2000, 20_000):
+        assert door.hears_request(door.q, door.now_ms + after_ms) == node.NOTHING
+    assert door.auditor.accepted == 1
+
+
+@pytest.mark.parametrize("ago_ms, admitted", [(0, True), (-1, False)])
+def test_so_many_are_audited_in_t_val_and_no_more(door, ago_ms, admitted):
+    door.fleet.taken[door.tor - 1] = door.now_ms - door.config.t_val_ms - ago_ms
+    assert door.hears_request(door.q) == (node.REPLY if admitted else node.NOTHING)
+    assert door.auditor.accepted == admitted
+    assert (door.fleet.taken[door.tor - 1] == door.now_ms).sum() == admitted
+    assert (door.fleet.peer[door.tor - 1, : int(door.auditor.peers)].took_t > 0).sum() == admitted
+
+
+def test_the_place_of_the_oldest_audit_is_taken(door):
+    taken = door.fleet.taken[door.tor - 1]
+    door.auditor.accepted = len(taken) + 2
+    assert door.hears_request(door.q) == node.REPLY
+    assert np.flatnonzero(taken == door.now_ms).tolist() == [2]
+
+
+def test_a_swarm_in_plain_python_replays_for_itself(door):
+    door.fleet.settings[0].controller = 0
+    assert door.hears_request(door.q) == node.WHOLE
+    assert door.said(node.TOLD_TEE) == VICTIM_ID
+    place = door.said(node.TOLD_PLACE)
+    assert door.fleet.rx[door.tor - 1, place, : len(door.q)].tobytes() == door.q
+    assert door.auditor.accepted == 1
+
+
+class TestWhose:
+    def hello(self, src: int, dst: int = 0) -> bytes:
+        frame = row(bytes(request.AUDIT_HEAD_BYTES))
+        request.audit_head(frame, src, dst, request.HELLO)
+        return frame.tobytes()
+
+    def test_who_says_hello_is_in_range(self, door):
+        robot = STRANGER_ID if door.tor != STRANGER_ID else 7
+        assert not door.knows(robot) or door.tor == robot
+        assert door.hears_frame(self.hello(robot)) == node.NOTHING
+        assert door.knows(robot)
+        at = rounds.peer_at(door.fleet, door.tor - 1, robot)
+        assert door.fleet.peer[door.tor - 1, at].heard == door.now_ms
+
+    def test_a_frame_that_is_shorter_than_its_head_is_nobodys(self, door):
+        assert door.hears_frame(self.hello(STRANGER_ID)[:-1]) == node.NOTHING
+        assert not door.knows(STRANGER_ID)
+
+    def test_what_is_for_another_is_not_taken(self, door):
+        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor + 1)) == node.NOTHING
+        assert not door.knows(STRANGER_ID)
+        assert door.hears_request(door.q, dst=VICTIM_ID) == node.NOTHING
+        assert door.auditor.accepted == 0
+        assert door.hears_frame(self.hello(STRANGER_ID, dst=door.tor)) == node.NOTHING
+        assert door.knows(STRANGER_ID)
+
+    @pytest.mark.parametrize("own", [True, False])
+    def test_nobody_hears_itself_or_robot_0(self, door, own):
+        before = int(door.auditor.peers)
+        door.hears_frame(self.hello(door.tor if own else 0))
+        assert door.auditor.peers == before
+        assert door.hears_request(door.q, src=door.tor if own else 0) == node.NOTHING
+        assert door.auditor.audits_refused == 0
+
+    def test_a_frame_of_no_sort_does_nothing_more(self, door):
+        for sub in (request.HELLO, 9):
+            assert door.hears_request(door.q, sub=sub) == node.NOTHING
+        assert door.auditor.accepted == 0
+        assert (door.fleet.rx_info[door.tor - 1].src == VICTIM_ID).sum() == 0

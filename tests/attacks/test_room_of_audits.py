@@ -1,0 +1,127 @@
+"""Room that an audit has: for evidence behind a reading, and for outputs that the log still has to show."""
+
+from __future__ import annotations
+
+import pytest
+from test_answers import VICTIM
+from test_refusals import Auditee, entry, parts, segment_at, with_segment
+from test_refusals_of_form import shown_of
+
+from phalanx.bti import audit, log
+from phalanx.bti.audit import ACMD, INPUT, SEND
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.robot.attacks.liar import MOTION
+from phalanx.wire.fields import row
+from phalanx.wire.table import KIND_SENSOR
+
+EVIDENCE_MAX = 64
+SHOWS = BtiConfig(evidence_max_bytes=EVIDENCE_MAX, evidence_bytes_per_s=4000)
+
+
+@pytest.fixture
+def auditee():
+    return Auditee()
+
+
+class TestRoom:
+    def test_outputs_of_all_the_room_there_is_are_compared_and_one_more_is_not_taken(self, auditee):
+        """No controller of ours puts out so much; another's might."""
+        f, w, most = auditee.fleet, auditee.judge.work, auditee.config.frame_max_bytes
+        auditee.goes_on()
+        _, q = auditee.asks()
+        assert audit.open_request(w, row(q), len(q), VICTIM + 1) == 0
+        step, due, w.case[0].entry_t = int(w.case[0].step), int(w.case[0].due), 7
+        outputs = [bytes([SEND]) + most.to_bytes(2, "little") + bytes([k]) * most for k in range(2)]
+        w.out[: 2 * (3 + most)] = row(b"".join(outputs))
+        assert audit.expect(f, w, 2 * (3 + most)) == audit.expect(f, w, 2 * (3 + most)) == 0
+        assert audit.expect(f, w, 3 + most) == Refusal.OUTPUT_MISSING
+        assert (w.case[0].step, w.case[0].due) == (step + 3, due + 3 * auditee.config.t_control_ms)
+        logged = row(b"".join(entry(SEND, 8, bytes([k]) * most) for k in (0, 1, 0, 1)))
+        w.case[0].at, w.case[0].end, w.case[0].t = 0, len(logged), 9
+        assert audit.next_event(f, w, logged) == audit.END
+        assert w.case[0].waiting == 0
+
+
+class TestEvidence:
+    """What stands behind a reading, in no chain: of a length, in its place, once."""
+
+    def shown(self, *behind: bytes, kind: int = INPUT, cut: int = 0) -> int:
+        auditee = Auditee(config=SHOWS)
+        auditee.goes_on()
+
+        def edit(parts_shown: list[bytes]) -> list[bytes]:
+            at = next(k for k, part in enumerate(parts_shown) if part[0] == kind)
+            return [*parts_shown[: at + 1], *behind, *parts_shown[at + 1 :]]
+
+        if not cut:
+            return shown_of(auditee, edit)
+        tor, q = auditee.asks(auditee.due_ms() + 1)
+        sensed = entry(INPUT, auditee.due_ms(), MOTION.pack(KIND_SENSOR, 1, 0, 1, 2, 3, 4))
+        return auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + sensed + b"".join(behind)[:-cut])))
+
+    @staticmethod
+    def evidence(length: int) -> bytes:
+        return bytes([log.EVIDENCE]) + length.to_bytes(2, "little") + bytes(length)
+
+    @pytest.mark.parametrize("length", [1, EVIDENCE_MAX])
+    def test_behind_a_reading_it_is_read(self, length):
+        assert self.shown(self.evidence(length)) == 0
+
+    @pytest.mark.parametrize("length", [0, EVIDENCE_MAX + 1])
+    def test_not_empty_nor_longer_than_there_is_room_for(self, length):
+        assert self.shown(self.evidence(length)) == Refusal.ENTRY_MALFORMED
+
+    def test_not_twice(self):
+        assert self.shown(self.evidence(5), self.evidence(5)) == Refusal.ENTRY_MALFORMED
+
+    def test_not_behind_a_mark_that_is_behind_the_reading(self):
+        assert self.shown(bytes([log.FLUSH_A]), self.evidence(5)) == Refusal.ENTRY_MALFORMED
+
+    def test_not_behind_anything_else(self):
+        assert self.shown(self.evidence(5), kind=ACMD) == Refusal.ENTRY_MALFORMED
+
+    @pytest.mark.parametrize("cut", range(1, 8))
+    def test_not_cut_off(self, cut):
+        assert self.shown(self.evidence(5), cut=cut) == Refusal.ENTRY_MALFORMED
+
+    def test_it_is_whole_at_the_very_end(self):
+        """The reading before it was never chained, which is found next."""
+        assert self.shown(self.evidence(5) + b"?", cut=1) == Refusal.S_CHAIN
+
+    def test_the_controller_is_told_what_it_is_and_where_there_is_none(self):
+        auditee = Auditee(config=SHOWS)
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        shown = parts(q[segment_at(q) :])
+        first = next(k for k, part in enumerate(shown) if part[0] == INPUT)
+        said = bytes([log.EVIDENCE]) + (3).to_bytes(2, "little") + b"abc"
+        made = with_segment(q, b"".join([*shown[: first + 1], said, *shown[first + 1 :]]))
+        assert auditee.verdict((tor, made)) == 0  # all of it, so that the work stands at its start again
+        f, w, q_row = auditee.fleet, auditee.judge.work, row(made)
+        assert audit.examine(f, tor - 1, w, q_row, len(made), VICTIM + 1) == 0
+        w.evidence[:] = 0
+        seen = []
+        while True:
+            event = audit.next_event(f, w, q_row)
+            if event == INPUT:
+                seen.append(w.evidence[: int(w.case[0].evidence_len)].tobytes())
+                expected = shown_outputs(made, int(w.case[0].at))
+                w.out[: len(expected)] = row(expected)
+                assert audit.expect(f, w, len(expected)) == 0
+            elif event <= audit.END:
+                break
+        assert event == audit.END
+        assert seen[0] == b"abc"
+        assert set(seen[1:]) == {b""}
+
+
+def shown_outputs(q: bytes, at: int) -> bytes:
+    """The outputs logged from here to the next reading, as a controller would put them out."""
+    made = b""
+    for part in parts(q[at:]):
+        if part[0] == INPUT:
+            break
+        if part[0] in (SEND, ACMD):
+            made += part[:1] + part[5:7] + part[7:]
+    return made
