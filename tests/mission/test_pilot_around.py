@@ -13,7 +13,7 @@ from audited import SENSORS
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Kind, Order, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.robot.controllers.mission.course import TOUCHING, weights
+from phalanx.robot.controllers.mission.field import TOUCHING, weights
 from phalanx.robot.controllers.mission.pilot import Leg, drive
 from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors
 from phalanx.sim.building.floorplan import load_floorplan
@@ -62,11 +62,13 @@ def driven(
     seed: int = 0,
     within_m: float = 0.6,
     noise: OdometryNoise = TRUE,
+    odometry: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Told:
     """A body that carries out an order until it is near its goal, by a pose that is true."""
     crowd = Walkers(plan, people, np.random.default_rng([seed, 7])) if people else None
     building = Building(plan, crowd=crowd)
     body = MissionBody(1, building, SENSORS, start, noise, (seed, 1))
+    body.odometry.pose = odometry
     leg, told, before = Leg(), Told(), 0.0
     for k in range(round(hz * seconds)):
         told.t_s = k / hz
@@ -120,6 +122,16 @@ def test_beside_a_jamb_that_its_course_would_touch_it_creeps_aside_first():
     told = driven(plan_of(*door(0.8)), to(goal, (5, 5)), (*start, heading), goal, 20, within_m=0.3)
     assert told.end == "there"
     assert told.clearance_m > RADIUS_M
+
+
+def test_around_an_end_that_its_cells_would_let_it_touch_it_goes_by_another_cell():
+    """It stood at the corner of a rack for good: on the way between two cells as near to it, it would have touched."""
+    hall = plan_of(
+        (14.75, 2.46, 14.75, 3.84), (14.75, 3.84, 16.06, 3.8), (15.58, 4.75, 14.76, 4.75), (14.76, 4.75, 14.71, 5.29)
+    )
+    start, place, goal = (14.508, 3.747, 0.951), (14.75, 3.845), (16.058, 3.804)
+    told = driven(hall, to(goal, place), start, goal, 25, odometry=(11.0106, -1.7123, 0.99855))
+    assert (told.end, told.clearance_m > RADIUS_M) == ("there", True)
 
 
 @pytest.mark.parametrize(
@@ -280,8 +292,8 @@ def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_s
     assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]
 
 
-@pytest.mark.parametrize(("aside", "end"), [(0, "blocked"), (1, "blocked"), (-1, "there")])
-def test_along_a_face_it_gets_beside_the_line_of_its_direction_and_not_on_it(aside, end):
+@pytest.mark.parametrize(("aside", "end"), [(0, "there"), (1, "blocked"), (-1, "there")])
+def test_along_a_face_it_gets_on_the_line_of_its_direction_and_beside_it_where_there_is_room(aside, end):
     """A shelf stands at a wall; from its near corner a way leads along its side to the far one."""
     plan, corner = plan_of(*square(9, 0.1, 1.5)), (9.0, 1.6)
     order = Order(Kind.GO, 1, corner, -math.pi / 2, aside=aside)
@@ -293,7 +305,8 @@ def test_who_stands_too_near_to_a_thing_may_leave_to_where_it_is_no_nearer_and_n
     wide, middle = SIDE + 2, SIDE // 2
     cells, leave = np.zeros(SIDE * SIDE, np.uint8), np.empty(wide * wide, np.int64)
     cells[(middle + 1) * SIDE + middle + 1] = FRESH
-    weights(cells, (1.0, 0.0), leave)
+    here, thing = (middle + 0.5, middle + 0.5), np.array([[middle + 1.5, middle + 1.5]])
+    weights(cells, here, (1.0, 0.0), thing, leave)
 
     def costs(dx: int, dy: int) -> int:
         return leave[(middle + 1 + dy) * wide + middle + 1 + dx]

@@ -1,10 +1,9 @@
 """Where to drive next, and how fast: straight to the goal where that is free, else along the cheapest way around.
 
 The way is sought among the cells of `surroundings`: what it costs from each of them to the goal, or to the edge and
-straight on from there; cells near things cost more, and those where the robot would touch something so much that it
-takes any other way first, or waits before them. On that way it makes for the farthest place that it can go straight to,
-and keeps to this place until it is there or something comes between: a robot that chose anew at every step would turn
-to and fro between two ways that are equally good. The field is that of a wavefront planner.
+straight on from there (field.py). On that way it makes for the farthest place that it can go straight to, and keeps to
+this place until it is there or something comes between: a robot that chose anew at every step would turn to and fro
+between two ways that are equally good.
 """
 
 from __future__ import annotations
@@ -13,15 +12,24 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
 from phalanx.mission.angles import atan2, sin_cos
 
+from .field import (
+    BESIDE,
+    KEEP_M,
+    MARGIN_M,
+    PER_CELL,
+    TOUCH_M,
+    TOUCHING,
+    Point,
+    downhill,
+    seeds,
+    spread,
+    weights,
+)
 from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, Seen, Stop, free_way, look
-
-Ints = NDArray[np.int64]
-Point = tuple[float, float]
 
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
@@ -29,8 +37,6 @@ TURN_GAIN = 1.5
 ABOUT, BEHIND = 0.25, -0.94  # cosine of a course: what lies further aside is turned to on the spot, by either side
 SHORT_M, SLOW_M = 0.4, 1.0
 LOOK_M, BEYOND_LOOK_M = 2.0, 3.0  # straight on must be free so far
-# Of the robot's middle from everything, where it may choose; on a way once chosen; and by what it does in a second.
-MARGIN_M, KEEP_M, TOUCH_M = 0.25, 0.2, 0.205
 NO_STOP = -(1 << 31)
 REACHED_M = 0.3
 # Before a way around that leads so far aside (cosine), or is so much longer, it waits: people walk on.
@@ -38,20 +44,7 @@ ASIDE, LONGER, WAIT_S = 0.7, 100, 2.0
 LOOK_S = 3.0  # and who does not know what it looks for looks around, once
 BEFORE_M = 0.5  # there it waits: what it looks for may be in the wall, or it is a person
 AHEAD_STEPS = 13  # cells of the way that are looked at for a stop
-BESIDE = 2  # cells
-REAR, ABOUT_COST = 3, 12  # cells, and what they cost: to turn about is as good as 2 m of way
 CM_PER_M = 100.0
-# Distances in cells: 3 to the next, 4 to that at the corner. Nearer to a thing than two a robot touches it.
-STRAIGHT, ACROSS = 3, 4
-TOUCHES = 6
-TOUCHING = 40
-FAR_OFF = 1 << 40
-# A way in the open costs 10 a cell.
-PER_CELL = 10.0
-TOUCHING_COST = 2000
-UNSEEN_COST = 160  # straight on from the edge something is seen to be in the way
-PASSES = 24
-NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
 ARC_S, ARC_STEPS = 1.0, 8
 CREEP_MPS, ASIDE_STEPS, ON_COURSE_RADPS = 0.1, 3, 0.15
 NEARBY_M = 1.0
@@ -74,141 +67,6 @@ class Course(NamedTuple):
 
 
 @kernel
-def weight(near: int) -> int:
-    """What a step costs, in halves, so near to a thing."""
-    if near < TOUCHES:
-        return TOUCHING
-    if near < 8:
-        return 6
-    if near < 10:
-        return 4
-    return 3 if near < 12 else 2
-
-
-@kernel
-def standing(cells: Bytes, along: tuple[float, float], near: Ints, out: Ints) -> None:
-    """Where the robot stands, it stands, and may go on to where things are no nearer; behind it cells cost more."""
-    wide = SIDE + 2
-    own = near[(HALF + 1) * wide + HALF + 1]
-    for dy in range(-REAR, REAR + 1):
-        for dx in range(-REAR, REAR + 1):
-            i = (HALF + 1 + dy) * wide + HALF + 1 + dx
-            if cells[(HALF + dy) * SIDE + HALF + dx]:
-                continue
-            if max(abs(dx), abs(dy)) <= BESIDE and near[i] >= own:
-                out[i] = min(out[i], TOUCHING // 5)
-            if dx * along[0] + dy * along[1] < -0.5:
-                out[i] = max(out[i], ABOUT_COST)
-
-
-@kernel
-def weights(cells: Bytes, along: tuple[float, float], out: Ints) -> None:
-    """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
-
-    Args:
-        along: where the robot looks; of two ways that are equally good it goes on along one.
-    """
-    wide = SIDE + 2
-    out[:] = 3 * SIDE
-    for y in range(1, SIDE + 1):
-        for x in range(1, SIDE + 1):
-            i = y * wide + x
-            if cells[(y - 1) * SIDE + x - 1]:
-                out[i] = 0
-                continue
-            least = min(out[i - 1] + STRAIGHT, out[i - wide] + STRAIGHT)
-            least = min(least, min(out[i - wide - 1], out[i - wide + 1]) + ACROSS)
-            out[i] = min(out[i], least)
-    for y in range(SIDE, 0, -1):
-        for x in range(SIDE, 0, -1):
-            i = y * wide + x
-            least = min(out[i + 1] + STRAIGHT, out[i + wide] + STRAIGHT)
-            least = min(least, min(out[i + wide - 1], out[i + wide + 1]) + ACROSS)
-            out[i] = min(out[i], least)
-    near = out.copy()
-    for i in range(len(out)):
-        out[i] = weight(near[i])
-    standing(cells, along, near, out)
-
-
-@kernel
-def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) -> None:
-    """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
-
-    Args:
-        goal_x, goal_y: in cells, from the corner of the first.
-        points: (k, 2) what is in the way, likewise.
-    """
-    wide = SIDE + 2
-    out[:] = FAR_OFF
-    inside = 0.0 <= goal_x < SIDE and 0.0 <= goal_y < SIDE
-    for y in range(1, SIDE + 1):
-        for x in range(1, SIDE + 1):
-            dx, dy = x - 0.5 - goal_x, y - 0.5 - goal_y
-            at_edge = x in (1, SIDE) or y in (1, SIDE)
-            at_goal = inside and dx * dx + dy * dy <= NEAR_GOAL * NEAR_GOAL
-            if at_edge or at_goal:
-                i = y * wide + x
-                away = math.sqrt(dx * dx + dy * dy)
-                out[i] = int(PER_CELL * away) + (0 if leave[i] < TOUCHING else TOUCHING_COST)
-                if at_edge and away > 0.0 and is_between(points, (x - 0.5, y - 0.5), (-dx / away, -dy / away), away):
-                    out[i] += UNSEEN_COST
-
-
-@kernel
-def is_between(points: Floats, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
-    """Whether something is on the straight way from here, in cells."""
-    for k in range(len(points)):
-        dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
-        ahead = dx * along[0] + dy * along[1]
-        if 0.0 < ahead < away and abs(dx * along[1] - dy * along[0]) < MARGIN_M * PER_M:
-            return True
-    return False
-
-
-@kernel
-def spread(leave: Ints, out: Ints) -> None:
-    """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
-    wide = SIDE + 2
-    for _ in range(PASSES):
-        changed = False
-        for y in range(1, SIDE + 1):
-            for x in range(1, SIDE + 1):
-                i = y * wide + x
-                side = min(out[i - 1], out[i - wide]) + 5 * leave[i]
-                least = min(side, min(out[i - wide - 1], out[i - wide + 1]) + 7 * leave[i])
-                if least < out[i]:
-                    out[i] = least
-                    changed = True
-        for y in range(SIDE, 0, -1):
-            for x in range(SIDE, 0, -1):
-                i = y * wide + x
-                side = min(out[i + 1], out[i + wide]) + 5 * leave[i]
-                least = min(side, min(out[i + wide - 1], out[i + wide + 1]) + 7 * leave[i])
-                if least < out[i]:
-                    out[i] = least
-                    changed = True
-        if not changed:
-            break
-
-
-@kernel
-def downhill(costs: Ints, leave: Ints, i: int) -> int:
-    """The next cell of the way; the same where it ends."""
-    wide = SIDE + 2
-    best, least = i, costs[i]
-    # A seed is where the way ends: nothing beside it is nearer.
-    found = FAR_OFF
-    for dy in range(-1, 2):
-        for dx in range(-1, 2):
-            j = i + dy * wide + dx
-            cost = costs[j] + (7 if dx and dy else 5) * leave[i]
-            if costs[j] < least and cost < found:
-                best, found = j, cost
-    return best
-
-
-@kernel
 def around(
     cells: Bytes, base: Stop, moved: Pose, goal: tuple[float, float], points: Floats, count: int
 ) -> tuple[float, float, bool, bool]:
@@ -216,7 +74,6 @@ def around(
     wide = SIDE + 2
     leave, costs = np.empty(wide * wide, np.int64), np.empty(wide * wide, np.int64)
     sine, cosine = sin_cos(moved[2])
-    weights(cells, (cosine, sine), leave)
     # In cells, from the corner of the first.
     here_x, here_y = moved[0] / CELL_M - base[0], moved[1] / CELL_M - base[1]
     there = np.empty((count, 2))
@@ -224,6 +81,7 @@ def around(
         px, py = points[k, 0], points[k, 1]
         there[k, 0] = here_x + (cosine * px - sine * py) * PER_M
         there[k, 1] = here_y + (sine * px + cosine * py) * PER_M
+    weights(cells, (here_x, here_y), (cosine, sine), there, leave)
     goal_x = here_x + (cosine * goal[0] - sine * goal[1]) * PER_M
     goal_y = here_y + (sine * goal[0] + cosine * goal[1]) * PER_M
     seeds(leave, goal_x, goal_y, there, costs)

@@ -17,7 +17,8 @@ import numpy as np
 from phalanx.mission.angles import sin_cos
 from phalanx.mission.walk.outcome import Kind, Order
 
-from .course import MARGIN_M, NO_STOP, SPEED_MPS, Course, Goal, Point, steer
+from .course import NO_STOP, SPEED_MPS, Course, Goal, steer
+from .field import MARGIN_M, Point
 from .readings import Reading
 from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, Seen, Stop, sight
 
