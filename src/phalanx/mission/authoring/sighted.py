@@ -29,6 +29,23 @@ SEEN_SHARE, STEADY_SHARE, STEADY_M = 0.3, 0.85, 0.1
 Pose = tuple[float, float, float]
 
 
+class Looks:
+    """What robots' lidar and extraction show in a building, without the noise, which is the robots' to bear."""
+
+    def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None) -> None:
+        lidar = lidar or LidarConfig()
+        self._eye, self._chance = Lidar(plan.walls, replace(lidar, noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
+        self._extraction = plan.extraction.for_noise(lidar.noise_m)
+
+    def from_pose(self, pose: Pose) -> tuple[Landmark, ...]:
+        """What there is to be seen from x, y, heading; map frame."""
+        return extract(self._eye.sweep(pose, self._chance), self._extraction).landmarks(*pose)
+
+    def shows(self, pose: Pose, landmark: Landmark) -> bool:
+        """Whether this landmark is among it; a code is for cameras, and may be."""
+        return landmark.text is not None or any(_is(found, landmark) for found in self.from_pose(pose))
+
+
 def sighted(
     plan: FloorPlan, sites: Sequence[Site], lidar: LidarConfig | None = None
 ) -> tuple[list[Site], list[Landmark]]:
@@ -36,17 +53,14 @@ def sighted(
 
     Codes are left as they are: a lidar does not show them.
     """
-    lidar = lidar or LidarConfig()
-    # Its noise is the robot's to bear.
-    eye, chance = Lidar(plan.walls, replace(lidar, noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
-    extraction = plan.extraction.for_noise(lidar.noise_m)
+    eye = Looks(plan, lidar)
     kept, beside = [], []
     for site in sites:
         if site.type == "qr":
             kept.append(site)
             continue
         places = _places(plan, site)
-        looks = [extract(eye.sweep(pose, chance), extraction).landmarks(*pose) for pose in places]
+        looks = [eye.from_pose(pose) for pose in places]
         aliases = [_as_seen(alias, looks) for alias in site.aliases]
         seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
         found = tuple(alias for alias in aliases if alias is not None)

@@ -1,8 +1,9 @@
 """Which nodes no robot can be expected to decode, told before anybody drives: a robot's belief, run ahead of it.
 
 Each way is driven in thought, straight, by odometry that may err as `MissionConfig` says, past what is known by then.
-All else is as good as can be: what stands in the way is gone around at no cost, and each landmark in sight is seen. So
-what is called infeasible is; what is not may still fail by chance.
+All else is as good as can be: what stands in the way is gone around at no cost, and each landmark in sight is seen, if
+scans show it from some floor around. So what is called infeasible is but for luck; what is not may still fail by
+chance.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, product
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
 from phalanx.mission.authoring.making import direction_of
+from phalanx.mission.authoring.sighted import Looks
 from phalanx.mission.authoring.survey import STAND_M
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.landmarks import FloorPlan
@@ -48,6 +50,9 @@ STEP_M = 0.5
 # Landmarks lie in walls: a place so much before one is looked at.
 BEFORE_M = 0.1
 ROOM_M = 0.5  # a room's middle is told by its corners: it is seen from its midst too
+# Scans are to show a landmark from so much floor, or robots drive past it.
+SHOWN_M2 = 0.25
+EVERY = 29  # places around it are looked from in this order: one, and so many further on the next
 Match = tuple[Landmark, Landmark]
 
 
@@ -90,7 +95,7 @@ def look_ahead(
     """
     lidar, config = lidar or LidarConfig(), config or MissionConfig()
     near = replace(config, decode_m=min(config.decode_m, lidar.range_max_m))
-    return _Scout(mission, near, plan, lidar.fov_rad).run()
+    return _Scout(mission, near, plan, lidar).run()
 
 
 def time_for_s(mission: Mission) -> float:
@@ -119,8 +124,8 @@ def time_for_s(mission: Mission) -> float:
 class _Scout:
     """Goes ahead from node to node, the nearest first."""
 
-    def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, fov_rad: float) -> None:
-        self.mission, self.config, self.plan, self.fov_rad = mission, config, plan, fov_rad
+    def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, lidar: LidarConfig) -> None:
+        self.mission, self.config, self.plan, self.fov_rad = mission, config, plan, lidar.fov_rad
         self.nodes = {node.name: node for node in mission.nodes}
         self.before: dict[str, set[str]] = {}
         self.after: dict[str, list[PlainWay]] = {}
@@ -132,6 +137,8 @@ class _Scout:
         self.doubtful: dict[str, str] = {}
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
         self.free = None if plan is None else _Free(plan, starts)
+        self.looks = None if plan is None else Looks(plan, lidar)
+        self.shown_m2: dict[str, float] = {}
 
     def run(self) -> Outlook:
         """What `look_ahead` gives."""
@@ -198,10 +205,11 @@ class _Scout:
         if way.direction_rad is not None or direction is None:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
         belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
-        whys, is_decoded = ["in sight from nowhere that a robot can be"], False
+        whys, is_decoded, passed = ["in sight from nowhere that a robot can be"], False, list[Experience]()
         steps = math.ceil(length_m / STEP_M)
         for i in range(steps + 1):
             seen = self._seen(belief)
+            passed.append(seen)
             again = self._again(seen)
             if not is_decoded:
                 is_decoded = self._decodes(target, seen, again, whys)
@@ -212,9 +220,9 @@ class _Scout:
                 belief = fixed(self.config, belief, fix_from(self.config, seen, certain))
             if i < steps:
                 belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
-        if is_decoded or (len(whys) == 1 and self._is_seen_beside(target)):
-            return _Stand(belief, stand.length_m + length_m)
-        return whys[-1]
+        is_found = is_decoded or (len(whys) == 1 and self._is_seen_beside(target))
+        why = self._why_not_shown(target, passed) if is_found else whys[-1]
+        return why or _Stand(belief, stand.length_m + length_m)
 
     def _near_m(self, target: Node) -> float:
         """From where a node counts."""
@@ -265,13 +273,45 @@ class _Scout:
 
     def _is_seen_beside(self, target: Node) -> bool:
         """Whether a node is in sight from anywhere: robots leave the straight way, and begin beside it."""
-        return self.free is not None and any(
+        return any(
             self._is_clear(place, thing)
             for thing in _things(target)
             if isinstance(thing, Landmark)
-            for place in self.free.places
-            if math.dist(place, (thing.x_m, thing.y_m)) <= self._near_m(target)
+            for place in self._places(thing, self._near_m(target))
         )
+
+    def _why_not_shown(self, target: Node, passed: Sequence[Experience]) -> str:
+        """Why scans that have a node in sight do not show it, or "": of a door both jambs may be out of range.
+
+        Args:
+            passed: on the straight way.
+        """
+        things = [thing for thing in _things(target) if isinstance(thing, Landmark)]
+        if self.looks is None or not things:
+            return ""
+        if target.name not in self.shown_m2:
+            self.shown_m2[target.name] = max(self._shown_m2(thing, self._near_m(target)) for thing in things)
+        shown_m2 = self.shown_m2[target.name]
+        sights = ((seen, thing) for seen in passed for thing in self._in_sight(seen, target))
+        if shown_m2 >= SHOWN_M2 or any(self.looks.shows(_pose(seen), thing) for seen, thing in sights):
+            return ""
+        return f"scans show it from {shown_m2:.1f} m2 of floor, and robots come by {SHOWN_M2:g} m2"
+
+    def _shown_m2(self, thing: Landmark, near_m: float) -> float:
+        """How large the floor is from which a scan shows a landmark; no more than is enough."""
+        assert self.looks is not None, "asked where there is a plan"
+        shown_m2, places = 0.0, list(self._places(thing, near_m))
+        for i in range(EVERY):  # the first of them may be in a corner
+            for x, y in places[i::EVERY]:
+                pose = x, y, math.atan2(thing.y_m - y, thing.x_m - x)
+                if self._is_clear((x, y), thing) and self.looks.shows(pose, thing):
+                    shown_m2 += GRID_M * GRID_M
+                if shown_m2 >= SHOWN_M2:
+                    return shown_m2
+        return shown_m2
+
+    def _places(self, thing: Landmark, near_m: float) -> Iterator[tuple[float, float]]:
+        return self.free.places(thing.x_m, thing.y_m, near_m) if self.free else iter(())
 
     def _sees(self, seen: Experience, thing: Landmark) -> bool:
         dx, dy = thing.x_m - seen.x_m, thing.y_m - seen.y_m
@@ -303,10 +343,13 @@ class _Free:
                     self.cells.add(cell)
                     waiting.append(cell)
 
-    @property
-    def places(self) -> Iterator[tuple[float, float]]:
-        """All of them, metres."""
-        return ((self.origin[0] + GRID_M * i, self.origin[1] + GRID_M * j) for i, j in self.cells)
+    def places(self, x_m: float, y_m: float, within_m: float) -> Iterator[tuple[float, float]]:
+        """x, y of all that are so near, metres; from one side to the other."""
+        (i, j), reach = self._cell(x_m, y_m), math.ceil(within_m / GRID_M)
+        for cell in product(range(i - reach, i + reach + 1), range(j - reach, j + reach + 1)):
+            x, y = (self.origin[k] + GRID_M * cell[k] for k in (0, 1))
+            if cell in self.cells and math.dist((x, y), (x_m, y_m)) <= within_m:
+                yield x, y
 
     def is_near(self, x_m: float, y_m: float) -> bool:
         """Whether a robot can be there, or a step beside it."""
@@ -322,6 +365,10 @@ class _Free:
 
 def _around(i: int, j: int) -> list[tuple[int, int]]:
     return [(i + dx, j + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+
+
+def _pose(seen: Experience) -> tuple[float, float, float]:
+    return seen.x_m, seen.y_m, seen.heading_rad
 
 
 def _things(node: Node) -> list[Landmark | Position]:
