@@ -16,7 +16,8 @@ from phalanx.cli.mission.draw import draw_mission, lived
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.mission import Profile
-from phalanx.mission.authoring.survey import STAND_M, begun_at, roomiest, survey
+from phalanx.mission.authoring.free import STAND_M
+from phalanx.mission.authoring.survey import START, begun_at, roomiest, survey
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
@@ -34,6 +35,13 @@ ROOMS = b"walls: [[0,0,9,0],[9,0,9,4],[9,4,0,4],[0,4,0,0],[3,0,3,4]]\n"
 HALL = b"walls: [[0,0,60,0],[60,0,60,4],[60,4,0,4],[0,4,0,0]]\n"
 
 
+# A shelf, 0.1 m from the wall behind it.
+SHELF = (
+    b"size: [10, 8]\nstart_pose: [2, 4, 0]\nwalls: [[0,0,10,0],[10,0,10,8],[10,8,0,8],[0,8,0,0],"
+    b"[4,0.1,4.4,0.1],[4.4,0.1,4.4,1.6],[4.4,1.6,4,1.6],[4,1.6,4,0.1]]\n"
+)
+
+
 def command(*words: object) -> Result:
     return CliRunner().invoke(group, [str(word) for word in words], standalone_mode=False)
 
@@ -42,6 +50,14 @@ def refused(*words: object) -> str:
     error = command(*words).exception
     assert isinstance(error, UsageError), error
     return str(error)
+
+
+def test_behind_a_shelf_where_no_robot_gets_through_no_way_leads_from_one_end_to_the_other() -> None:
+    mission = survey(floorplan_of_yaml(SHELF))
+    left, right = sorted(node.name for node in mission.nodes if node.place and node.place[1] < 0.2)
+    ways = {(way.source, way.target) for way in mission.ways}
+    assert (left, right) not in ways
+    assert {(START, left), (START, right)} & ways, "to the end that is in sight of the start one does"
 
 
 @pytest.mark.parametrize("path", sorted(OTHERS.glob("*.yaml")), ids=lambda path: path.stem)

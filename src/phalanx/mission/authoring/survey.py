@@ -18,6 +18,7 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Position
 
 from .apart import alone, told_apart
+from .free import STAND_M, Free
 from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
@@ -26,8 +27,9 @@ NEIGHBOURS = 6
 # A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
 CLEARANCE_M = 0.3
 END_M = 1.0
-# A robot's radius, 0.175 m, and a little.
-STAND_M = 0.2
+# Nor is a way much longer for who has a body than the straight line: no robot gets through behind a shelf that stands
+# 0.1 m from its wall, and who goes around it does not come along the line.
+DETOUR, DETOUR_M = 1.2, 1.0
 # Where robots begin is looked for on a grid of so many places along the map's longer side, but no denser than this.
 GRID_PLACES = 200
 GRID_M = 0.05
@@ -45,7 +47,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
     warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
     something beside it that looks the same: no robot would know one from the other. Ways lead to the six nearest in
-    sight.
+    sight that a robot gets to.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6.
@@ -71,7 +73,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         short = SHORT[site.type]
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
-    pairs = _pairs(plan, {START: start, **{name: site.place_m for name, site in named.items()}})
+    places = {START: start, **{name: site.place_m for name, site in named.items()}}
+    pairs = _pairs(plan, Free(plan, [start]), places)
     reached = _joined(START, pairs)
     if len(reached) == 1:
         raise UsageError(
@@ -141,20 +144,27 @@ def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
     return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
 
 
-def _pairs(plan: FloorPlan, places: dict[str, tuple[float, float]]) -> set[tuple[str, str]]:
+def _pairs(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]]) -> set[tuple[str, str]]:
     """Each place with its nearest neighbours in sight."""
     pairs: set[tuple[str, str]] = set()
+    beside = {name: free.beside(_around(plan, place), place) for name, place in places.items()}
     for name, place in places.items():
         around = _around(plan, place)
         near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
-        in_sight = (other for away, other in near if away <= WAY_LIMIT_M and _is_way(around, places, name, other, away))
-        for other, _ in zip(in_sight, range(NEIGHBOURS), strict=False):
+        ways = (
+            other
+            for away, other in near
+            if away <= WAY_LIMIT_M
+            and _is_way(around, places, name, other, away)
+            and free.has_way(beside[name], beside[other], DETOUR * away + DETOUR_M)
+        )
+        for other, _ in zip(ways, range(NEIGHBOURS), strict=False):
             pairs.add((min(name, other), max(name, other)))
     return pairs
 
 
 def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
-    """Whether a robot gets from one to the other; so near each other there is no way, but for who begins there."""
+    """Whether a line leads from one to the other; so near each other there is none, but for who begins there."""
     a, b = places[one], places[other]
     if away_m <= CLEARANCE_M:
         return START in (one, other) and plan.sees(a, b)

@@ -12,14 +12,14 @@ import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import islice
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
+from phalanx.mission.authoring.free import GRID_M, Free
 from phalanx.mission.authoring.making import direction_of
 from phalanx.mission.authoring.sighted import Looks
-from phalanx.mission.authoring.survey import STAND_M
 from phalanx.mission.graph import Mission, Node, PlainWay
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.observable import Experience, Landmark, Position
@@ -43,7 +43,6 @@ from phalanx.mission.walk.fix import (
 # and back, that many times as long as it need be, and so long at each node.
 SLACK, NODE_S, LEAST_S = 3.0, 6.0, 120.0
 UNPLACED_M = 5.0
-GRID_M = 0.2  # of where robots can be
 # As the pilot drives: so fast at most, and along one direction for so much of its time-out.
 SPEED_MPS, LINE = 0.6, 0.75
 STEP_M = 0.5
@@ -136,7 +135,7 @@ class _Scout:
         self.known: list[Landmark] = []
         self.doubtful: dict[str, str] = {}
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
-        self.free = None if plan is None else _Free(plan, starts)
+        self.free = None if plan is None else Free(plan, starts)
         self.looks = None if plan is None else Looks(plan, lidar)
         self.shown_m2: dict[str, float] = {}
 
@@ -327,44 +326,6 @@ class _Scout:
         share = max(0.0, 1 - BEFORE_M / max(away, BEFORE_M))
         place = eye[0] + share * (thing.x_m - eye[0]), eye[1] + share * (thing.y_m - eye[1])
         return self.plan is None or self.plan.sees(eye, place)
-
-
-class _Free:
-    """Where robots can be in a building: what is free, and joined to where they begin."""
-
-    def __init__(self, plan: FloorPlan, starts: Sequence[tuple[float, float]]) -> None:
-        self.origin = starts[0] if starts else (0.0, 0.0)
-        waiting = [self._cell(*start) for start in starts]
-        self.cells = set(waiting)
-        while waiting:
-            i, j = waiting.pop()
-            for cell in _around(i, j):
-                if cell not in self.cells and self._is_free(plan, cell):
-                    self.cells.add(cell)
-                    waiting.append(cell)
-
-    def places(self, x_m: float, y_m: float, within_m: float) -> Iterator[tuple[float, float]]:
-        """x, y of all that are so near, metres; from one side to the other."""
-        (i, j), reach = self._cell(x_m, y_m), math.ceil(within_m / GRID_M)
-        for cell in product(range(i - reach, i + reach + 1), range(j - reach, j + reach + 1)):
-            x, y = (self.origin[k] + GRID_M * cell[k] for k in (0, 1))
-            if cell in self.cells and math.dist((x, y), (x_m, y_m)) <= within_m:
-                yield x, y
-
-    def is_near(self, x_m: float, y_m: float) -> bool:
-        """Whether a robot can be there, or a step beside it."""
-        return any(cell in self.cells for cell in _around(*self._cell(x_m, y_m)))
-
-    def _is_free(self, plan: FloorPlan, cell: tuple[int, int]) -> bool:
-        (x, y), (x0, y0, x1, y1) = (self.origin[k] + GRID_M * cell[k] for k in (0, 1)), plan.bounds
-        return x0 <= x <= x1 and y0 <= y <= y1 and plan.clearance_m(x, y) >= STAND_M
-
-    def _cell(self, x_m: float, y_m: float) -> tuple[int, int]:
-        return round((x_m - self.origin[0]) / GRID_M), round((y_m - self.origin[1]) / GRID_M)
-
-
-def _around(i: int, j: int) -> list[tuple[int, int]]:
-    return [(i + dx, j + dy) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
 
 
 def _pose(seen: Experience) -> tuple[float, float, float]:
