@@ -1,7 +1,9 @@
-"""Fails when the trusted base outgrows budget.json: lines to be read, ROM and RAM (`gcc -Os`, for this host).
+"""Fails when the trusted base outgrows budget.json: `python firmware/budget.py`.
 
-Lines are those with code on them: no comments, no blank lines. RAM is a node's own memory; the stack comes on top.
-`python firmware/budget.py` prints what is used.
+Lines are those with code on them, of the logic without its primitives, each function's for one purpose: no comments, no
+blank lines. For each target, of `make targets` (-Os): bytes of ROM, of a node's own memory, of stack of the hungriest
+function and of the deepest call of the interface. Nothing is recursive or called through a pointer, no memory is the
+code's own, and of a C library there are memcpy and memset alone.
 """
 
 from __future__ import annotations
@@ -10,65 +12,143 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).parent
-SHARED = "hash mac bucket node snode anode".split()
+LOGIC = "node snode anode bound bucket".split()
+PRIMITIVES = "hash mac".split()
+INTERFACE = re.compile(r"phx_[sa]node_\w+")
+PARTS = """#include "phx.h"
+char ram_snode[sizeof(phx_snode)], ram_anode[sizeof(phx_anode)];
+"""
 
 
-def lines(path: Path) -> int:
-    """Lines of code in a C file."""
+def functions(path: Path) -> Iterator[tuple[str, int]]:
+    """Each function of a C file and its lines of code; what stands outside of them as ""."""
     text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.DOTALL)
-    return sum(bool(line.strip()) for line in text.splitlines())
+    name, count = "", 0
+    for line in filter(str.strip, text.splitlines()):
+        if not name and (begun := re.match(r"[\w ]+?\*?(\w+)\((?!.*;$)", line)):
+            name = begun[1]
+        if not name:
+            yield "", 1
+            continue
+        count += 1
+        if line == "}":
+            yield name, count
+            name, count = "", 0
 
 
-def rom(profile: str) -> dict[str, int]:
-    """Bytes of code and constants of each source, by its name."""
-    sizes = {}
-    (HERE / "build").mkdir(exist_ok=True)
-    for name in [*SHARED, profile]:
-        built = HERE / "build" / f"{name}-os.o"
-        flags = ["-std=c99", "-Os", "-fno-asynchronous-unwind-tables", f"-I{HERE / 'include'}"]
-        subprocess.run(["gcc", *flags, "-c", HERE / "src" / f"{name}.c", "-o", built], check=True)
-        said = subprocess.run(["size", built], check=True, capture_output=True, text=True).stdout
-        text, data, bss = (int(word) for word in said.splitlines()[1].split()[:3])
+def lines() -> Iterator[tuple[str, int]]:
+    """Lines of the logic by purpose; every function has just one, and the README has the same numbers."""
+    purposes = json.loads((HERE / "budget.json").read_text())["lines"]
+    found = [each for name in LOGIC for each in functions(HERE / "src" / f"{name}.c")]
+    count = {name: n for name, n in found if name}
+    named = [name for purpose in purposes.values() for name in purpose["functions"].split()]
+    if sorted(named) != sorted(count):
+        sys.exit(f"budget.json does not say once what these are for: {sorted(set(named) ^ set(count))}")
+    readme = (HERE / "README.md").read_text()
+    total = sum(n for _, n in found)
+    for what, n in [
+        *((what, sum(count[name] for name in said["functions"].split())) for what, said in purposes.items()),
+        ("in all, with what they include", total),
+    ]:
+        if f"| {what} | {n} |" not in readme:
+            sys.exit(f"README.md does not have this row: | {what} | {n} |")
+        yield what, n
+
+
+@dataclass
+class Calls:
+    """Who calls whom on one target, and how many bytes of stack each takes."""
+
+    stack: dict[str, int] = field(default_factory=dict)
+    callees: dict[str, set[str]] = field(default_factory=dict)
+
+    def read(self, path: Path) -> None:
+        """What the compiler has written of a source."""
+        text = path.read_text()
+        for title, used, how in re.findall(r'title: "([^"]+)" label: "[^"]*?(\d+) bytes \((\w+)\)"', text):
+            if how != "static":
+                sys.exit(f"{path.stem}: the stack of {title} has no fixed size")
+            self.stack[title] = int(used)
+        for caller, callee in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+            if "indirect" in callee:
+                sys.exit(f"{path.stem}: {caller} calls through a pointer")
+            self.callees.setdefault(caller, set()).add(callee)
+
+    def deepest(self, name: str, above: tuple[str, ...] = ()) -> int:
+        """Bytes of stack of a function and all it calls; those of the library are the port's."""
+        if name in above:
+            sys.exit(f"recursive: {' -> '.join([*above, name])}")
+        below = (self.deepest(callee, (*above, name)) for callee in self.callees.get(name, ()))
+        return self.stack.get(name, 0) + max(below, default=0)
+
+
+def said_by(*words: str, **more: str) -> str:
+    """What a program prints."""
+    return subprocess.run(words, check=True, capture_output=True, text=True, cwd=HERE, **more).stdout
+
+
+def used(target: str, allowed: set[str]) -> Mapping[str, int]:
+    """What counts of a target, by the names of budget.json."""
+    built = HERE / "build" / target
+    prefix, *flags = said_by(
+        "make", "-s", "--no-print-directory", f"--eval=say: ; @echo $({target}-tools) $({target}-flags)", "say"
+    ).split()
+    sizes, needed, given, calls = {}, set(), set(), Calls()
+    for name in [*LOGIC, *PRIMITIVES]:
+        text, data, bss = map(int, said_by(f"{prefix}size", str(built / f"{name}.o")).splitlines()[1].split()[:3])
         if data or bss:
-            sys.exit(f"firmware: {name}.c keeps {data + bss} bytes of its own; all memory is the caller's")
+            sys.exit(f"{name}.c keeps {data + bss} bytes of its own; all memory is the caller's")
         sizes[name] = text
-    return sizes
-
-
-def ram() -> dict[str, int]:
-    """Bytes of each node."""
-    print_sizes = r'printf("%zu %zu\n", sizeof(phx_snode), sizeof(phx_anode));'
-    program = f'#include <stdio.h>\n#include "phx.h"\nint main(void) {{ {print_sizes} return 0; }}\n'
-    built = HERE / "build" / "sizes"
-    flags = ["-std=c99", f"-I{HERE / 'include'}", "-x", "c", "-", "-o", built]
-    subprocess.run(["gcc", *flags], check=True, input=program, text=True)
-    said = subprocess.run([built], check=True, capture_output=True, text=True).stdout
-    snode, anode = (int(word) for word in said.split())
-    return {"ram_snode_bytes": snode, "ram_anode_bytes": anode}
-
-
-def used() -> dict[str, int]:
-    """What counts, by the names of budget.json."""
-    sizes = rom("bound")
-    sources = [HERE / "src" / f"{name}.c" for name in [*SHARED, "bound"]]
+        for line in said_by(f"{prefix}nm", str(built / f"{name}.o")).splitlines():
+            kind, symbol = line.split()[-2:]
+            (needed if kind == "U" else given).add(symbol)
+        calls.read(built / f"{name}.ci")
+    if more := needed - given - allowed:
+        sys.exit(f"{target}: of a library the nodes may not have {sorted(more)}")
+    ram = built / "ram.o"
+    said_by(
+        f"{prefix}gcc",
+        *flags,
+        "-ffreestanding",
+        "-Iinclude",
+        "-fno-common",
+        "-xc",
+        "-c",
+        "-",
+        "-o",
+        str(ram),
+        input=PARTS,
+    )
+    memory = {row[3]: int(row[1], 16) for row in map(str.split, said_by(f"{prefix}nm", "-S", str(ram)).splitlines())}
     return {
-        "lines": sum(map(lines, [*sources, *(HERE / "include").glob("phx.h"), HERE / "src" / "internal.h"])),
-        "lines_without_primitives": sum(map(lines, [path for path in sources if path.stem not in {"hash", "mac"}])),
-        "rom_bytes": sum(sizes.values()),
-        **ram(),
+        "rom_logic": sum(sizes[name] for name in LOGIC),
+        "rom_primitives": sum(sizes[name] for name in PRIMITIVES),
+        **{name: memory[name] for name in ("ram_snode", "ram_anode")},
+        "stack_function": max(calls.stack.values()),
+        "stack_call": max(calls.deepest(name) for name in calls.stack if INTERFACE.fullmatch(name)),
     }
 
 
 def main() -> int:
     """Compare, and say by how much a ceiling is broken."""
-    ceilings = json.loads((HERE / "budget.json").read_text())
-    here = used()
-    for name, value in here.items():
-        sys.stdout.write(f"{name:26} {value:6} of {ceilings[name]:6}\n")
-    return int(any(value > ceilings[name] for name, value in here.items()))
+    budget = json.loads((HERE / "budget.json").read_text())
+    broken = 0
+    for what, n in lines():
+        most = budget["lines"].get(what, {"at_most": n})["at_most"]
+        broken += n > most
+        sys.stdout.write(f"{n:4} of {most:4} lines: {what}\n")
+    said_by("make", "-s", "targets")
+    for target, ceilings in budget["targets"].items():
+        here = used(target, {*budget["library"], *budget["compiler"]})
+        broken += any(here[name] > ceilings[name] for name in here)
+        row = "   ".join(f"{name} {n} of {ceilings[name]}" for name, n in here.items())
+        sys.stdout.write(f"{target:14} {row}\n")
+    return int(broken > 0)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ ARM := arm-none-eabi-
 MIPS := mipsel-linux-gnu-
 # What robots get: one profile, small, and nothing of a C library but memcpy and memset.
 FOR_TARGETS := -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror -Os -ffreestanding -ffunction-sections -fdata-sections \
-	-fstack-usage -g0 -Iinclude -Iports/bare
+	-fstack-usage -fcallgraph-info=su -g0 -Iinclude -Iports/bare
 NODES := $(SHARED) bound
 
 # $(1) target, $(2) prefix of its tools, $(3) flags that choose its processor

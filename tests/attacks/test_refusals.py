@@ -184,6 +184,7 @@ class TestStart:
         one, two, three, _ = tokens(q)
         assert auditee.verdict((tor, with_tokens(q, [one, two, three, one]))) == Refusal.TOKEN_TWICE
         assert auditee.verdict((tor, with_tokens(q, [one, one, two, three]))) == Refusal.TOKEN_TWICE
+        assert auditee.verdict((tor, with_tokens(q, [one, two, three, two]))) == Refusal.TOKEN_TWICE
 
     def test_f_max_tokens_are_not_enough(self, auditee):
         auditee.covered()

@@ -19,7 +19,7 @@ from test_refusals import (
     with_tokens,
 )
 
-from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, START
 from phalanx.bti.refusal import Refusal
@@ -70,6 +70,17 @@ class TestHead:
         auditee.goes_on()
         tor, q = auditee.asks()
         assert auditee.verdict((tor, with_byte(q, at, value))) == Refusal.MALFORMED
+
+    def test_whoever_has_not_knocked_is_examined_from_the_first_byte_on(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        f, w = auditee.fleet, auditee.judge.work
+        assert audit.examine(f, tor - 1, w, row(q), len(q), VICTIM + 1) == 0
+        for wrong in (with_byte(q, 0, 0), with_byte(q, request.AT_AUTH_S, q[request.AT_AUTH_S] ^ 1)):
+            assert audit.examine(f, tor - 1, w, row(wrong), len(q), VICTIM + 2) in (
+                Refusal.MALFORMED,
+                Refusal.NOT_THE_SENDER,
+            )
 
     def test_there_is_no_robot_0(self, auditee):
         auditee.goes_on()
@@ -284,6 +295,22 @@ class TestParts:
             auditee.senses()
         found = shown_of(auditee, lambda shown: [CHECKED, *[p for p in shown if p not in (bytes([which]), CHECKED)]])
         assert found == (Refusal.S_CHAIN if which == log.FLUSH_S else Refusal.A_CHAIN)
+
+    def test_a_head_that_is_cut_off_at_the_end_of_all_room_is_not_looked_behind(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        room = auditee.fleet.rx.shape[2]
+        marks = bytes([log.FLUSH_A]) * (room - len(q) - 1)
+        assert auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + marks + bytes([RECV])))) == (
+            Refusal.ENTRY_MALFORMED
+        )
+
+    def test_behind_a_checkpoint_a_message_may_come_long_before_the_next_reading(self, auditee):
+        auditee.covered()
+        tor, q = auditee.asks()
+        due_ms = int.from_bytes(start_of(q)[rounds.AT_DUE :][:4], "little")
+        heard = entry(RECV, due_ms - SKEW_MS - 1, MOTION.pack(KIND_STATE, 3, 0, 1, 2, 3, 4))
+        assert auditee.verdict((tor, with_segment(q, heard + q[segment_at(q) :]))) == Refusal.A_CHAIN
 
     def test_a_message_of_before_the_key_was_never_passed_on(self, auditee):
         auditee.goes_on()

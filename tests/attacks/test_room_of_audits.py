@@ -35,7 +35,8 @@ class TestRoom:
         outputs = [bytes([SEND]) + most.to_bytes(2, "little") + bytes([k]) * most for k in range(2)]
         w.out[: 2 * (3 + most)] = row(b"".join(outputs))
         assert audit.expect(f, w, 2 * (3 + most)) == audit.expect(f, w, 2 * (3 + most)) == 0
-        assert audit.expect(f, w, 3 + most) == Refusal.OUTPUT_MISSING
+        w.out[:4] = row(bytes([SEND, 1, 0, 7]))
+        assert audit.expect(f, w, 4) == Refusal.OUTPUT_MISSING
         assert (w.case[0].step, w.case[0].due) == (step + 3, due + 3 * auditee.config.t_control_ms)
         logged = row(b"".join(entry(SEND, 8, bytes([k]) * most) for k in (0, 1, 0, 1)))
         w.case[0].at, w.case[0].end, w.case[0].t = 0, len(logged), 9
@@ -72,14 +73,12 @@ class TestEvidence:
     def test_not_empty_nor_longer_than_there_is_room_for(self, length):
         assert self.shown(self.evidence(length)) == Refusal.ENTRY_MALFORMED
 
-    def test_not_twice(self):
-        assert self.shown(self.evidence(5), self.evidence(5)) == Refusal.ENTRY_MALFORMED
-
-    def test_not_behind_a_mark_that_is_behind_the_reading(self):
-        assert self.shown(bytes([log.FLUSH_A]), self.evidence(5)) == Refusal.ENTRY_MALFORMED
-
-    def test_not_behind_anything_else(self):
-        assert self.shown(self.evidence(5), kind=ACMD) == Refusal.ENTRY_MALFORMED
+    @pytest.mark.parametrize("length", [1, 5])
+    def test_not_twice_nor_behind_anything_but_a_reading(self, length):
+        shown = self.evidence(length)
+        assert self.shown(shown, shown) == Refusal.ENTRY_MALFORMED
+        assert self.shown(bytes([log.FLUSH_A]), shown) == Refusal.ENTRY_MALFORMED
+        assert self.shown(shown, kind=ACMD) == Refusal.ENTRY_MALFORMED
 
     @pytest.mark.parametrize("cut", range(1, 8))
     def test_not_cut_off(self, cut):
@@ -88,6 +87,19 @@ class TestEvidence:
     def test_it_is_whole_at_the_very_end(self):
         """The reading before it was never chained, which is found next."""
         assert self.shown(self.evidence(5) + b"?", cut=1) == Refusal.S_CHAIN
+
+    def test_what_lies_behind_the_request_is_none(self):
+        """A reading at its very end, and in the auditor's memory what an earlier request has left there."""
+        auditee = Auditee(config=SHOWS)
+        f, w = auditee.fleet, auditee.judge.work
+        sensed = entry(INPUT, 5, MOTION.pack(KIND_SENSOR, 1, 0, 1, 2, 3, 4))
+        left = row(sensed + self.evidence(3))
+        w.case[0].at, w.case[0].end, w.case[0].waiting = 0, len(sensed), 0
+        assert audit.next_event(f, w, left) == INPUT
+        assert (w.case[0].evidence_len, w.case[0].at) == (0, len(sensed))
+        w.case[0].at, w.case[0].end = 0, len(left)
+        assert audit.next_event(f, w, left) == INPUT
+        assert (w.case[0].evidence_len, w.case[0].at) == (3, len(left))
 
     def test_the_controller_is_told_what_it_is_and_where_there_is_none(self):
         auditee = Auditee(config=SHOWS)
@@ -101,9 +113,10 @@ class TestEvidence:
         f, w, q_row = auditee.fleet, auditee.judge.work, row(made)
         assert audit.examine(f, tor - 1, w, q_row, len(made), VICTIM + 1) == 0
         w.evidence[:] = 0
-        seen = []
+        seen, events = [], set()
         while True:
             event = audit.next_event(f, w, q_row)
+            events.add(event)
             if event == INPUT:
                 seen.append(w.evidence[: int(w.case[0].evidence_len)].tobytes())
                 expected = shown_outputs(made, int(w.case[0].at))
@@ -111,7 +124,7 @@ class TestEvidence:
                 assert audit.expect(f, w, len(expected)) == 0
             elif event <= audit.END:
                 break
-        assert event == audit.END
+        assert events == {INPUT, log.CHECKPOINT, audit.END}
         assert seen[0] == b"abc"
         assert set(seen[1:]) == {b""}
 
