@@ -62,9 +62,14 @@ FIRST_CALLS := $(addprefix .venv/called-,flock gateway mission building)
 ready: $(NEEDED) $(FIRST_CALLS) $(PAGES)/built
 # All that lint needs, and the tests of TypeScript and C: these go on while robots' code is compiled.
 tools-dev: $(NEEDED) .venv/dev $(PAGES)/built $(PEER)/dist/peer.cjs
-ready-dev: ready tools-dev
+ready-dev: ready tools-dev .venv/needs-boards
 ready ready-dev tools-dev:
 	@: # make would say of each that there is nothing to be done
+
+# Emulators, 170 MB that the boards' tests alone need: they come while others are busy.
+.venv/needs-boards: | $(NEEDED) .venv/uv
+	@scripts/need.sh qemu-system-arm=qemu-system-arm qemu-system-mipsel=qemu-system-mips
+	@touch $@
 
 $(NEEDED):
 	@scripts/need.sh $(NEEDS)
@@ -142,7 +147,7 @@ test-web: tools-dev
 	cd web && npm run --silent test:real
 	cd web && $(LEFT_OVER) npm run --silent test
 
-test-firmware: tools-dev
+test-firmware: tools-dev .venv/needs-boards
 	$(LEFT_OVER) $(MAKE) --no-print-directory -C firmware check
 
 test-python: setup-dev

@@ -1,8 +1,8 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
-That is include/phx_wire.h, web/client/wire.ts, and the tables in docs/spec/rebound-nodes.md, rebound.md, mission.md and
-vocabulary.md between `<!-- NAME:begin -->` and `<!-- NAME:end -->`; tests/test_wire.py checks that what is committed is
-what this writes.
+That is include/phx_wire.h, include/phx_line_wire.h, web/client/wire.ts, and the tables in docs/spec/ (rebound-nodes.md,
+rebound.md, serial.md, mission.md and vocabulary.md) between `<!-- NAME:begin -->` and `<!-- NAME:end -->`;
+tests/test_wire.py checks that what is committed is what this writes.
 """
 
 from __future__ import annotations
@@ -11,38 +11,56 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from phalanx.wire import Record, missions, table
+from phalanx.wire import Record, lines, missions, table
 
 HERE = Path(__file__).parent
 HEADER = HERE / "include" / "phx_wire.h"
+LINE_HEADER = HERE / "include" / "phx_line_wire.h"
 SPEC = HERE.parent / "docs" / "spec"
 PAGES = HERE.parent / "web" / "client" / "wire.ts"
 
 SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
 CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
+LINE = "VERSION MARK CRC_BYTES RUN_MAX TOLD_CLOCK TOLD_READINGS".split()
 
 
 def c_header() -> str:
     """The C header: sizes and codes, then each MACed message's tag, size and offsets."""
-    lines = [
+    made = [
         "/* Made by firmware/generate.py from src/phalanx/wire/table.py. */",
         "#ifndef PHX_WIRE_H",
         "#define PHX_WIRE_H",
         "",
     ]
-    lines += [f"#define PHX_{name} {getattr(table, name)}u" for name in [*SIZES, *CODES]]
+    made += [f"#define PHX_{name} {getattr(table, name)}u" for name in [*SIZES, *CODES]]
     for record in table.MACED:
-        name = f"PHX_{record.name.upper()}"
-        lines += [
-            "",
-            f"/* {record.doc} */",
-            f"#define {name} 0x{record.tag:02x}u",
-            f"#define {name}_BYTES {record.size}u",
-        ]
-        lines += [f"#define {name}_{field.name.upper()} {record.at(field.name)}u" for field in record.fields]
-    lines += ["", "/* frames with the AUDIT bit */"]
-    lines += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.at(name)}u" for name in ("src", "dst")]
-    return "\n".join([*lines, "", "#endif", ""])
+        made += defined(record)
+    made += ["", "/* frames with the AUDIT bit */"]
+    made += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.at(name)}u" for name in ("src", "dst")]
+    return "\n".join([*made, "", "#endif", ""])
+
+
+def defined(record: Record) -> list[str]:
+    """A record's tag, size without what it leaves open, and offsets, as C has them."""
+    name = f"PHX_{record.name.upper()}"
+    tag = [] if record.tag is None else [f"#define {name} 0x{record.tag:02x}u"]
+    places = [f"#define {name}_{field.name.upper()} {record.at(field.name)}u" for field in record.fields]
+    return ["", f"/* {record.doc} */", *tag, f"#define {name}_BYTES {record.size}u", *places]
+
+
+def line_header() -> str:
+    """The C header of the serial line."""
+    made = [
+        "/* Made by firmware/generate.py from src/phalanx/wire/lines.py. */",
+        "#ifndef PHX_LINE_WIRE_H",
+        "#define PHX_LINE_WIRE_H",
+        "",
+    ]
+    made += [f"#define PHX_LINE_{name} {getattr(lines, name)}u" for name in LINE]
+    made += [f"#define PHX_LINE_{name} ({getattr(lines, name)})" for name in ("E_CALL", "E_HELLO")]
+    for record in lines.RECORDS:
+        made += defined(record)
+    return "\n".join([*made, "", "#endif", ""])
 
 
 def for_pages() -> str:
@@ -95,6 +113,7 @@ BLOCKS = {
         "shown": markdown(table.SHOWN),
         "remembered": markdown(table.REMEMBERED),
     },
+    "serial.md": {"calls": markdown(lines.CALLS), "answers": markdown([lines.ANSWER, lines.ABOUT])},
     "mission.md": {
         "hashed": markdown(missions.HASHED),
         "file": markdown(missions.FILE),
@@ -122,6 +141,7 @@ def page(path: Path) -> str:
 
 if __name__ == "__main__":
     HEADER.write_text(c_header())
+    LINE_HEADER.write_text(line_header())
     PAGES.write_text(for_pages())
     for each in BLOCKS:
         (SPEC / each).write_text(page(SPEC / each))

@@ -1,5 +1,7 @@
 """Prints vectors/*.json as lines of words for port/check.c: `python firmware/vectors.py bound`.
 
+`python firmware/vectors.py serial` is for port/line.c: how many payloads, the stream, each payload.
+
 A line is a function, then numbers, then byte strings in hexadecimal (`-` is empty); a `#` line names what follows.
 """
 
@@ -26,7 +28,10 @@ def cases(name: str) -> list[dict[str, Any]]:
 
 
 def lines(profile: str) -> Iterator[list[object]]:
-    """What one build is to answer."""
+    """What one build is to answer, or what a board finds on its line."""
+    if profile == "serial":
+        yield from ([len(case["payloads"]), case["stream"], *case["payloads"]] for case in cases("serial"))
+        return
     for case in cases("present"):
         yield ["present", case["key"], case["plain"], case["cipher"]]
     for case in cases("sha1"):

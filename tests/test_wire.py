@@ -150,6 +150,7 @@ def test_whatever_is_maced_begins_with_a_tag_of_its_own():
 def test_the_c_header_and_the_pages_module_are_made_from_the_table():
     make = generator()
     assert make.HEADER.read_text() == make.c_header()
+    assert make.LINE_HEADER.read_text() == make.line_header()
     assert make.PAGES.read_text() == make.for_pages()
 
 

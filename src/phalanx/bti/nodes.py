@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
@@ -112,6 +113,21 @@ def seal_mission_key(master: bytes, mission: bytes, r: bytes, seq: int) -> Missi
     mac = np.zeros(MAC_BYTES, np.uint8)
     trusted.lightmac(row(master), row(MKEY.encode(k=k, r=r, seq=seq)), MKEY.size, mac)
     return MissionKey(k, r, seq, mac.tobytes())
+
+
+class TrustedNodes(Protocol):
+    """The trusted nodes of robots, by their row from 0, here or elsewhere."""
+
+    snode: NDArray[np.uint8]  # (n, size): what kernels know the s-nodes by
+    anode: NDArray[np.uint8]  # the same
+
+    def load_master(self, i: int, key: bytes, robot_id: int) -> None:
+        """Both nodes of robot i have their master key, for ever."""
+        ...
+
+    def load_mission(self, i: int, now: int, sealed: MissionKey) -> None:
+        """Both nodes of robot i have the mission key."""
+        ...
 
 
 class Nodes:

@@ -1,8 +1,9 @@
 """The trusted nodes' C as kernels: the only way to them, compiled and not, for one robot or in loops over a fleet.
 
-`profile` is 0 (bound) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads; rows and
-buffers are contiguous uint8. Functions return what the C returns, >= 0 or one of the E_ codes, and look at sizes before
-the C sees an address: too small a buffer is E_ARG. How numba finds the C is in docs/adr/0010.
+`profile` is 0 (bound) or 1 (paper): two builds of firmware/. A node is a row of bytes that only the C reads, or, in
+`bound`, the number of one that is not here (elsewhere.py); rows and buffers are contiguous uint8. Functions return what
+the C returns, >= 0 or one of the E_ codes, and look at sizes before the C sees an address: too small a buffer is E_ARG.
+How numba finds the C is in docs/adr/0010.
 Source: RoboRebound Alg. 2-4; docs/spec/rebound-nodes.md.
 """
 
@@ -23,12 +24,15 @@ from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
 from phalanx.kernel import written
 from phalanx.wire import table
-from phalanx.wire.fields import Row
+from phalanx.wire.fields import U32_BYTES, Row
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 BOUND, PAPER = 0, 1
 FIRMWARE: dict[int, tuple[Any, Any]] = {BOUND: (bound_ffi, bound_lib), PAPER: (paper_ffi, paper_lib)}
+ELSEWHERE_BYTES = U32_BYTES  # of the row of a node that is not here
+# What each function does with such a node, by its name: the same arguments, pointers as cffi has them (elsewhere.py).
+ELSEWHERE: dict[str, Callable[..., int]] = {}
 AUTH_BYTES = table.AUTHENTICATOR.size
 TREQ_BYTES = table.TOKEN_REQUEST.size
 
@@ -54,14 +58,11 @@ class _CFunction(types.ExternalFunction):
     Only a symbol, not an address, is in what numba compiles, which is why that can be cached on disk.
     """
 
-    def __init__(self, profile: int, name: str) -> None:
-        ffi, lib = FIRMWARE[profile]
-        self._cast, self._function = ffi.cast, getattr(lib, name)
-        address = ffi.addressof(lib, name)
-        self._is_pointer = [argument.kind == "pointer" for argument in ffi.typeof(address).args]
+    def __init__(self, ffi: Any, symbol: str, function: Any) -> None:
+        self._cast, self._function = ffi.cast, function
+        self._is_pointer = [argument.kind == "pointer" for argument in ffi.typeof(function).args]
         arguments = [types.intp if pointer else types.uint32 for pointer in self._is_pointer]
-        symbol = name.replace("phx_", ("phx_bound_", "phx_paper_")[profile], 1)
-        llvmlite.binding.add_symbol(symbol, int(ffi.cast("intptr_t", address)))
+        llvmlite.binding.add_symbol(symbol, int(ffi.cast("intptr_t", function)))
         super().__init__(symbol, types.int32(*arguments))
 
     def __call__(self, *arguments: int) -> int:  # type: ignore[override]
@@ -73,13 +74,32 @@ class _CFunction(types.ExternalFunction):
 register_default(_CFunction)(OpaqueModel)
 
 
+def _c_function(profile: int, name: str) -> _CFunction:
+    ffi, lib = FIRMWARE[profile]
+    return _CFunction(ffi, f"phx_{('bound', 'paper')[profile]}_{name}", ffi.addressof(lib, f"phx_{name}"))
+
+
+def _elsewhere(name: str) -> _CFunction:
+    """The same function of a node that is not here: C that calls Python."""
+
+    def ask(*arguments: Any) -> int:
+        return ELSEWHERE[name](*arguments) if name in ELSEWHERE else E_ARG
+
+    kind = bound_ffi.typeof(bound_ffi.addressof(bound_lib, f"phx_{name}"))
+    return _CFunction(bound_ffi, f"phx_elsewhere_{name}", bound_ffi.callback(kind, ask, error=E_ARG))
+
+
 def _in_c(declared: _F) -> _F:
     """The kernel that calls the C function of the same name and parameters, in the profile's build, if all CHECKS hold.
 
     Without a profile it is the same in both. What only `paper` has is E_ARG in `bound`.
     """
-    name = f"phx_{declared.__name__}"
-    scope = {f"in_{profile}": _CFunction(profile, name) for profile, (_, lib) in FIRMWARE.items() if hasattr(lib, name)}
+    name = declared.__name__
+    scope: dict[str, Any] = {
+        f"in_{profile}": _c_function(profile, name)
+        for profile, (_, lib) in FIRMWARE.items()
+        if hasattr(lib, f"phx_{name}")
+    }
     parameters = inspect.signature(declared).parameters
     given = [f"{each.name}.ctypes.data" if each.annotation == "Row" else each.name for each in parameters.values()]
     told = ", ".join(each for each in given if each != "profile")
@@ -87,6 +107,9 @@ def _in_c(declared: _F) -> _F:
     assert rows <= CHECKS.keys() | {"node", "data"}, "no row goes to C unchecked"  # `length` is that of `data`
     checks = " and ".join(CHECKS[each] for each in parameters if each in CHECKS)
     body = [f"if not ({checks}):", "    return E_ARG"] if checks else []
+    if "node" in parameters and f"in_{BOUND}" in scope:
+        scope["elsewhere"] = _elsewhere(name)
+        body += [f"if node.size == {ELSEWHERE_BYTES}:", f"    return elsewhere({told})"]
     if "profile" in parameters:
         body += [f"if profile == {PAPER}:", f"    return in_{PAPER}({told})"]
     body.append(f"return in_{BOUND}({told})" if f"in_{BOUND}" in scope else "return E_ARG")

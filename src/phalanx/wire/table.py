@@ -1,4 +1,4 @@
-"""THE byte table: the only place that knows a width, an order or a tag; missions.py is its page of encoded missions.
+"""THE byte table: the only place that knows a width, an order or a tag; missions.py and lines.py are pages of it.
 
 `firmware/generate.py` makes firmware/include/phx_wire.h and the tables of docs/spec/rebound*.md from it. Kernels take
 offsets from it as constants of their modules (`AT_MAC = AUDIT_TOKEN.at("mac")`), which compile to literals.
@@ -8,7 +8,7 @@ Source: RoboRebound Alg. 2-4 (what is hashed and MACed) and §5.2 (27 and 19 byt
 
 from __future__ import annotations
 
-from . import missions
+from . import lines, missions
 from .record import Field, Record
 
 HASH_BYTES = 20  # SHA-1
@@ -393,4 +393,5 @@ MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
 REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, WHEELS_MEMORY, MISSION_MEMORY, CRUMB)
-RECORDS = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS)
+OF_NODES = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT)
+RECORDS = (*OF_NODES, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS, *lines.RECORDS)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
-from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
+from phalanx.bti.nodes import Limits, Nodes, TrustedNodes, seal_mission_key
 from phalanx.bti.rounds import mixed
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
@@ -61,6 +61,7 @@ class Setup:
     hub: int = 0  # so many robots hear all in range, and the others, each in an aisle of its own, hear them alone
     # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
+    make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # of so many robots, in this profile
 
 
 def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
@@ -92,13 +93,14 @@ def power_up(
     now_ms: NDArray[np.int64],
     chance: np.random.Generator,
     before_key: Mapping[int, Callable[[int, int, Row, int], None]],
-) -> Nodes:
+    make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
+) -> TrustedNodes:
     """`n` robots' trusted nodes with ids 1..n, a common master key, and a mission key loaded at `now_ms`, (n,).
 
     Keys come from `chance`: in a simulation they keep nothing secret.
     Source: RoboRebound §3.3, Alg. 2.
     """
-    nodes = Nodes(n, profile, limits)
+    nodes = make_nodes(n, profile, limits)
     master, mission, salt = chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES)
     sealed = seal_mission_key(master, mission, salt, 1)
     for i in range(n):
@@ -122,7 +124,7 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
     snode, anode = np.zeros((n, 8), np.uint8), np.zeros((n, 8), np.uint8)
     if setup.profile != PLAIN:
         limits = limits_of(setup.bti, setup.radio)
-        nodes = power_up(n, setup.profile, limits, boot_us // 1000, chance, setup.before_key)
+        nodes = power_up(n, setup.profile, limits, boot_us // 1000, chance, setup.before_key, setup.make_nodes)
         snode, anode = nodes.snode, nodes.anode
     world = World(
         clock=make_clock(),

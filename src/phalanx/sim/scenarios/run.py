@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.bti.elsewhere import raise_failed
+from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import NO_CROWD
 from phalanx.errors import Unavailable, UsageError
@@ -40,12 +42,18 @@ class Run:
         scenario: what runs.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
         plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
+        make_nodes: the robots' trusted nodes, if they are elsewhere.
     Raises: Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
     """
 
     def __init__(
-        self, scenario: Scenario, controller: Callable[[int], Controller] | None = None, *, plain: bool = False
+        self,
+        scenario: Scenario,
+        controller: Callable[[int], Controller] | None = None,
+        *,
+        plain: bool = False,
+        make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
         if longest := getattr(controller, "state_bytes", 0):
             bti = replace(scenario.bti, state_bytes=max(scenario.bti.state_bytes, longest))
@@ -75,6 +83,7 @@ class Run:
             bti=scenario.bti,
             radio=scenario.radio,
             before_key={int(spec.robot or 0) - 1: spec.attack.kind.before_key for spec in drawn},
+            make_nodes=make_nodes,
         )
         try:
             self.world = make_world(setup, chance)
@@ -130,6 +139,7 @@ class Run:
             target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
             while loop.run(self.world, target_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self.robots)
+            raise_failed()
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()
         assert refused(self.world.queue) == 0, "the queue of events was too short"

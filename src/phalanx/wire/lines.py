@@ -1,0 +1,126 @@
+"""The byte table's page of the serial line: what a c-node asks its robot's two trusted nodes, and what they answer.
+
+A call's tag says which function it is of; its fields are the function's arguments. `firmware/generate.py` makes
+firmware/include/phx_line_wire.h and the tables of docs/spec/serial.md from it.
+"""
+
+from __future__ import annotations
+
+from .record import Field, Record
+
+VERSION = 1
+MARK = 0x00  # before and after each frame, and nowhere inside
+CRC_BYTES = 4  # CRC-32 (ISO-HDLC), little-endian, behind the payload
+RUN_MAX = 254  # bytes of one block without a zero
+
+# What a board leaves to the c-node: bits of `told` in `about`.
+TOLD_CLOCK = 1  # a bench's: tests tell it the time
+TOLD_READINGS = 2  # the sensors hang on the c-node, which reports them
+
+# What is answered instead of a node's own code.
+E_CALL = -64  # no such call, or not of its length
+E_HELLO = -65  # no handshake since power-up, or of another version
+
+_NUMBER = Field("number", "u16", "of the call; said again, it is answered again, and not done again")
+_TOP = Field("top", "b20", "of the chain")
+_HCKPT = Field("hckpt", "b20", "hash of the checkpoint")
+_MAC = Field("mac", "b8", "")
+_TOR = Field("tor", "u16", "auditor")
+_TEE = Field("tee", "u16", "auditee")
+_T = Field("t", "u32", "ms, of the token request")
+
+
+def _call(tag: int, name: str, doc: str, *fields: Field) -> Record:
+    return Record(f"call_{name}", (_NUMBER, *fields), doc, tag)
+
+
+HELLO = _call(0x40, "hello", "handshake; answered with `about`", Field("version", "u8", "of whoever asks"))
+LIMITS = _call(
+    0x41,
+    "limits",
+    "manufacture: both nodes begin anew; until a master key is loaded",
+    *(
+        Field(name, "u32", "")
+        for name in (
+            "f_max",
+            "t_val_ms",
+            "batch_size",
+            "bucket_capacity",
+            "bucket_period_ms",
+            "send_us_per_s",
+            "send_capacity_us",
+            "audit_us_per_s",
+            "audit_capacity_us",
+            "airtime_fixed_us",
+            "airtime_ns_per_byte_broadcast",
+            "airtime_ns_per_byte_unicast",
+        )
+    ),
+)
+LOAD_MASTER = _call(
+    0x42, "load_master", "both nodes", Field("key", "b20", "master key"), Field("id", "u16", "robot id")
+)
+LOAD_MISSION = _call(
+    0x43,
+    "load_mission",
+    "both nodes",
+    Field("k", "b20", "mission key XOR H(r ‖ master key)"),
+    Field("r", "b20", "random"),
+    Field("seq", "u32", "rises"),
+    _MAC,
+)
+CLOCK = _call(0x44, "clock", "it is so late; for a bench only", Field("t", "u32", "ms, never before the last"))
+POLL = _call(0x45, "poll", "s-node; an `entry`", Field("reading", "rest", "empty where the board has the sensors"))
+RECV = _call(0x46, "recv", "a-node; an `entry`", Field("frame", "rest", "from the radio"))
+SEND = _call(0x47, "send", "a-node; an `entry`", Field("frame", "rest", "to the radio"))
+ACTUATE = _call(0x48, "actuate", "a-node; an `entry`", Field("command", "rest", "to the actuators"))
+MAKE_AUTH = _call(0x49, "make_auth", "s-node; an `authenticator`", Field("nonce", "b8", "MAC of the token request"))
+CHECK_AUTH = _call(0x4A, "check_auth", "s-node", _TOP, Field("id", "u16", "robot id"), Field("nonce", "b8", ""), _MAC)
+TOKEN_REQUEST = _call(0x4B, "token_request", "a-node; a `token_request`", _TOR)
+ISSUE_TOKEN = _call(
+    0x4C, "issue_token", "a-node; the token's MAC", _TEE, _T, _TOP, Field("treq_mac", "b8", "of the request"), _HCKPT
+)
+CHECK_TOKEN = _call(0x4D, "check_token", "a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
+INSTALL_TOKEN = _call(0x4E, "install_token", "a-node", _TOR, _T, _HCKPT, _MAC)
+CHECK = _call(0x4F, "check", "a-node; code 1 in Safe Mode")
+
+ANSWER = Record(
+    "answer",
+    (
+        Field("number", "u16", "of the call"),
+        Field("code", "i32", "what the function returned, or an error"),
+        Field("result", "rest", "what it made, if the code is no error"),
+    ),
+    "to each call",
+    0x60,
+)
+ABOUT = Record(
+    "about",
+    (
+        Field("version", "u8", "of the board; all else is as that version has it"),
+        Field("told", "u8", "1: the clock, 2: readings"),
+        Field("id", "u16", "robot id, 0 before a master key is loaded"),
+        Field("seq", "u32", "of the last mission key"),
+    ),
+    "what a board says of itself",
+)
+
+CALLS = (
+    HELLO,
+    LIMITS,
+    LOAD_MASTER,
+    LOAD_MISSION,
+    CLOCK,
+    POLL,
+    RECV,
+    SEND,
+    ACTUATE,
+    MAKE_AUTH,
+    CHECK_AUTH,
+    TOKEN_REQUEST,
+    ISSUE_TOKEN,
+    CHECK_TOKEN,
+    INSTALL_TOKEN,
+    CHECK,
+)
+RECORDS = (*CALLS, ANSWER, ABOUT)
