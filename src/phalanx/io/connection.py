@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import random
 import re
@@ -38,6 +39,9 @@ FIRST_RETRY_S, LAST_RETRY_S = 0.2, 1.0
 CONNECT_TIMEOUT_S = 5.0
 # What may wait to be read: room for a burst of small messages, and no more memory than a small machine has.
 INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale news and late commands
+# A server that has so many behind a message leaves what has waited so long unopened. Opened, it would be refused as
+# late, and so would all behind it: a server that works through a backlog in its order obeys nobody.
+BACKLOG, STALE_S = 50, 0.2
 INCOMING_BYTES = 64 * 1024 * 1024
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
@@ -55,6 +59,8 @@ class _DeniedError(aiomqtt.MqttError):
 class Incoming(asyncio.Queue[aiomqtt.Message]):
     """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
 
+    Of more than a few those that have waited longer than `stale_s` are dropped as well, whosesoever they are.
+
     `on_overrun` is called for every message that is dropped, `on_read` for every one that is read, with the seconds it
     has waited here; `emptied` tells since when a message that comes now may have waited.
     """
@@ -66,8 +72,10 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         on_read: Callable[[float], None],
         maxsize: int = INCOMING_MESSAGES,
         max_bytes: int = INCOMING_BYTES,
+        stale_s: float = math.inf,
     ) -> None:
         super().__init__(maxsize)
+        self._stale_s = stale_s
         self._emptied = emptied
         self._on_read = on_read
         self._since_s: deque[float] = deque()
@@ -87,10 +95,14 @@ class Incoming(asyncio.Queue[aiomqtt.Message]):
         super()._put(message)
 
     def _get(self) -> aiomqtt.Message:
-        message = super()._get()
-        self._room_bytes += _size_bytes(message)
-        self._on_read(time.monotonic() - self._since_s.popleft())
-        return message
+        while True:
+            message = super()._get()
+            self._room_bytes += _size_bytes(message)
+            waited_s = time.monotonic() - self._since_s.popleft()
+            if waited_s <= self._stale_s or self.qsize() < BACKLOG:
+                self._on_read(waited_s)
+                return message
+            self._on_overrun()
 
 
 def _size_bytes(message: aiomqtt.Message) -> int:
@@ -108,6 +120,7 @@ class Connection:
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
         on_dropped: called for every message that was dropped unread: too large, or come faster than they were read.
+        stale_s: what waits longer, with many behind it, is dropped.
     """
 
     def __init__(
@@ -119,7 +132,9 @@ class Connection:
         on_connect: Callable[[bool], Awaitable[None]],
         mqtt: int = 5,
         on_dropped: Callable[[PeerError], None] = lambda _: None,
+        stale_s: float = math.inf,
     ) -> None:
+        self._stale_s = stale_s
         self.broker = broker
         self.mqtt = mqtt
         self.connected = asyncio.Event()
@@ -216,7 +231,7 @@ class Connection:
 
     async def _live(self) -> None:
         emptied = Emptied()
-        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES)
+        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
         client = CheckedClient(
             self.broker.host,
             self.broker.port,

@@ -28,7 +28,7 @@ from phalanx.link.server_side import ServerSide
 
 from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
-from .connection import Connection
+from .connection import STALE_S, Connection
 
 log = logging.getLogger(__name__)
 
@@ -162,6 +162,7 @@ class Server:
             self._on_connect,
             self._mqtt,
             self._on_dropped,
+            STALE_S,
         )
         others = (self._rotate(), self._answers.run())
         self._tasks = [self._link.start(), *map(asyncio.create_task, others)]
