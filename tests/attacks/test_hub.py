@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from phalanx.bti import request
+from phalanx.bti import request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import node
@@ -37,6 +37,14 @@ def test_two_auditors_keep_22_alive_whom_12_f_max_audits_do_not(monkeypatch):
     monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 12 * bti.f_max))
     assert stopped(star()) >= 20
     assert stopped(star(attacks=())) >= 15, "though nobody lies"
+
+
+def test_two_that_speak_at_the_same_moment_of_each_round_hear_each_other_all_the_same():
+    """Robot 17 needs both in the middle, and one of them says HELLO whenever it does itself; it was stopped."""
+    made = star(hub=2, attacks=(), n_max=None, seed=195)
+    moments = [rounds.mixed(made.seed + 1, rob_id) % made.bti.t_audit_ms for rob_id in range(1, 26)]
+    assert moments[16] in moments[:2]
+    assert stopped(made) == 0
 
 
 class Auditor:

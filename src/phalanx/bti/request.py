@@ -36,6 +36,8 @@ AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
 # So often fragments of one request are said again that did not arrive.
 REPEATS = 4
+# A HELLO is over by then, if it waited for a fragment or two of others.
+LISTENS_MS = 5
 
 
 @kernel
@@ -157,6 +159,20 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
         f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + drawn % (s.t_audit // 2)
     r.request_len = 0
     r.quota += 1
+
+
+@kernel
+def listens(f: Fleet, i: int) -> int:
+    """For how long the robot listens before it begins the round that is due, ms: 0 if the last one gave it its tokens.
+
+    Two who speak at the same moment of each round would never hear each other's HELLO. Who lacks a token is silent at
+    that moment, and speaks at another that differs from robot to robot and that nobody can foresee.
+    Source: docs/adr/0030.
+    """
+    r, s = f.robot[i], f.settings[0]
+    if r.round_no == 0 or r.got > s.f_max:
+        return 0
+    return int(LISTENS_MS + mixed(get_u32(f.request[i], AT_AUTH_S), r.id) % max(1, s.t_audit >> 4))
 
 
 @kernel

@@ -27,6 +27,8 @@ CONTROL, ROUND, RETRY, CHECK, MOVE, WAKE = 10, 11, 12, 13, 14, 15
 # What only Python sees: a frame for it, and its last fragment gone.
 MESSAGE, SENT = 16, 17
 REACHED, FOR_PYTHON = 0, 1
+# A ROUND's arg: the robot has listened before it.
+LISTENED = 1
 
 
 @kernel
@@ -71,7 +73,12 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             move(world)
         elif world.safe[i] == 0:
             if kind == ROUND:
-                push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
+                if arg != LISTENED:
+                    push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
+                    listens_us = request.listens(world.fleet, i) * 1000
+                    if listens_us > 0:
+                        push(world.queue, now_us + listens_us, ROUND, i, LISTENED)
+                        continue
             elif kind == RETRY:
                 world.retry_us[i] = -1
             if world.runs[i] == PYTHON:
