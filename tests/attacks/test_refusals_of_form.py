@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
 
 import pytest
@@ -120,24 +121,39 @@ class TestHead:
 
 
 class TestTokens:
+    def token(self, auditee, tor: int) -> bytes:
+        """One of that robot's, for where the auditee's log begins."""
+        now_ms = auditee.due_ms(auditee.step - 1) + 60
+        treq = row(bytes(request.TREQ_BYTES))
+        while trusted.anode_token_request(auditee.profile, auditee.fleet.anode[VICTIM], now_ms, tor, treq) < 0:
+            auditee.senses()
+            now_ms = auditee.due_ms(auditee.step - 1) + 60
+        log.mark(auditee.fleet, VICTIM, log.FLUSH_A)
+        _, t, mac = auditee.token(tor, bytes(2 + 2) + treq.tobytes(), START)
+        return struct.pack("<HI", tor, t) + mac.tobytes()
+
     def vouched(self, auditee, count: int) -> tuple[int, bytes, list[bytes]]:
         """A request, and tokens of so many robots for where its log begins."""
         auditee.covered()
-        made = []
-        for tor in range(2, 2 + count):
-            now_ms = auditee.due_ms(auditee.step - 1) + 60
-            treq = row(bytes(request.TREQ_BYTES))
-            while trusted.anode_token_request(auditee.profile, auditee.fleet.anode[VICTIM], now_ms, tor, treq) < 0:
-                auditee.senses()
-                now_ms = auditee.due_ms(auditee.step - 1) + 60
-            log.mark(auditee.fleet, VICTIM, log.FLUSH_A)
-            _, t, mac = auditee.token(tor, bytes(2 + 2) + treq.tobytes(), START)
-            made.append(struct.pack("<HI", tor, t) + mac.tobytes())
+        made = [self.token(auditee, tor) for tor in range(2, 2 + count)]
         for _ in range(4):
             auditee.senses()
         auditee.robot.quota = 1
         tor, q = auditee.asks()
         return tor, q, made
+
+    def test_what_they_vouch_for_must_be_a_state_of_the_controller(self, auditee):
+        tor, q, _ = self.vouched(auditee, 0)
+        start = start_of(q) + b"?"
+        auditee.fleet.hckpt[VICTIM, START] = row(hashlib.sha1(start).digest())
+        vouched = [self.token(auditee, tor_of_it) for tor_of_it in range(2, 2 + auditee.config.tokens_needed)]
+        assert auditee.verdict((tor, with_start(with_tokens(q, vouched), start))) == Refusal.STATE_MALFORMED
+
+    def test_replay_goes_on_from_the_state_that_they_vouch_for(self, auditee):
+        auditee.hears(auditee.due_ms() - 20)
+        auditee.covered()
+        assert int(auditee.robot.start_len) > rounds.CHECKPOINT_BYTES + 4
+        assert auditee.verdict(auditee.asks()) == 0
 
     def test_there_are_2_f_max_1_at_most(self, auditee):
         tor, q, made = self.vouched(auditee, 7)
