@@ -127,3 +127,15 @@ def test_only_a_simulation_that_is_not_plain_computes_so(plain):
     Run(Scenario(robots=2, duration_s=1.0, bti=BtiConfig(f_max=1)), plain=plain)
     _, lib = trusted.FIRMWARE[trusted.BOUND]
     assert lib.phx_host_used() == (0 if plain else CAN)
+
+
+@needs[HASHES]
+@needs[ENCRYPTS]
+def test_what_is_computed_is_counted_by_the_block():
+    before = trusted.counted()
+    message, told = np.zeros(200, np.uint8), np.zeros(20, np.uint8)
+    trusted.sha1(message, 200, told)  # 200 + 9 bytes
+    trusted.lightmac(message[:20], message[:50], 50, told)  # 7 bytes a block, and the last
+    use(0)
+    trusted.sha1(message, 200, told)
+    assert [now - then for then, now in zip(before, trusted.counted(), strict=True)] == [4, 8]

@@ -10,7 +10,7 @@ import pytest
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
     "errors kernel loading",
-    "config bundle",
+    "config bundle memory",
     "wire _firmware_bound _firmware_paper",
     "crypto",
     "link mission bti",

@@ -55,6 +55,7 @@ __attribute__((target("sha,sse4.1,ssse3"))) static void blocks(uint32_t h[5], co
     __m128i abcd = _mm_shuffle_epi32(_mm_loadu_si128((const __m128i *)h), 0x1b);
     __m128i e0 = _mm_set_epi32((int)h[4], 0, 0, 0), e1;
 
+    phx_host_counts[0] += count;
     for (; count > 0; count--, data += PHX_SHA1_BLOCK) {
         const __m128i *from = (const __m128i *)data;
         __m128i abcd_before = abcd, e_before = e0;
@@ -115,6 +116,12 @@ static void blocks(uint32_t h[5], const uint8_t *data, uint32_t count)
 #endif
 
 int phx_host_uses = 0;
+uint64_t phx_host_counts[2];
+
+void phx_host_count(uint64_t counts[2])
+{
+    memcpy(counts, phx_host_counts, sizeof phx_host_counts);
+}
 
 int phx_host_use(uint32_t fast)
 {

@@ -12,4 +12,7 @@ int phx_host_used(void); /* which of the next are in use */
 /* What this processor can: 1 hashes by instructions of its own, 2 encrypts eight blocks at once. */
 int phx_host_can(void);
 
+/* Blocks that were hashed and encrypted so far, not by the firmware's C: what a simulation cannot do without. */
+void phx_host_count(uint64_t counts[2]);
+
 #endif

@@ -108,6 +108,7 @@ int phx_mac(const phx_mac_key *key, const uint8_t *message, uint32_t len, uint8_
     last[left] = 0x80;
     s[0] = sum ^ load(last);
     store(mac, encrypted(key->round[1], s, 1));
+    phx_host_counts[1] += blocks + 1u;
     return 0;
 }
 

@@ -20,7 +20,7 @@ from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
-from . import request, rounds, trusted
+from . import memo, request, rounds, trusted
 from .fleet import BOUND, PAPER, Fleet, records
 from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK, MARK_BYTES
 from .refusal import Refusal
@@ -48,6 +48,11 @@ CASE = np.dtype(
         ("payload_len", "i8"),
         ("evidence_len", "i8"),  # of the INPUT's, in `work.evidence`
         ("waiting", "i8"),  # bytes of expected outputs in `work.waiting`
+        ("newest", "i8"),  # time of the newest entry
+        ("checkpoints", "i8"),  # marks of one so far
+        ("marked", "i8"),  # the last that replay saw was a mark
+        ("state_len", "i8"),  # of the controller's state
+        ("known", "i8"),  # bytes of the request that an earlier audit has found right (memo.py)
     ],
     align=True,
 )
@@ -131,6 +136,8 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
     if refused == 0:
         refused = check_authenticators(f, i, w, q)
     if refused == 0:
+        if w.case[0].known:
+            memo.resume_chains(f.memo, w)
         refused = check_chains(f, w, q)
     return int(refused)
 
@@ -139,6 +146,10 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
+    c.known = memo.recall(f.memo, w, q) if s.controller != 0 and s.plain == 0 else 0
+    c.newest = -1
+    c.checkpoints = 0
+    c.marked = 0
     if q[request.AT_FLAGS]:
         c.step = 0
         # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
@@ -146,14 +157,18 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
         if t_key > c.t:
             return Refusal.OUT_OF_ORDER
         c.due = t_key + rounds.phase_of(s.mission_seed, c.tee, s.t_control)
+        # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
+        c.newest = t_key
         w.tops[0:2] = 0
+        return 0
+    copy(w.state, 0, q, c.start_at, c.start_len)
+    if c.known:
         return 0
     if c.tokens < s.f_max + 1:
         return Refusal.TOO_FEW_TOKENS
     if c.tokens > 2 * s.f_max + 1:
         return Refusal.MALFORMED
     hckpt = w.small[3]
-    copy(w.state, 0, q, c.start_at, c.start_len)
     trusted.sha1(w.state, c.start_len, hckpt)
     for k in range(c.tokens):
         at = request.HEAD_BYTES + k * request.TOKEN_BYTES
@@ -199,7 +214,7 @@ def _flush(w: Work, chain: int) -> None:
 
 
 @kernel
-def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0915 - one pass over the bytes
+def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one pass over the bytes
     """The entries are well formed, in order and complete, and both chains re-hash to the tops shown.
 
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
@@ -207,10 +222,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
     c, s = w.case[0], f.settings[0]
     bound = s.profile == BOUND
     w.held[:] = 0
-    at, newest, due, checkpoints = c.at, -1, c.due, 0
-    if q[request.AT_FLAGS]:
-        # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
-        newest = get_u32(q, c.start_at + rounds.AT_T_KEY)
+    at, newest, due, checkpoints = c.at, c.newest, c.due, c.checkpoints
     longest = ENTRY_HEAD_BYTES + s.frame_max
     after_input = False
     while at < c.end:
@@ -267,6 +279,7 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
         return Refusal.S_CHAIN
     if w.held[1, 1] > 0 or not same(w.tops[1], 0, q, request.AT_TOP_A, HASH_BYTES):
         return Refusal.A_CHAIN
+    c.newest = newest
     return 0
 
 
@@ -281,7 +294,9 @@ def next_event(f: Fleet, w: Work, q: Row) -> int:
     c, s = w.case[0], f.settings[0]
     while c.at < c.end:
         kind = q[c.at]
+        c.marked = 0
         if kind & MARK:
+            c.marked = 1
             c.at += MARK_BYTES
             if kind == CHECKPOINT:
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT

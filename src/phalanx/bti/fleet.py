@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
+from phalanx.memory import sparse
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
+
+from .memo import Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
 BOUND, PAPER, PLAIN = 0, 1, 2
@@ -115,6 +118,7 @@ class Fleet(NamedTuple):
     request: NDArray[np.uint8]  # (N, R): the request under way
     rx: NDArray[np.uint8]  # (N, RX_SLOTS, R): requests that arrive in fragments
     rx_info: NDArray[Any]  # (N, RX_SLOTS) RX
+    memo: Memo  # audits that passed
     taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
 
 
@@ -165,15 +169,16 @@ def make_fleet(
         robot=robot,
         snode=snode,
         anode=anode,
-        log=np.zeros((n, log_bytes), np.uint8),
-        state=np.zeros((n, state_bytes), np.uint8),
+        log=sparse(n, log_bytes),
+        state=sparse(n, state_bytes),
         checkpoint=np.zeros((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
         hckpt=np.zeros((n, 2, HASH_BYTES), np.uint8),
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
-        request=np.zeros((n, requests), np.uint8),
-        rx=np.zeros((n, RX_SLOTS, requests), np.uint8),
+        request=sparse(n, requests),
+        rx=sparse(n, RX_SLOTS, requests),
         rx_info=records((n, RX_SLOTS), RX),
+        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)

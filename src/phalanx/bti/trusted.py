@@ -52,6 +52,14 @@ CHECKS = {
 }
 
 
+def counted() -> tuple[int, int]:
+    """How many blocks this process has hashed and how many encrypted since it began, without what `host_use` 0 did."""
+    told = [ffi.new("uint64_t[2]") for ffi, _ in FIRMWARE.values()]
+    for (_, lib), counts in zip(FIRMWARE.values(), told, strict=True):
+        lib.phx_host_count(counts)
+    return sum(int(counts[0]) for counts in told), sum(int(counts[1]) for counts in told)
+
+
 class _CFunction(types.ExternalFunction):
     """A C function: numba links to it by its symbol, Python calls it. Addresses are integers for both.
 

@@ -5,7 +5,7 @@ Source: RoboRebound §3.7; docs/spec/rebound.md (Auditor).
 
 from __future__ import annotations
 
-from phalanx.bti import audit
+from phalanx.bti import audit, memo
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
@@ -25,15 +25,15 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
     """
     c, s = w.case[0], f.settings[0]
     state = w.state[CHECKPOINT_BYTES:]
-    if q[AT_FLAGS]:
-        state_len = dispatch.begin(s.controller, f.params, c.tee, state)
-    else:
-        state_len = c.start_len - CHECKPOINT_BYTES
-        if not dispatch.is_encoding(s.controller, f.params, c.tee, state, state_len):
-            return Refusal.STATE_MALFORMED
+    state_len = _begin(f, w, q, state)
+    if state_len < 0:
+        return Refusal.STATE_MALFORMED
     while True:
         event = audit.next_event(f, w, q)
         if event <= audit.END:
+            c.state_len = state_len
+            if event == audit.END and s.plain == 0:
+                memo.remember(f.memo, w, q, c.known)
             return int(-event)
         payload = q[c.payload_at : c.payload_at + c.payload_len]
         if event == audit.RECV:
@@ -50,3 +50,15 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
             refused = audit.check_state(w, q, state_len)
             if refused:
                 return int(refused)
+
+
+@kernel
+def _begin(f: Fleet, w: Work, q: Row, state: Row) -> int:
+    """The length of the state from which the log is replayed, in `state`; -1 if that is none."""
+    c, s = w.case[0], f.settings[0]
+    if c.known:
+        return memo.resume_replay(f.memo, w)
+    if q[AT_FLAGS]:
+        return int(dispatch.begin(s.controller, f.params, c.tee, state))
+    length = c.start_len - CHECKPOINT_BYTES
+    return int(length) if dispatch.is_encoding(s.controller, f.params, c.tee, state, length) else -1

@@ -11,6 +11,7 @@ from typing import Any, SupportsInt, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx import memory
 from phalanx.kernel import kernel
 
 from .record import LARGEST_NUMBER, Field
@@ -43,19 +44,19 @@ def get_i8(row: Row, at: int) -> int:
 @kernel
 def get_u16(row: Row, at: int) -> int:
     """The u16 at `at`."""
-    return whole(row[at]) | whole(row[at + 1]) << 8
+    return memory.load_16(row, at)
 
 
 @kernel
 def get_u32(row: Row, at: int) -> int:
     """The u32 at `at`."""
-    return get_u16(row, at) | get_u16(row, at + 2) << 16
+    return memory.load_32(row, at)
 
 
 @kernel
 def get_u64(row: Row, at: int) -> int:
     """The u64 at `at`; negative from 2^63 on, which no clock of ours reaches."""
-    return get_u32(row, at) | get_u32(row, at + U32_BYTES) << 32
+    return memory.load_64(row, at)
 
 
 @kernel
@@ -80,22 +81,19 @@ def are_fine(row: Row, at: int, count: int) -> bool:
 @kernel
 def put_u16(row: Row, at: int, value: int) -> None:
     """`value`, 0..2^16-1, written at `at`."""
-    row[at] = value & 0xFF
-    row[at + 1] = (value >> 8) & 0xFF
+    memory.store_16(row, at, value)
 
 
 @kernel
 def put_u32(row: Row, at: int, value: int) -> None:
     """`value`, 0..2^32-1, written at `at`."""
-    put_u16(row, at, value)
-    put_u16(row, at + 2, value >> 16)
+    memory.store_32(row, at, value)
 
 
 @kernel
 def put_u64(row: Row, at: int, value: int) -> None:
     """`value`, 0..2^63-1, written at `at`."""
-    put_u32(row, at, value)
-    put_u32(row, at + U32_BYTES, value >> 32)
+    memory.store_64(row, at, value)
 
 
 @kernel
@@ -106,15 +104,12 @@ def put_f32(row: Row, at: int, value: float) -> None:
 
 @kernel
 def copy(to: Row, to_at: int, source: Row, source_at: int, length: int) -> None:
-    """`length` bytes copied; the rows may be the same when they are copied towards the front."""
-    for k in range(length):
-        to[to_at + k] = source[source_at + k]
+    """`length` bytes copied, none if it is negative; the rows may be the same."""
+    if length > 0:
+        memory.move(to, to_at, source, source_at, length)
 
 
 @kernel
 def same(one: Row, one_at: int, other: Row, other_at: int, length: int) -> bool:
     """Whether `length` bytes agree; not for secrets."""
-    for k in range(length):
-        if one[one_at + k] != other[other_at + k]:
-            return False
-    return True
+    return memory.equal(one, one_at, other, other_at, length)

@@ -19,7 +19,9 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.memory import sparse
 from phalanx.sim.audited.events import Queue, push
+from phalanx.wire.fields import copy
 
 from .airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from .nic import (
@@ -97,7 +99,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
     air = Air(
         nic=make_nics(robots, seed),
         short=np.zeros((robots, SLOTS, SHORT_BYTES), np.uint8),
-        long=np.zeros((robots, config.long_bytes), np.uint8),
+        long=sparse(robots, config.long_bytes),
         dst=np.zeros((robots, SLOTS), np.int32),
         length=np.zeros((robots, SLOTS), np.int32),
         since=np.zeros((robots, SLOTS), np.int64),
@@ -138,8 +140,7 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length
         return -1
     slot = (nic.head + nic.waiting) % SLOTS
     target = air.long[robot] if is_long else air.short[robot, slot]
-    for n in range(length):
-        target[n] = frame[n]
+    copy(target, 0, frame, 0, length)
     if is_long:
         nic.long_used = 1
     air.dst[robot, slot], air.length[robot, slot], air.since[robot, slot] = dst, length, now_us

@@ -196,8 +196,7 @@ def _remove(at: int, state: Row) -> None:
 
 @kernel
 def _make_room(at: int, state: Row) -> None:
-    for k in range(size(state) - 1, at - 1, -1):
-        state[k + EACH_BYTES] = state[k]
+    copy(state, at + EACH_BYTES, state, at, size(state) - at)
     put_u16(state, COUNT, get_u16(state, COUNT) + 1)
 
 

@@ -1,0 +1,138 @@
+"""What audits found right: a later request of the same robot that is the same and more is audited from there on.
+
+A robot shows its log to f_max + 1 others in a round, and each sees what the one before saw and a few entries more. In a
+simulation they all sit in one process. An audit's verdict is a function of the bytes shown, of the mission, and of keys
+that are the same in every robot that has got this far: so what has passed once, compared byte for byte, passes again.
+What differs from one request to the next, its time, its MACs and the tops of its chains, is looked at each time.
+
+A robot in the world keeps no such memo: its auditors are other machines.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bundle import bundled
+from phalanx.kernel import kernel
+from phalanx.memory import sparse
+from phalanx.wire import table
+from phalanx.wire.fields import Row, copy, same
+from phalanx.wire.table import HASH_BYTES
+
+FLAGS, HCKPT, LENGTH = map(table.REQUEST.at, ("flags", "hckpt", "segment_length"))
+HEAD_BYTES, CHECKPOINT_BYTES = table.REQUEST.size, table.CHECKPOINT.size
+MOST_SLOTS = 256
+PASSED = np.dtype(
+    [
+        ("tee", "i8"),  # whose request it was, 0 of nobody
+        ("t", "i8"),
+        ("length", "i8"),
+        # As of a case at its end.
+        ("step", "i8"),
+        ("due", "i8"),
+        ("newest", "i8"),
+        ("waiting", "i8"),
+        ("state_len", "i8"),
+    ],
+    align=True,
+)
+
+
+class Memo(NamedTuple):
+    """The last request of each robot that passed, until another's takes its slot."""
+
+    passed: NDArray[Any]  # (S,) PASSED
+    shown: NDArray[np.uint8]  # (S, R), the request
+    tops: NDArray[np.uint8]  # (S, 4, 20)
+    state: NDArray[np.uint8]  # (S, C + 48), the controller's, behind the rest of a checkpoint
+    waiting: NDArray[np.uint8]  # (S, W), outputs that the log still has to show
+
+
+pack = bundled(Memo)
+
+
+def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int) -> Memo:
+    """Nothing has passed yet."""
+    slots = min(robots, MOST_SLOTS)
+    made = Memo(
+        passed=np.zeros(slots, PASSED).view(np.recarray),
+        shown=sparse(slots, request_bytes),
+        tops=np.zeros((slots, 4, HASH_BYTES), np.uint8),
+        state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
+        waiting=np.zeros((slots, waiting_bytes), np.uint8),
+    )
+    return pack(made)
+
+
+@kernel
+def recall(memo: Memo, w: Any, q: Row) -> int:
+    """How much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing."""
+    c = w.case[0]
+    slot = c.tee % len(memo.passed)
+    passed, shown = memo.passed[slot], memo.shown[slot]
+    n = passed.length
+    if passed.tee != c.tee or n > c.end or c.t < passed.t or q[FLAGS] != shown[FLAGS]:
+        return 0
+    # Of the head all but what is looked at each time: the checkpoint's hash and how long the parts are.
+    if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT):
+        return 0
+    return int(n) if same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES) else 0
+
+
+@kernel
+def resume_chains(memo: Memo, w: Any) -> None:
+    """The case and both chains are as they were where the audit ended of what is known."""
+    c = w.case[0]
+    slot = c.tee % len(memo.passed)
+    passed = memo.passed[slot]
+    c.at = passed.length
+    c.step = passed.step
+    c.due = passed.due
+    c.newest = passed.newest
+    c.checkpoints = 1
+    c.marked = 1
+    for k in range(4):
+        copy(w.tops[k], 0, memo.tops[slot, k], 0, HASH_BYTES)
+
+
+@kernel
+def resume_replay(memo: Memo, w: Any) -> int:
+    """The controller's state is as it was there, and so are the outputs that it waits for; the state's length."""
+    c = w.case[0]
+    slot = c.tee % len(memo.passed)
+    passed = memo.passed[slot]
+    c.waiting = passed.waiting
+    copy(w.state, 0, memo.state[slot], 0, CHECKPOINT_BYTES + passed.state_len)
+    copy(w.waiting, 0, memo.waiting[slot], 0, passed.waiting)
+    return int(passed.state_len)
+
+
+@kernel
+def remember(memo: Memo, w: Any, q: Row, known: int) -> None:
+    """The request in `q` has passed, `known` bytes of it by what is remembered; `w` is as its audit left it.
+
+    Not if it ends right behind an entry: evidence for that entry may follow, and would change what it calls for.
+    """
+    c = w.case[0]
+    if c.marked == 0 or c.end > memo.shown.shape[1]:
+        return
+    slot = c.tee % len(memo.passed)
+    passed = memo.passed[slot]
+    copy(memo.shown[slot], 0, q, 0, HEAD_BYTES)
+    begin = max(known, HEAD_BYTES)
+    copy(memo.shown[slot], begin, q, begin, c.end - begin)
+    passed.tee = c.tee
+    passed.t = c.t
+    passed.length = c.end
+    passed.step = c.step
+    passed.due = c.due
+    passed.newest = c.newest
+    passed.waiting = c.waiting
+    passed.state_len = c.state_len
+    for k in range(4):
+        copy(memo.tops[slot, k], 0, w.tops[k], 0, HASH_BYTES)
+    copy(memo.state[slot], 0, w.state, 0, CHECKPOINT_BYTES + c.state_len)
+    copy(memo.waiting[slot], 0, w.waiting, 0, c.waiting)

@@ -1,0 +1,79 @@
+"""Fields and copies in one instruction are what they are byte by byte, compiled and not; sparse rows take no memory."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phalanx.memory import sparse
+from phalanx.wire import fields
+
+ROOM = 24
+ROWS = st.binary(min_size=ROOM, max_size=ROOM)
+PLACES = st.integers(0, ROOM - 8)
+FORMS = {"u16": "<H", "u32": "<I", "u64": "<q"}
+
+
+def both(kernel):
+    return kernel, kernel.py_func
+
+
+@pytest.mark.parametrize("name", FORMS)
+@given(ROWS, PLACES)
+def test_a_number_is_read_as_it_lies(name, raw, at):
+    right = struct.unpack_from(FORMS[name], raw, at)[0]
+    assert {get(fields.row(raw), at) for get in both(getattr(fields, f"get_{name}"))} == {right}
+
+
+@pytest.mark.parametrize("name", FORMS)
+@given(ROWS, PLACES, st.integers(0, (1 << 63) - 1))
+def test_a_number_is_written_cut_to_its_width_and_nothing_beside_it(name, raw, at, value):
+    width = struct.calcsize(FORMS[name])
+    right = raw[:at] + (value & (1 << 8 * width) - 1).to_bytes(width, "little") + raw[at + width :]
+    for put in both(getattr(fields, f"put_{name}")):
+        row = fields.row(raw)
+        put(row, at, value)
+        assert row.tobytes() == right
+
+
+@given(ROWS, st.integers(0, ROOM), st.integers(0, ROOM), st.integers(-3, ROOM))
+def test_bytes_are_copied_within_a_row_as_if_by_way_of_another(raw, to, source, length):
+    length = min(length, ROOM - max(to, source))
+    right = bytearray(raw)
+    right[to : to + max(length, 0)] = raw[source : source + max(length, 0)]
+    for copy in both(fields.copy):
+        row = fields.row(raw)
+        copy(row, to, row, source, length)
+        assert row.tobytes() == right
+
+
+@given(ROWS, ROWS, st.integers(0, ROOM), st.integers(0, ROOM), st.integers(0, ROOM), st.booleans())
+def test_bytes_agree_when_all_do(raw, other, one_at, other_at, length, alike):
+    length = min(length, ROOM - max(one_at, other_at))
+    if alike:
+        other = other[:other_at] + raw[one_at : one_at + length] + other[other_at + length :]
+    right = raw[one_at : one_at + length] == other[other_at : other_at + length]
+    rows = fields.row(raw), fields.row(other)
+    assert {bool(same(rows[0], one_at, rows[1], other_at, length)) for same in both(fields.same)} == {right}
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
+
+
+def test_sparse_rows_take_memory_where_they_are_written():
+    before = resident_bytes()
+    rows = sparse(2000, 100_000)  # 200 MB
+    rows[::100, 50_000] = 1
+    assert resident_bytes() - before < 10e6
+    assert int(rows[:, 50_000].sum()) == 20
+
+
+def test_too_many_are_a_memory_error():
+    with pytest.raises(MemoryError):
+        sparse(1 << 40, 1 << 12)
