@@ -6,6 +6,7 @@ stdout is data, stderr is talk. 0 done, 1 refused or failed, 2 misused.
 from __future__ import annotations
 
 import errno
+import gc
 import logging
 import math
 import os
@@ -100,6 +101,8 @@ def phalanx(log_level: str) -> None:
 
 def main() -> None:
     """Run the command line."""
+    # What is imported stays: looking again and again for what of it could go takes a fifth of a command's start.
+    gc.set_threshold(100_000)
     sys.exit(run_command(sys.argv[1:]))
 
 

@@ -23,7 +23,7 @@ from phalanx.wire import table
 from phalanx.wire.fields import Row, get_u32, row
 
 from . import node
-from .controllers.mission.evidence import EvidenceController
+from .controllers.evidence_controller import EvidenceController
 from .controllers.python_controller import (
     Act,
     Controller,

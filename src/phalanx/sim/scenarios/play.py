@@ -9,13 +9,16 @@ import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.signals import handled_by
 
-from .recording import Recording
 from .run import Run
 from .scenario import Scenario
+
+if TYPE_CHECKING:
+    from .recording import Recording
 
 # As often as the robots act.
 STEP_S = 0.25
@@ -48,6 +51,13 @@ def ctrl_c_between_steps() -> Iterator[Callable[[], None]]:
         yield check
 
 
+def _recording(path: Path, scenario: Scenario) -> Recording:
+    # Its formats take as long to load as a small swarm to simulate.
+    from .recording import Recording  # noqa: PLC0415
+
+    return Recording(path, scenario)
+
+
 def play(
     scenario: Scenario,
     record: Path | None = None,
@@ -70,7 +80,7 @@ def play(
     run = Run(scenario, controller, plain=plain)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
-        recording = stack.enter_context(Recording(record, scenario)) if record else None
+        recording = stack.enter_context(_recording(record, scenario)) if record else None
         for k in range(math.ceil(scenario.duration_s / step_s - TINY) + 1):
             run.advance(min(k * step_s, scenario.duration_s))
             if recording:

@@ -32,6 +32,7 @@ from phalanx.mission.walk.checkpoint import encode_state, parse_state, state_cap
 from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.mission.walk.found import Claim
 from phalanx.mission.walk.walker import LONGEST_S
+from phalanx.robot.controllers.evidence_controller import EvidenceController
 from phalanx.robot.controllers.python_controller import Act, Controller, Output, Send
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import (
@@ -45,7 +46,7 @@ from phalanx.wire.table import (
     MISSION_MESSAGE,
 )
 
-from .evidence import BadEvidence, EvidenceController, pack_evidence, unpack_evidence
+from .evidence import BadEvidence, pack_evidence, unpack_evidence
 from .pilot import TRAIL_MAX, Drive, Leg, drive
 from .readings import CLEAR, CLEAR_STEP_M, SENSED_MAX_BYTES, Reading, Sensors, scan_sha1
 from .sensed import Eye, codes_at, parse_sensed

@@ -7,15 +7,12 @@ of it, so a robot can pretend not to have seen a thing, and cannot pretend to ha
 from __future__ import annotations
 
 import zlib
-from abc import abstractmethod
-from collections.abc import Iterable
 
 import numpy as np
 
 from phalanx.errors import PeerError
 from phalanx.mission.file.reader import Reader
 from phalanx.mission.walk.found import Claim, parse_claim
-from phalanx.robot.controllers.python_controller import Controller, Output
 from phalanx.wire.table import KEPT, KEPT_CLAIM, RANGE
 
 from .readings import SENSED_MAX_BYTES
@@ -26,28 +23,6 @@ class BadEvidence(PeerError):
     """Not evidence, or not of the reading whose hash was chained."""
 
     reason = "bad_evidence"
-
-
-class EvidenceController(Controller):
-    """A controller some of whose decisions rest on readings that no chain holds.
-
-    `on_evidence` is what is replayed; `on_input` is the same where nothing was kept.
-    """
-
-    @abstractmethod
-    def keep(self, step: int, t_ms: int, reading: bytes, raw: bytes) -> bytes:
-        """The robot itself, before `on_evidence`: what to keep of `raw`, whose hash is in `reading`; b"" for nothing.
-
-        Secrets and searches belong here. Nobody replays it.
-        """
-
-    @abstractmethod
-    def on_evidence(self, step: int, t_ms: int, reading: bytes, evidence: bytes) -> Iterable[Output]:
-        """As `on_input`, with what was kept. Raises: PeerError: the evidence does not bear out what it is for."""
-
-    def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
-        """The sensors said something of which nothing was kept."""
-        return self.on_evidence(step, t_ms, reading, b"")
 
 
 def pack_evidence(claim: Claim | None, scan: bytes, sensed: bytes = b"") -> bytes:
