@@ -20,7 +20,7 @@ crowds = st.lists(st.tuples(places, places), min_size=1, max_size=60)
 
 
 def near(pos, reach):
-    return [sorted(reach.ids[reach.start[i] : reach.start[i + 1]].tolist()) for i in range(len(pos))]
+    return [reach.ids[reach.start[i] : reach.start[i + 1]].tolist() for i in range(len(pos))]
 
 
 def contacts(path, contact_m=1.0):
@@ -70,6 +70,31 @@ class TestReach:
         for i in range(len(pos)):
             row = slice(reach.start[i], reach.start[i + 1])
             assert reach.square[row] == pytest.approx(gaps[i, reach.ids[row]], rel=1e-6)
+
+    @given(
+        crowds,
+        st.lists(st.tuples(st.floats(0.0, 0.3), st.integers(0, 2**32)), max_size=6),
+        st.sampled_from([0.0, 0.25]),
+    )
+    @settings(max_examples=200, deadline=None)
+    def test_lists_that_follow_robots_are_those_made_anew(self, points, steps, skin):
+        pos = np.array(points)
+        reach = make_reach(len(pos), 1.0, skin=skin)
+        for share, seed in [(0.0, 0), *steps]:
+            pos = pos + share * np.random.default_rng(seed).uniform(-1.0, 1.0, pos.shape)
+            anew = make_reach(len(pos), 1.0)
+            assert rebuild(reach, pos) == rebuild(anew, pos)
+            assert near(pos, reach) == near(pos, anew)
+
+    def test_a_crowd_whose_candidates_find_no_room_is_listed_all_the_same(self):
+        around = np.linspace(0.0, 2 * math.pi, 40, endpoint=False)
+        # In pairs that see each other only; within the skin of each are dozens.
+        pos = np.concatenate([np.stack([np.cos(around), np.sin(around)], axis=1) * radius for radius in (8.0, 8.4)])
+        reach = make_reach(80, 0.5, capacity=80, skin=30.0)
+        reach.maybe[:] = 0
+        roomy = make_reach(80, 0.5)
+        assert rebuild(reach, pos) == rebuild(roomy, pos) == 80
+        assert near(pos, reach) == near(pos, roomy)
 
     def test_lists_without_room_are_cut_and_say_how_much_they_need(self):
         pos = np.zeros((10, 2))

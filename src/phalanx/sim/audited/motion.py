@@ -55,10 +55,13 @@ def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: R
     """
     count = 0
     limit = contact_m * contact_m
+    # Two that are farther apart than both can have gone since, and that much more, have not met.
+    far = contact_m + 2.0 * _longest_step(pos, last) + 0.01
+    beyond = far * far
     for i in range(len(pos)):
         for at in range(reach.start[i], reach.start[i + 1]):
             k = reach.ids[at]
-            if k < i:
+            if k < i or reach.square[at] > beyond:
                 continue
             x, y = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
             was_x, was_y = last[k, 0] - last[i, 0], last[k, 1] - last[i, 1]
@@ -67,6 +70,17 @@ def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: R
             if _closest(was_x, was_y, x, y) < limit:
                 count += 1
     return count
+
+
+@kernel
+def _longest_step(pos: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+    """How far somebody has gone at most since the last look, metres; who was not there then has gone nowhere."""
+    longest = 0.0
+    for i in range(len(pos)):
+        x, y = pos[i, 0] - last[i, 0], pos[i, 1] - last[i, 1]
+        if x * x + y * y > longest:  # noqa: PLR1730 - `max` of what is not a number is another, compiled
+            longest = x * x + y * y
+    return math.sqrt(longest)
 
 
 @kernel

@@ -24,7 +24,7 @@ from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
-from phalanx.sim.radio.reach import SMALL_SWARM, make_reach, rebuild
+from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, make_reach, rebuild
 from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES
 
@@ -142,7 +142,12 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         work=make_work(setup.bti),
         queue=make_queue(16 * m + 64),
         air=make_air(m, setup.radio, setup.seed),
-        reach=make_reach(m, setup.radio.range_m, None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM)),
+        reach=make_reach(
+            m,
+            setup.radio.range_m,
+            None if m <= SMALL_SWARM else m * (2 * setup.bti.n_max + ROOM),
+            skin=0.0 if setup.plain else SKIN,
+        ),
         pos=setup.starts_m.copy(),
         vel=np.zeros((m, 2)),
         acc=np.zeros((m, 2)),
