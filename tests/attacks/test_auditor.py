@@ -11,6 +11,7 @@ from caught import meaning, quiet_run
 
 from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
+from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
 
@@ -163,7 +164,8 @@ def test_another_robot_cannot_use_a_request(caught):
 def untouched(f: Fleet) -> dict[str, bytes]:
     """All that no fragment may change: of robot 0 its log, its state and its tokens; of all others everything."""
     taken_in = {"robot", "anode", "peer", "rx", "rx_info", "taken"}
-    return {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in Fleet._fields}
+    robots = {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in Fleet._fields if name != "memo"}
+    return robots | {name: getattr(f.memo, name).tobytes() for name in Memo._fields}
 
 
 def test_fragments_of_any_bytes_do_no_harm(caught):
