@@ -258,7 +258,7 @@ def main() -> int:
             before + BEGIN + "\n" + told_as_markdown(rows, alone) + "\n" + END + rest.partition(END)[2]
         )
     exceeded = [row.what for row in rows if row.holds is False]
-    if options.quick:
+    if options.quick or options.swarm is not None:
         return 0
     for what in exceeded:
         print(f"limit missed: {what}", file=sys.stderr)
