@@ -55,8 +55,8 @@ AVX2 static inline uint64_t sum4(__m256i s, int many)
     return (uint64_t)_mm_cvtsi128_si64(two) ^ (uint64_t)_mm_extract_epi64(two, 1);
 }
 
-/* The sum of `many` states, 1 to 8, encrypted. */
-AVX2 static uint64_t encrypted(const uint64_t round[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
+/* The sum of `many` states, 1 to 8, encrypted; round keys as PRESENT has them. */
+AVX2 static uint64_t sum_of(const uint64_t round[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
 {
     __m256i one = _mm256_loadu_si256((const __m256i *)s), two = _mm256_loadu_si256((const __m256i *)(s + 4));
     uint64_t key = round[PHX_ROUNDS] & (0u - (uint64_t)(many & 1u)); /* an even number of times it is nothing */
@@ -73,14 +73,29 @@ AVX2 static uint64_t encrypted(const uint64_t round[PHX_ROUNDS + 1u], const uint
     return key ^ sum4(one, 4) ^ sum4(two, (int)many - 4);
 }
 
+/* The same, with round keys as the firmware keeps them: sliced, each second one turned. */
+static uint64_t encrypted(const uint64_t kept[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
+{
+    uint64_t round[PHX_ROUNDS + 1u], sum;
+
+    for (unsigned i = 0; i <= PHX_ROUNDS; i++)
+        round[i] = sliced(i % 2u == 0 ? turned(kept[i]) : kept[i]);
+    sum = sum_of(round, s, many);
+    phx_wipe(round, sizeof round);
+    return sum;
+}
+
 #else
 
-static uint64_t encrypted(const uint64_t round[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
+static uint64_t encrypted(const uint64_t kept[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
 {
     uint64_t sum = 0;
 
-    for (unsigned i = 0; i < many; i++)
-        sum ^= encrypt(round, s[i]);
+    for (unsigned i = 0; i < many; i++) {
+        uint64_t block[2] = {turned(sliced(s[i])), 0};
+        encrypt(kept, block);
+        sum ^= sliced(block[0]);
+    }
     return sum;
 }
 
