@@ -137,8 +137,8 @@ def test_a_controller_more_makes_compiled_code_stale(copy, tmp_path):
 
 
 def test_each_bundled_controller_has_a_number_a_body_and_kernels():
-    assert set(dispatch.BUNDLED) == {"flock", "wheels"}
-    assert [driven_by(each) for each in dispatch.BUNDLED.values()] == [POINT_MASS, WHEELS]
+    assert set(dispatch.BUNDLED) == {"flock", "guard", "wheels"}
+    assert [driven_by(each) for each in dispatch.BUNDLED.values()] == [POINT_MASS, POINT_MASS, WHEELS]
     params = dispatch.BUNDLED["flock"].params(FlockConfig(n_max=2))
     assert dispatch.capacity(dispatch.NUMBERS["flock"], params) == 18 + 2 * 26
     assert dispatch.capacity(0, params) == 0

@@ -92,7 +92,7 @@ def failed(report: Report) -> dict[str, str]:
     return {check.name: str(check.finding) for check in report.checks if check.finding}
 
 
-@pytest.mark.parametrize("words", ["flock", "wheels"])
+@pytest.mark.parametrize("words", ["flock", "guard", "wheels"])
 def test_ours_are_the_same_everywhere(words):
     report = check_controller(words, seed=3)
     assert failed(report) == {}
@@ -304,7 +304,7 @@ class TestCommand:
         assert run_command(["sim", "check", words]) == 2
         said = capsys.readouterr().err.splitlines()
         assert len(said) == 2
-        assert ("did you mean flock? flock, wheels, or FILE.py:CLASS" in said[1]) == (words == "flok")
+        assert ("did you mean flock? flock, guard, wheels, or FILE.py:CLASS" in said[1]) == (words == "flok")
 
 
 def test_what_ends_a_process_is_told(tmp_path, monkeypatch, capsys):

@@ -235,7 +235,7 @@ class TestSchema:
 
     def test_every_key_is_explained(self):
         schema = scenario_schema()
-        sections = [schema, *(schema["properties"][name] for name in ("bti", "flock", "radio"))]
+        sections = [schema, *(schema["properties"][name] for name in ("bti", "flock", "guard", "radio"))]
         sections.append(schema["properties"]["attacks"]["items"])
         for section in sections:
             for key, shape in section["properties"].items():

@@ -20,7 +20,7 @@ from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
-from . import memo, request, rounds, trusted
+from . import log, memo, request, rounds, trusted
 from .fleet import BOUND, PAPER, Fleet, records
 from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK, MARK_BYTES
 from .refusal import Refusal
@@ -214,7 +214,7 @@ def _flush(w: Work, chain: int) -> None:
 
 
 @kernel
-def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one pass over the bytes
+def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0915 - one pass over the bytes
     """The entries are well formed, in order and complete, and both chains re-hash to the tops shown.
 
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
@@ -235,6 +235,12 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
             at += EVIDENCE_HEAD_BYTES + size
             continue
         after_input = kind == INPUT
+        if kind == log.ADVICE:
+            size = get_u16(q, at + log.ADVICE_LENGTH) if at + log.ADVICE_HEAD_BYTES <= c.end else 0
+            if size == 0 or at + log.ADVICE_HEAD_BYTES + size > c.end:
+                return Refusal.ENTRY_MALFORMED
+            at += log.ADVICE_HEAD_BYTES + size
+            continue
         if kind & MARK:
             if kind in (FLUSH_S, FLUSH_A):
                 _flush(w, kind - FLUSH_S)
@@ -287,14 +293,19 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one
 def next_event(f: Fleet, w: Work, q: Row) -> int:
     """The replay goes on to the next entry that the controller must see, comparing outputs on its way.
 
-    Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; CHECKPOINT; END; or
-        minus a refusal.
+    Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; ADVICE with the
+        payload's two; CHECKPOINT; END; or minus a refusal.
     Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
     while c.at < c.end:
         kind = q[c.at]
         c.marked = 0
+        if kind == log.ADVICE:
+            c.payload_at = c.at + log.ADVICE_HEAD_BYTES
+            c.payload_len = get_u16(q, c.at + log.ADVICE_LENGTH)
+            c.at = c.payload_at + c.payload_len
+            return log.ADVICE
         if kind & MARK:
             c.marked = 1
             c.at += MARK_BYTES
@@ -381,10 +392,8 @@ def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
     Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
     """
     tee, t = w.case[0].tee, get_u32(q, request.AT_T)
-    top, hckpt = (
-        q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES],
-        q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES],
-    )
+    top = q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES]
+    hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES]
     treq = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
     code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], tee, t, top, treq, hckpt, mac)
     return 0 if code >= 0 else Refusal.REQUEST_INVALID

@@ -2,13 +2,13 @@
 
 A mark is one byte, is in no chain, and tells the auditor where a chain was flushed before its batch was full, and where
 the checkpoint was taken. Behind an INPUT there may be evidence: in no chain either, but a chained INPUT has the hash of
-what it shows (docs/spec/rebound.md).
+what it shows (docs/spec/rebound.md). Advice stands where the controller was given it, and nothing vouches for it.
 """
 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
-from phalanx.wire import table
+from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, copy
 
 from .fleet import Fleet
@@ -19,6 +19,9 @@ FLUSH_S, FLUSH_A, CHECKPOINT = table.MARK_FLUSH_S, table.MARK_FLUSH_A, table.MAR
 EVIDENCE = table.MARK_EVIDENCE
 EVIDENCE_HEAD_BYTES = table.EVIDENCE.size
 EVIDENCE_LENGTH = table.EVIDENCE.at("bytes")
+ADVICE = guarded.MARK_ADVICE
+ADVICE_HEAD_BYTES = guarded.ADVICE.size
+ADVICE_LENGTH = guarded.ADVICE.at("bytes")
 
 
 @kernel

@@ -81,8 +81,13 @@ swarm_options = together(
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",
-    help="What honest robots run: a controller of your own, or flock.",
+    help="What honest robots run: a controller of your own, flock, or guard.",
     shell_complete=a_scenario_s_controller,
+    metavar="FILE.py:CLASS",
+)
+planner_option = option(
+    "--planner",
+    help="Who advises robots that the guard drives, a class of your own; else they are sent straight to the goal.",
     metavar="FILE.py:CLASS",
 )
 record_option = option(

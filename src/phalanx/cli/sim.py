@@ -12,7 +12,7 @@ import click
 from phalanx.errors import UsageError
 from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
+from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
@@ -47,6 +47,7 @@ def run(
     defence: Any,
     attacks: tuple[str, ...],
     controller: str | None,
+    planner: str | None,
     record: Path | None,
     plain: bool,
     as_json: bool,
@@ -59,10 +60,11 @@ def run(
         chosen, own = find_controller(
             controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars)
         )
+        advises = find_planner(planner)
     warn(chosen)
     try:
-        with said_aside(), mistakes_in(controller, *attacks):
-            ended = play(chosen, record, progress(chosen.duration_s), own, plain=plain)
+        with said_aside(), mistakes_in(controller, planner, *attacks):
+            ended = play(chosen, record, progress(chosen.duration_s), own, planner=advises, plain=plain)
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)

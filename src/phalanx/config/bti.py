@@ -14,6 +14,7 @@ CHECKPOINT_BYTES = 66
 NEIGHBOUR_BYTES = 26
 STATE_ENTRY_BYTES = 34
 ENTRY_HEAD_BYTES = 7
+ADVICE_HEAD_BYTES = 3
 # Of log, per state period: a frame that takes as much airtime as four states, less the state it replaces.
 LIAR_BYTES = 376
 # Of one request; a fragment's number and their count are a byte, and a bit each in a word says which have come.
@@ -49,6 +50,7 @@ class BtiConfig:
     state_bytes: int = within(
         0, 0, MOST_CHECKPOINT_BYTES - CHECKPOINT_BYTES, "of the controller at most; 0: a flock's with n_max neighbours"
     )
+    advice_bytes: int = within(0, 0, 255, "of what a planner says each control period; 0: there is none")
     evidence_max_bytes: int = within(0, 0, 65_535, "longest piece that a log may hold beside a reading; 0: none")
     evidence_bytes_per_s: int = within(0, 0, 1_000_000, "what the log has room for of it, on the mean")
 
@@ -98,6 +100,7 @@ class BtiConfig:
     def _entries_bytes_per_s(self) -> float:
         state_period_s = self.t_control_ms * self.steps_per_state / 1000
         alone = 2 * ENTRY_HEAD_BYTES + self.reading_bytes + self.command_bytes
+        alone += ADVICE_HEAD_BYTES + self.advice_bytes if self.advice_bytes else 0
         return (self.n_max + 1) * STATE_ENTRY_BYTES / state_period_s + alone * 1000 / self.t_control_ms
 
     @property

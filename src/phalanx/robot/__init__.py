@@ -13,14 +13,16 @@ if TYPE_CHECKING:
     from .attacks.attack import Attack, own_attack
     from .attacks.liar import Liar
     from .controllers.python_controller import Act, Controller, Send
+    from .planner import Planner
 
-__all__ = ["Act", "Attack", "Controller", "Led", "Liar", "Point", "Robot", "Send", "Swarm", "own_attack"]
+__all__ = ["Act", "Attack", "Controller", "Led", "Liar", "Planner", "Point", "Robot", "Send", "Swarm", "own_attack"]
 
 _FOUND_IN = {
     "Act": "controllers.python_controller",
     "Attack": "attacks.attack",
     "Controller": "controllers.python_controller",
     "Liar": "attacks.liar",
+    "Planner": "planner",
     "Send": "controllers.python_controller",
     "own_attack": "attacks.attack",
 }

@@ -5,7 +5,7 @@ Source: RoboRebound §3.7; docs/spec/rebound.md (Auditor).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, memo
+from phalanx.bti import audit, log, memo
 from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
@@ -38,6 +38,9 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
         payload = q[c.payload_at : c.payload_at + c.payload_len]
         if event == audit.RECV:
             state_len = dispatch.on_recv(s.controller, f.params, c.tee, c.entry_t, payload, c.payload_len, state)
+        elif event == log.ADVICE:
+            dispatch.on_advice(s.controller, f.params, c.tee, payload, c.payload_len, state)
+            state_len = dispatch.size(s.controller, state)
         elif event == audit.INPUT:
             n = dispatch.on_input(
                 s.controller, f.params, c.tee, c.step, c.entry_t, payload, c.payload_len, state, w.out

@@ -19,7 +19,7 @@ from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.errors import PeerError
-from phalanx.wire import table
+from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, get_u32, row
 
 from . import node
@@ -115,6 +115,17 @@ class CNode:
         if n <= 0:
             return []
         return self.carry_out(now_ms, n)
+
+    def on_advice(self, advice: bytes) -> None:
+        """A planner said something: it is logged, and the controller is told. At most once a reading, or logs fill."""
+        if self.profile != PLAIN:
+            marked = guarded.ADVICE.encode(bytes=advice)
+            log.append(self.f, self.i, row(marked), len(marked))
+        if self.controller:
+            self.controller.on_advice(advice)
+            self.keep_state()
+        else:
+            node.advise(self.f, self.i, row(advice), len(advice))
 
     def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
         """A frame has arrived at the a-node."""
@@ -280,6 +291,8 @@ class CNode:
             refused = 0
             if event == audit.RECV:
                 controller.on_recv(int(case.entry_t), payload)
+            elif event == log.ADVICE:
+                controller.on_advice(payload)
             elif event == audit.INPUT:
                 evidence = w.evidence[: case.evidence_len].tobytes()
                 try:

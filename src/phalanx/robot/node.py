@@ -84,6 +84,14 @@ def take(f: Fleet, i: int, w: Work, kind: int, now: int, payload: Row, length: i
 
 
 @kernel
+def advise(f: Fleet, i: int, advice: Row, length: int) -> None:
+    """A planner's words are in the bundled controller's state. Source: docs/guard.md."""
+    r, s = f.robot[i], f.settings[0]
+    dispatch.on_advice(s.controller, f.params, r.id, advice, length, f.state[i])
+    r.state_len = dispatch.size(s.controller, f.state[i])
+
+
+@kernel
 def think(f: Fleet, i: int, w: Work, length: int) -> int:
     """The controller has seen the INPUT in `w.entry`; `w.out` has its outputs, of the length returned."""
     r, s = f.robot[i], f.settings[0]

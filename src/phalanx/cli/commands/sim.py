@@ -5,7 +5,15 @@ from __future__ import annotations
 import click
 
 from phalanx.cli.complete import a_controller, a_scenario, an_attack_by_robots
-from phalanx.cli.options import controller_option, defence_option, json_option, option, record_option, swarm_options
+from phalanx.cli.options import (
+    controller_option,
+    defence_option,
+    json_option,
+    option,
+    planner_option,
+    record_option,
+    swarm_options,
+)
 from phalanx.sim.scenarios.scenario import CONTROLLERS
 
 from .runs import runs
@@ -32,6 +40,7 @@ def sim() -> None:
     metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
 )
 @controller_option
+@planner_option
 @record_option
 @option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
 @json_option

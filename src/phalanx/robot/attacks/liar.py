@@ -128,6 +128,11 @@ class Liar(CNode):
         self._put_out = None
         return actions
 
+    def on_advice(self, advice: bytes) -> None:
+        """A planner said something."""
+        self._honest.on_advice(advice)
+        super().on_advice(advice)
+
     def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
         """A frame has arrived."""
         if not frame[0] & request.AUDIT:

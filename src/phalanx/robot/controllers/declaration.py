@@ -1,7 +1,8 @@
 """What a bundled controller declares, in its file in bundled/: there is no other list of them.
 
-Beside its `CONTROLLER` such a file has six kernels, each named and called as in dispatch.py, less the number. It keeps
-the rules of python_controller.py; its state is its own encoding, and `is_encoding` lets no other through.
+Beside its `CONTROLLER` such a file has six kernels, and `on_advice` if planners advise it, each named and called as in
+dispatch.py, less the number. It keeps the rules of python_controller.py; its state is its own encoding, and
+`is_encoding` lets no other through.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ class Declaration:
     commands: Record  # of its actuators
     says: Record  # what it broadcasts, in which the sender is where `state` has it
     remembers: tuple[Record, ...]  # its state; the last one as often as there is more
-    config: type[Any] = FlockConfig  # scenarios run those of a FlockConfig
+    advised: Record | None = None  # by a planner; its file then has a kernel `on_advice`
+    config: type[Any] = FlockConfig  # of what its mission says
     params: Callable[[Any], Params]  # what kernels are given of one
 
 

@@ -92,6 +92,9 @@ class Controller(ABC):
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         """A frame was heard at `t_ms` of the a-node's clock."""
 
+    def on_advice(self, advice: bytes) -> None:  # noqa: B027 - most have no planner
+        """A planner said something, whatever it is; what is done with it is the controller's own affair."""
+
     @abstractmethod
     def on_input(self, step: int, t_ms: int, reading: bytes) -> Iterable[Output]:
         """The sensors said something at `t_ms` of the s-node's clock, for the `step`th time from 0.
@@ -126,6 +129,9 @@ class _Compiled(Controller):
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         dispatch.on_recv(self._kind, self._params, self.rob_id, t_ms, row(frame), len(frame), self._state)
+
+    def on_advice(self, advice: bytes) -> None:
+        dispatch.on_advice(self._kind, self._params, self.rob_id, row(advice), len(advice), self._state)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         n = dispatch.on_input(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
 from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16, row
 
@@ -25,18 +28,32 @@ METHODS = {
 }
 
 
-def handle(world: World, robots: dict[int, CNode]) -> None:
+NO_PLANNERS: Mapping[int, Planner] = {}
+
+
+def handle(world: World, robots: dict[int, CNode], planners: Mapping[int, Planner] = NO_PLANNERS) -> None:
     """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`."""
     clock = world.clock[0]
     i, kind = int(clock.robot), int(clock.kind)
     cnode = robots[i]
     now_ms = clock_ms(world, i)
+    if i in planners:
+        _plan(world, cnode, planners[i], kind, now_ms)
     actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms))
     if cnode.is_own:
         _check_commands(world, cnode, actions)
     perform(world, i, actions)
     if kind == loop.WAKE and isinstance(cnode, Liar):
         wake(world, i, cnode)
+
+
+def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) -> None:
+    if kind == loop.MESSAGE:
+        overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
+    elif kind == loop.CONTROL:
+        advice = advice_of(planner, now_ms, world.reading[: world.frame_len[0]].tobytes())
+        if advice:
+            cnode.on_advice(advice)
 
 
 def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:

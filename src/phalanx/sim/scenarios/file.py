@@ -20,6 +20,7 @@ import yaml
 
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
+from phalanx.config.guard import GuardConfig
 from phalanx.config.written import compose, line_of, named
 from phalanx.errors import ALIKE, Unavailable, UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_FLOCKS
@@ -31,10 +32,11 @@ MOST_BYTES = 1 << 16
 MOST_DIGITS = 40
 SCHEMA_NAME = "scenario.schema.json"
 # A scenario says these once, for all that need them; the sizes are the controller's.
-SIZES = {"reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
+SIZES = {"advice_bytes", "reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
 DERIVED: Mapping[type, frozenset[str]] = {
     BtiConfig: frozenset({"n_max", *SIZES}),
     AttackSpec: frozenset({"own"}),
+    GuardConfig: frozenset({"n_max", "state_every", "period_ms", "delta_ms", "discs", "boxes"}),
     FlockConfig: frozenset({"goal_m", "d_m", "n_max", "state_every", "discs", "boxes"}),
 }
 WORDS = {int: "a whole number", float: "a number", str: "text"}

@@ -20,6 +20,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
+from phalanx.robot.planner import MakePlanner, Planner
 
 from .scenario import CONTROLLERS, AttackSpec, Scenario, in_scenarios, parse_attack
 
@@ -43,6 +44,19 @@ def find_controller(words: str | None, scenario: Scenario) -> tuple[Scenario, Ca
     if words not in CONTROLLERS:
         raise no_controller(words, in_scenarios())
     return replace(scenario, controller=words), None
+
+
+def find_planner(words: MakePlanner | str | None) -> MakePlanner | None:
+    """The planner of "FILE.py:CLASS"; what is none of words is what it is.
+
+    Raises: as `find_class`. UsageError: it names no file.
+    """
+    if not isinstance(words, str):
+        return words
+    if not is_file(words):
+        raise UsageError(f"no planner {words!r}", "FILE.py:CLASS, derived from phalanx.robot.Planner")
+    made: MakePlanner = find_class(words, Planner)
+    return made
 
 
 def no_controller(words: str, known: Collection[str]) -> UsageError:

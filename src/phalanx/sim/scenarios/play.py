@@ -12,6 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.planner import MakePlanner
 from phalanx.sim.signals import handled_by
 
 from .run import Run
@@ -65,6 +66,7 @@ def play(
     controller: Callable[[int], Controller] | None = None,
     step_s: float = STEP_S,
     *,
+    planner: MakePlanner | None = None,
     plain: bool = False,
 ) -> Run:
     """The run, at the end of the scenario.
@@ -74,10 +76,11 @@ def play(
         on_step: called each `step_s` from 0 on, and at the end; what it raises ends the run, the recording complete.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
         step_s: between two steps, simulated seconds.
+        planner: who advises robots that a guard drives; None for `ToGoal`.
         plain: as for `Run`.
     Raises: UsageError, Unavailable: the recording cannot be written.
     """
-    run = Run(scenario, controller, plain=plain)
+    run = Run(scenario, controller, planner, plain=plain)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(_recording(record, scenario)) if record else None

@@ -16,11 +16,13 @@ from phalanx.bti.elsewhere import raise_failed
 from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import NO_CROWD
+from phalanx.config.guard import GuardConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.planner import MakePlanner, Planner, ToGoal
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
@@ -41,9 +43,10 @@ class Run:
     Args:
         scenario: what runs.
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+        planner: who advises robots that a guard drives, made for each robot's id and the goal; None for `ToGoal`.
         plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
         make_nodes: the robots' trusted nodes, if they are elsewhere.
-    Raises: Unavailable: so many robots do not fit into memory.
+    Raises: UsageError: a planner for robots that nobody can advise. Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
     """
 
@@ -51,6 +54,7 @@ class Run:
         self,
         scenario: Scenario,
         controller: Callable[[int], Controller] | None = None,
+        planner: MakePlanner | None = None,
         *,
         plain: bool = False,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
@@ -66,6 +70,9 @@ class Run:
         bundled = dispatch.BUNDLED[scenario.controller]
         if scenario.controller not in in_scenarios():
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
+        advised = bundled.advised is not None and controller is None
+        if planner and not advised:
+            raise UsageError("a planner, but nobody that it could advise", "controller: guard")
         # As printed, neighbours' claims have no bound.
         flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
         setup = Setup(
@@ -73,7 +80,7 @@ class Run:
             starts_m=np.array(scenario.starts_m, np.float64),
             profile=PROFILES[scenario.defence],
             controller=0 if controller else dispatch.NUMBERS[scenario.controller],
-            params=bundled.params(flock),
+            params=bundled.params(scenario.guard if bundled.config is GuardConfig else flock),
             body=driven_by(bundled),
             seed=scenario.seed,
             contact_m=scenario.contact_m,
@@ -96,7 +103,11 @@ class Run:
         self._digest = hashlib.sha256()
         self.robots: dict[int, CNode] = {}
         self._compromise(drawn, controller, chance)
-        if controller:
+        self.planners: dict[int, Planner] = {}
+        if advised:
+            make = planner or ToGoal
+            self.planners = {i: make(i + 1, scenario.goal_m) for i in range(n)}
+        if controller or advised:
             for i in range(n):
                 self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
@@ -138,7 +149,7 @@ class Run:
         while self.world.clock[0].now_us < until_us:
             target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
             while loop.run(self.world, target_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self.robots)
+                pybot.handle(self.world, self.robots, self.planners)
             raise_failed()
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()

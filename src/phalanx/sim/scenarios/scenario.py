@@ -12,14 +12,17 @@ from typing import Literal, get_args
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
+from phalanx.config.guard import GuardConfig
 from phalanx.config.parameter import check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
 from phalanx.robot.controllers.declaration import bundled
+from phalanx.wire.guarded import WISH
 
 CONTROLLERS = tuple(bundled())
+GUARD = "guard"  # the one that planners advise
 Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
 LONGEST_S = 7 * 86_400.0
@@ -107,6 +110,7 @@ class Scenario:
     )
     bti: BtiConfig = field(default_factory=BtiConfig, metadata=told("parameters of the audits"))
     flock: FlockConfig = field(default_factory=FlockConfig, metadata=told("parameters of the controller"))
+    guard: GuardConfig = field(default_factory=GuardConfig, metadata=told("envelope of the controller guard"))
     radio: RadioConfig = field(default_factory=RadioConfig, metadata=told("parameters of the radio"))
 
     def __post_init__(self) -> None:
@@ -131,9 +135,16 @@ class Scenario:
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
         self._check_attacks()
-        bti = replace(self.bti, n_max=self._neighbours() if self.n_max is None else self.n_max)
+        self._agree()
+
+    def _agree(self) -> None:
+        n_max = self._neighbours() if self.n_max is None else self.n_max
+        guarded = self.controller == GUARD
+        bti = replace(self.bti, n_max=n_max, advice_bytes=WISH.size if guarded else 0)
         object.__setattr__(self, "bti", bti)
         object.__setattr__(self, "flock", self._flock(bti))
+        if guarded:
+            object.__setattr__(self, "guard", self._guard(bti))
 
     @property
     def robots_per_edge(self) -> int:
@@ -256,12 +267,28 @@ class Scenario:
             boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
         )
 
+    def _guard(self, bti: BtiConfig) -> GuardConfig:
+        guard = replace(
+            self.guard,
+            n_max=bti.n_max,
+            state_every=bti.steps_per_state,
+            period_ms=bti.t_control_ms,
+            delta_ms=bti.delta_ms,
+            discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
+            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+        )
+        for start_m in self.starts_m:
+            guard.check_start(start_m)
+        if self.robots > 1 and self.grid_step_m < guard.apart_m:
+            raise UsageError(f"grid_step_m is {self.grid_step_m:g}", f"at least apart_m, which is {guard.apart_m:g}")
+        return guard
+
 
 def in_scenarios() -> list[str]:
     """Names of the bundled controllers that a scenario can run; the others wait for orders."""
     from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415  # whoever makes a scenario waits for no numba
 
-    return [name for name, each in BUNDLED.items() if each.config is FlockConfig]
+    return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)]
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:

@@ -22,12 +22,13 @@ from phalanx.errors import UsageError
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.watch import VerdictReader
 from phalanx.sim.compiling import telling_of_compiling
 
 from .cautions import cautions
 from .file import find_scenario
-from .own import find_attacks, find_controller
+from .own import find_attacks, find_controller, find_planner
 from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
@@ -43,6 +44,7 @@ OneAttack = str | AttackSpec | Attack | type[Liar]
 class _Job:
     scenario: Scenario
     controller: Callable[[int], Controller] | None
+    planner: MakePlanner | None
     seeds: tuple[int, ...]
     every_s: float
     record: str | None
@@ -61,6 +63,7 @@ def simulate(
     scenario: Scenario | str | Path,
     *,
     controller: Callable[[int], Controller] | str | None = None,
+    planner: MakePlanner | str | None = None,
     attacks: OneAttack | Sequence[OneAttack] | None = None,
     seeds: Iterable[int] | int | None = None,
     every_s: float = 1.0,
@@ -77,6 +80,8 @@ def simulate(
         scenario: itself, the name of a built-in one, or a YAML file.
         controller: a class derived from `Controller`, or whatever makes one for a robot's id; "file.py:Class"; or the
             name of a bundled one. None for the scenario's.
+        planner: who advises robots that the controller `guard` drives: a class derived from `Planner`, or whatever
+            makes one of a robot's id and the goal; or "file.py:Class". None for one that goes straight to the goal.
         attacks: one or several, instead of the scenario's own: `AttackSpec`s; what `phalanx sim run --attack` takes; or
             classes that derive from `Liar`, or their records. () or "none" for nobody who lies.
         seeds: one run each; None for the scenario's own.
@@ -90,7 +95,7 @@ def simulate(
     Warns: before a run whose robots cannot have a quorum, or whose audits will fill the radio channel; in the log,
         while what robots run is compiled, which the first time takes minutes.
     """
-    _check_kinds(scenario, controller, every_s, workers)
+    _check_kinds(scenario, controller, planner, every_s, workers)
     chosen = scenario if isinstance(scenario, Scenario) else find_scenario(str(scenario))
     if isinstance(attacks, str):
         attacks = (attacks,)
@@ -113,13 +118,14 @@ def simulate(
         chosen, controller = find_controller(controller, chosen)
     for words in cautions(chosen):
         warnings.warn(words, stacklevel=2)
-    job = _Job(chosen, controller, numbers, float(every_s), None if record is None else str(record))
+    advises = find_planner(planner)
+    job = _Job(chosen, controller, advises, numbers, float(every_s), None if record is None else str(record))
     workers = min(workers, len(numbers))
     with telling_of_compiling(_now_and_then()):
         return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
 
 
-def _check_kinds(scenario: object, controller: object, every_s: object, workers: object) -> None:
+def _check_kinds(scenario: object, controller: object, planner: object, every_s: object, workers: object) -> None:
     for name, given, right, hint in (
         ("scenario", scenario, isinstance(scenario, Scenario | str | Path), "a Scenario, or the name of one"),
         (
@@ -128,6 +134,7 @@ def _check_kinds(scenario: object, controller: object, every_s: object, workers:
             controller is None or isinstance(controller, str) or callable(controller),
             "a class",
         ),
+        ("planner", planner, planner is None or isinstance(planner, str) or callable(planner), "a class"),
         ("every_s", every_s, isinstance(every_s, Real), "seconds"),
         ("workers", workers, isinstance(workers, Integral), "a whole number"),
     ):
@@ -175,7 +182,7 @@ def _one(job: _Job, seed: int, on_share: Callable[[float], None]) -> dict[str, A
         verdicts.extend((seed, *verdict) for verdict in reader.new())
         on_share(run.now_s / scenario.duration_s)
 
-    run = play(scenario, job.record_of(seed), on_step, job.controller, job.every_s / apart)
+    run = play(scenario, job.record_of(seed), on_step, job.controller, job.every_s / apart, planner=job.planner)
     liars = np.isin(run.ids, list(run.compromised))
     arrays = {name: np.stack(values) for name, values in seen.items()}
     return arrays | {"compromised": liars, "verdicts": np.array(verdicts, VERDICT), "summary": run.summary()}
@@ -223,7 +230,7 @@ def _forked(job: _Job, workers: int, on_progress: Callable[[float], None]) -> li
     # Forked, and not begun anew: a class from a notebook has no module that another process could import.
     context = multiprocessing.get_context("fork")
     shares, ends = context.Array("d", len(job.seeds), lock=False), context.Event()
-    Run(job.scenario, job.controller)  # compiles here and once, and refuses here what can be refused
+    Run(job.scenario, job.controller, job.planner)  # compiles here and once, and refuses here what can be refused
     with ProcessPoolExecutor(workers, context, _begin, (job, shares, ends)) as pool:
         futures = [pool.submit(_nth, k) for k in range(len(job.seeds))]
         try:

@@ -18,7 +18,7 @@ Source: RoboRebound Alg. 1, §5.2 (the checkpoint), Table 3; Olfati-Saber 2006, 
 from __future__ import annotations
 
 from phalanx.kernel import kernel
-from phalanx.robot.controllers import flock_law
+from phalanx.robot.controllers import flock_law, neighbours
 from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.wire import table
@@ -29,10 +29,7 @@ from phalanx.wire.fields import (
     copy,
     get_f32,
     get_u16,
-    get_u64,
     put_f32,
-    put_u16,
-    put_u64,
     whole,
 )
 
@@ -54,8 +51,7 @@ NUMBERS = MOTION_BYTES // F32_BYTES
 
 X, Y, VX, VY, COUNT = map(table.FLOCK_MEMORY.at, ("x_m", "y_m", "vx_mps", "vy_mps", "count"))
 HEAD_BYTES = table.FLOCK_MEMORY.size
-EACH_BYTES = table.NEIGHBOUR.size
-HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
+EACH_BYTES, PLACE = neighbours.EACH_BYTES, neighbours.PLACE
 
 
 @kernel
@@ -67,7 +63,7 @@ def capacity(params: Params) -> int:
 @kernel
 def size(state: Row) -> int:
     """The length of the encoding that `state` holds now. Source: RoboRebound §5.2."""
-    return HEAD_BYTES + EACH_BYTES * get_u16(state, COUNT)
+    return neighbours.end(state, HEAD_BYTES)
 
 
 @kernel
@@ -85,13 +81,7 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
     """
     if length < HEAD_BYTES or length != size(state) or length > capacity(params) or not are_fine(state, X, NUMBERS):
         return False
-    last = whole(0)
-    for at in range(HEAD_BYTES, length, EACH_BYTES):
-        rob = get_u16(state, at)
-        if rob <= last or rob == rob_id or get_u64(state, at + HEARD) < 0 or not are_fine(state, at + PLACE, NUMBERS):
-            return False
-        last = rob
-    return True
+    return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
 
 
 @kernel
@@ -106,15 +96,12 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
     rob = get_u16(frame, ID)
     if rob in (0, rob_id):
         return size(state)
-    at = _place_of(rob, state)
-    if at == size(state) or get_u16(state, at) != rob:
-        if get_u16(state, COUNT) == whole(params[flock_law.N_MAX]):
-            _remove(_oldest(state), state)
-            at = _place_of(rob, state)
-        _make_room(at, state)
-    put_u16(state, at, rob)
-    put_u64(state, at + HEARD, t_ms)
-    copy(state, at + PLACE, frame, MOTION, MOTION_BYTES)
+    at = neighbours.place_of(rob, state, HEAD_BYTES)
+    full = get_u16(state, COUNT) == whole(params[flock_law.N_MAX])
+    if full and not neighbours.is_at(rob, at, state, HEAD_BYTES):
+        neighbours.remove(neighbours.oldest(state, HEAD_BYTES), state, HEAD_BYTES)
+        at = neighbours.place_of(rob, state, HEAD_BYTES)
+    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
     return size(state)
 
 
@@ -132,7 +119,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
         put_f32(out, end + AY, 0.0)
         return end + COMMAND_BYTES
     copy(state, X, reading, MOTION, MOTION_BYTES)
-    _forget(whole(params[flock_law.FORGET_MS]), t_ms, state)
+    neighbours.forget(whole(params[flock_law.FORGET_MS]), t_ms, state, HEAD_BYTES)
     ax, ay = _acceleration(params, state)
     put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
     put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
@@ -163,51 +150,3 @@ def _acceleration(params: Params, state: Row) -> tuple[float, float]:
     wall_x, wall_y = flock_law.obstacles_push(params, x, y, vx, vy)
     goal_x, goal_y = flock_law.goal_pull(params, x, y, vx, vy)
     return ax + wall_x + goal_x, ay + wall_y + goal_y
-
-
-@kernel
-def _place_of(rob: int, state: Row) -> int:
-    """Where `rob` is among the neighbours, or would be."""
-    low, high = whole(0), get_u16(state, COUNT)
-    while low < high:
-        middle = (low + high) >> 1
-        if get_u16(state, HEAD_BYTES + EACH_BYTES * middle) < rob:
-            low = middle + 1
-        else:
-            high = middle
-    return HEAD_BYTES + EACH_BYTES * low
-
-
-@kernel
-def _oldest(state: Row) -> int:
-    """Where the neighbour is that was heard longest ago; of several, the lowest id."""
-    found = HEAD_BYTES
-    for at in range(HEAD_BYTES, size(state), EACH_BYTES):
-        if get_u64(state, at + HEARD) < get_u64(state, found + HEARD):
-            found = at
-    return found
-
-
-@kernel
-def _remove(at: int, state: Row) -> None:
-    copy(state, at, state, at + EACH_BYTES, size(state) - EACH_BYTES - at)
-    put_u16(state, COUNT, get_u16(state, COUNT) - 1)
-
-
-@kernel
-def _make_room(at: int, state: Row) -> None:
-    copy(state, at + EACH_BYTES, state, at, size(state) - at)
-    put_u16(state, COUNT, get_u16(state, COUNT) + 1)
-
-
-@kernel
-def _forget(forget_ms: int, t_ms: int, state: Row) -> None:
-    """Neighbours heard more than `forget_ms` before `t_ms` are gone; the rest keep their order."""
-    end = size(state)
-    kept = HEAD_BYTES
-    for at in range(HEAD_BYTES, end, EACH_BYTES):
-        if t_ms - get_u64(state, at + HEARD) <= forget_ms:
-            if kept != at:
-                copy(state, kept, state, at, EACH_BYTES)
-            kept += EACH_BYTES
-    put_u16(state, COUNT, (kept - HEAD_BYTES) // EACH_BYTES)

@@ -1,0 +1,120 @@
+"""A guard's envelope: what a robot does not leave, whatever its planner advises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from phalanx.errors import UsageError
+
+from .flock import FARTHEST_M, Box, Disc
+from .parameter import check_limits, check_within, told, within
+
+Point = tuple[float, float]
+Polygon = tuple[Point, ...]
+MOST_CORNERS = 500
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardConfig:
+    """Parameters of the guard: its envelope, and what it counts on.
+
+    Raises: UsageError: a value is out of range, or two contradict each other.
+    Source: docs/guard.md.
+    """
+
+    speed_mps: float = within(2.0, 0.01, 50.0, "no robot is faster; each counts on that of the others")
+    accel_mps2: float = within(2.0, 0.01, 5.0, "no command is harder; brakes are as hard")
+    apart_m: float = within(1.5, 0.0, 1e3, "centres of robots are never nearer to each other")
+    clear_m: float = within(0.75, 0.0, 1e3, "centres of robots are never nearer to a fence or an obstacle")
+    fences: tuple[Polygon, ...] = field(
+        default=(), metadata=told("polygons, corners in metres; robots start in one and never cross a side")
+    )
+    keep_out: tuple[Polygon, ...] = field(
+        default=(), metadata=told("polygons, corners in metres; robots start outside and never cross a side")
+    )
+    advice_ms: int = within(1000, 20, 60_000, "older advice counts no more, and the robot brakes")
+    radio_ms: int = within(250, 0, 10_000, "a broadcast is at most so old when it is heard")
+    forget_ms: int = within(
+        9000,
+        100,
+        3_600_000,
+        "who has not been heard for so long is forgotten; robots listen for so long before they first move",
+    )
+    n_max: int = within(24, 1, 1024, "neighbours that a robot remembers")
+    state_every: int = within(6, 1, 1000, "broadcast at each so manieth control step")
+    period_ms: int = within(250, 20, 10_000, "of control, as in BtiConfig")
+    delta_ms: int = within(100, 1, 1000, "a reading is off its grid by so much, and a command late, as in BtiConfig")
+    discs: tuple[Disc, ...] = ()  # obstacles
+    boxes: tuple[Box, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        slower = self.speed_mps - 2.0 * self.accel_mps2 * self.delta_ms / 1000
+        if slower <= 0.0:
+            raise UsageError(
+                f"accel_mps2 is {self.accel_mps2:g}: a command that is {self.delta_ms} ms late adds too much to "
+                f"a speed of {self.speed_mps:g} m/s",
+                "less than speed_mps / (2 delta)",
+            )
+        for name, polygons in (("fences", self.fences), ("keep_out", self.keep_out)):
+            for polygon in polygons:
+                if not 3 <= len(polygon) <= MOST_CORNERS:
+                    raise UsageError(f"{name} has a polygon of {len(polygon)} corners", f"3 to {MOST_CORNERS}")
+                for corner in polygon:
+                    for value in corner:
+                        check_within(f"a corner of {name}", value, -FARTHEST_M, FARTHEST_M)
+
+    def check_start(self, point: Point) -> None:
+        """Nothing, if a robot may stand there at first.
+
+        Raises: UsageError: it is outside the fences, in what is to be kept out of, or too near to an edge.
+        """
+        x, y = point
+        if self.fences and not any(_inside(point, polygon) for polygon in self.fences):
+            raise UsageError(f"a robot starts at ({x:g}, {y:g}), outside its fences", "start inside one of fences")
+        solid = [*self.keep_out, *(_corners(box) for box in self.boxes)]
+        if any(_inside(point, polygon) for polygon in solid):
+            raise UsageError(f"a robot starts at ({x:g}, {y:g}), in a place to keep out of", "start outside")
+        near = min((_distance(point, polygon) for polygon in (*self.fences, *solid)), default=FARTHEST_M)
+        for disc in self.discs:
+            near = min(near, ((x - disc.x_m) ** 2 + (y - disc.y_m) ** 2) ** 0.5 - disc.radius_m)
+        if near < self.clear_m:
+            raise UsageError(
+                f"a robot starts at ({x:g}, {y:g}), {near:.2g} m from an edge", f"clear_m is {self.clear_m:g}"
+            )
+
+    def walls(self) -> list[tuple[float, float, float, float]]:
+        """Every side that is not crossed: two ends each, x and y."""
+        polygons = [*self.fences, *self.keep_out, *(_corners(box) for box in self.boxes)]
+        return [(*a, *b) for polygon in polygons for a, b in _sides(polygon)]
+
+
+def _corners(box: Box) -> Polygon:
+    left, right = (box.left_m, box.right_m)
+    return ((left, box.bottom_m), (right, box.bottom_m), (right, box.top_m), (left, box.top_m))
+
+
+def _sides(polygon: Polygon) -> list[tuple[Point, Point]]:
+    return list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
+
+
+def _inside(point: Point, polygon: Polygon) -> bool:
+    """Whether a line from the point to the right crosses an odd number of sides."""
+    x, y = point
+    odd = False
+    for (ax, ay), (bx, by) in _sides(polygon):
+        if (ay > y) != (by > y) and x < ax + (y - ay) * (bx - ax) / (by - ay):
+            odd = not odd
+    return odd
+
+
+def _distance(point: Point, polygon: Polygon) -> float:
+    nearest = FARTHEST_M
+    for (ax, ay), (bx, by) in _sides(polygon):
+        dx, dy = bx - ax, by - ay
+        long = dx * dx + dy * dy
+        share = ((point[0] - ax) * dx + (point[1] - ay) * dy) / long if long > 0 else 0.0
+        share = min(1.0, max(0.0, share))
+        x, y = ax + share * dx - point[0], ay + share * dy - point[1]
+        nearest = min(nearest, (x * x + y * y) ** 0.5)
+    return nearest

@@ -1,0 +1,223 @@
+"""The guard: what a planner advises is done as far as the mission's envelope lets it.
+
+Reads the sensor's record `sensor`, is advised by `wish`, hears and broadcasts `state`, commands `acceleration`; its own
+state is a `guard_memory` and its neighbours (phalanx.wire.guarded): 63 + 26 n bytes. A planner may be anything: what it
+says is in the log, auditors replay the guard over it, and whatever it says the command is inside the envelope.
+
+It tries the wish, then smaller shares of it, and brakes if none leaves room (guard_law.py). It stands still
+
+- when advice is too old, or was never given, or is no finite velocity: such advice is none at all;
+- for the first `forget_ms`, to hear who is there;
+- for `forget_ms` after it has heard a robot where that robot cannot have got to since it was heard last, for then
+  somebody speaks in another's name; or more robots than it can remember.
+
+A reading that makes no sense (another's id, NaN, beyond 10^6) changes nothing: the robot is told to coast and says
+nothing.
+
+Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the frame of it).
+"""
+
+from __future__ import annotations
+
+from phalanx.config.guard import GuardConfig
+from phalanx.kernel import kernel
+from phalanx.robot.controllers import guard_law, neighbours
+from phalanx.robot.controllers.declaration import Declaration, Params
+from phalanx.robot.controllers.outputs import put_head
+from phalanx.wire import guarded, table
+from phalanx.wire.fields import (
+    F32_BYTES,
+    Row,
+    are_fine,
+    copy,
+    get_f32,
+    get_u16,
+    get_u64,
+    put_f32,
+    put_u64,
+    whole,
+)
+
+CONTROLLER = Declaration(
+    reads=table.SENSOR,
+    commands=table.ACCELERATION,
+    says=table.STATE,
+    remembers=(guarded.GUARD_MEMORY, table.NEIGHBOUR),
+    advised=guarded.WISH,
+    config=GuardConfig,
+    params=guard_law.guard_params,
+)
+STATE_BYTES = table.STATE.size
+SENSOR_BYTES = table.SENSOR.size
+COMMAND_BYTES = table.ACCELERATION.size
+WISH_BYTES = guarded.WISH.size
+ID = table.STATE.at("id")  # as in the other two
+MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading
+SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
+AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
+WISH_X, WISH_Y = map(guarded.WISH.at, ("vx_mps", "vy_mps"))
+MOTION_BYTES = table.STATE.size - MOTION
+NUMBERS = MOTION_BYTES // F32_BYTES
+
+ENVELOPE_BYTES = guarded.ENVELOPE_BYTES
+OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
+FRESH, WISHED, STANDS, COUNT = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands", "count"))
+HEAD_BYTES = guarded.GUARD_MEMORY.size
+EACH_BYTES, HEARD = neighbours.EACH_BYTES, neighbours.HEARD
+PLACE_X, PLACE_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m"))
+REMEMBERED = (FRESH - OLD_X) // F32_BYTES  # numbers, from OLD_X on
+WISH_NUMBERS = (WISH_BYTES - WISH_X) // F32_BYTES
+# Of a claim, m: what rounding to f32 leaves, at 10^6 m.
+ROUNDED_M = 0.13
+
+
+@kernel
+def capacity(params: Params) -> int:
+    """The longest that a state gets, bytes: what its row must hold."""
+    return HEAD_BYTES + EACH_BYTES * whole(params[guard_law.N_MAX])
+
+
+@kernel
+def size(state: Row) -> int:
+    """The length of the encoding that `state` holds now."""
+    return neighbours.end(state, HEAD_BYTES)
+
+
+@kernel
+def begin(params: Params, _rob_id: int, state: Row) -> int:
+    """The boot state is in `state`: the mission's envelope, and nothing heard; its length."""
+    state[:HEAD_BYTES] = 0
+    for k in range(ENVELOPE_BYTES):
+        state[k] = whole(params[guard_law.HASH + k])
+    return size(state)
+
+
+@kernel
+def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
+    """Whether the first `length` bytes are a state that this robot can be in; to be asked of every foreign checkpoint.
+
+    The other kernels believe their state: a count too high would have them read and write past its row.
+    """
+    if length < HEAD_BYTES or length != size(state) or length > capacity(params):
+        return False
+    if not are_fine(state, OLD_X, REMEMBERED) or state[FRESH] > guarded.IS_FRESH:
+        return False
+    if get_u64(state, WISHED) < 0 or get_u64(state, STANDS) < 0:
+        return False
+    for k in range(ENVELOPE_BYTES):
+        if state[k] != whole(params[guard_law.HASH + k]):
+            return False
+    return neighbours.are_neighbours(state, HEAD_BYTES, rob_id)
+
+
+@kernel
+def on_advice(params: Params, _rob_id: int, advice: Row, length: int, state: Row) -> int:
+    """A wish is remembered, anything else ignored; the new length of the encoding."""
+    if length != WISH_BYTES or advice[0] != guarded.KIND_WISH or not are_fine(advice, WISH_X, WISH_NUMBERS):
+        return size(state)
+    x, y = guard_law.shortened(get_f32(advice, WISH_X), get_f32(advice, WISH_Y), params[guard_law.WISHED])
+    put_f32(state, WISHED_X, x)
+    put_f32(state, WISHED_Y, y)
+    state[FRESH] = guarded.IS_FRESH
+    return size(state)
+
+
+@kernel
+def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+    """Where the sender of a broadcast says it is is remembered, anything else ignored; the new length of the encoding.
+
+    Who is new when N_max are known takes the place of the one heard longest ago, of these of the lowest id.
+    """
+    if length != STATE_BYTES or frame[0] != table.KIND_STATE or not are_fine(frame, MOTION, NUMBERS):
+        return size(state)
+    rob = get_u16(frame, ID)
+    if rob in (0, rob_id):
+        return size(state)
+    forget_ms = whole(params[guard_law.FORGET_MS])
+    at = neighbours.place_of(rob, state, HEAD_BYTES)
+    if neighbours.is_at(rob, at, state, HEAD_BYTES):
+        if not _can_be(params, t_ms, frame, at, state):
+            put_u64(state, STANDS, t_ms + forget_ms)
+    elif get_u16(state, COUNT) == whole(params[guard_law.N_MAX]):
+        oldest = neighbours.oldest(state, HEAD_BYTES)
+        if t_ms - get_u64(state, oldest + HEARD) <= forget_ms:
+            put_u64(state, STANDS, t_ms + forget_ms)
+        neighbours.remove(oldest, state, HEAD_BYTES)
+        at = neighbours.place_of(rob, state, HEAD_BYTES)
+    neighbours.put(rob, t_ms, frame, at, state, HEAD_BYTES)
+    return size(state)
+
+
+@kernel
+def _can_be(params: Params, t_ms: int, frame: Row, at: int, state: Row) -> bool:
+    """Whether a robot can have got from where it was heard last to where it says it is."""
+    dx = get_f32(frame, SENSED_X) - get_f32(state, at + PLACE_X)  # a state's place lies as a sensor's
+    dy = get_f32(frame, SENSED_Y) - get_f32(state, at + PLACE_Y)
+    since_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3
+    most = params[guard_law.SPEED] * since_s + ROUNDED_M
+    return bool(dx * dx + dy * dy <= most * most)
+
+
+@kernel
+def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
+    """A command, and when it is due a broadcast, are in `out`; their length together.
+
+    Source: docs/guard.md; RoboRebound §4 (when to broadcast).
+    """
+    end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
+    forget_ms = whole(params[guard_law.FORGET_MS])
+    if step == 0:
+        put_u64(state, STANDS, t_ms + forget_ms)
+    if state[FRESH] == guarded.IS_FRESH:
+        state[FRESH] = 0
+        put_u64(state, WISHED, t_ms)
+    ax, ay = 0.0, 0.0
+    known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
+    known = known and are_fine(reading, MOTION, NUMBERS)
+    if known:
+        neighbours.forget(forget_ms, t_ms, state, HEAD_BYTES)
+        ax, ay = _command(params, t_ms, reading, state)
+    put_f32(out, end + AX, ax)
+    put_f32(out, end + AY, ay)
+    put_f32(state, OLD_X, ax)
+    put_f32(state, OLD_Y, ay)
+    end += COMMAND_BYTES
+    if known and (step + rob_id) % whole(params[guard_law.STATE_EVERY]) == 0:
+        end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
+        copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
+        end += STATE_BYTES
+    return end
+
+
+@kernel
+def _command(params: Params, t_ms: int, reading: Row, state: Row) -> tuple[float, float]:
+    vx, vy = get_f32(reading, SENSED_VX), get_f32(reading, SENSED_VY)
+    wished = get_u64(state, WISHED)
+    if wished > 0 and t_ms - wished <= whole(params[guard_law.ADVICE_MS]) and t_ms >= get_u64(state, STANDS):
+        for share in guard_law.SHARES:
+            to_x, to_y = share * get_f32(state, WISHED_X), share * get_f32(state, WISHED_Y)
+            ax, ay = guard_law.towards(params, vx, vy, to_x, to_y)
+            if _is_good(params, t_ms, reading, state, ax, ay):
+                return ax, ay
+    return guard_law.towards(params, vx, vy, 0.0, 0.0)
+
+
+@kernel
+def _is_good(params: Params, t_ms: int, reading: Row, state: Row, ax: float, ay: float) -> bool:
+    """Whether the robot can do that, and still brakes before it touches what it knows of."""
+    x, y = get_f32(reading, SENSED_X), get_f32(reading, SENSED_Y)
+    vx, vy = get_f32(reading, SENSED_VX), get_f32(reading, SENSED_VY)
+    now = (x, y, vx, vy, get_f32(state, OLD_X), get_f32(state, OLD_Y))
+    if not guard_law.clear_of_walls(params, now, ax, ay):
+        return False
+    next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.way(params, now, ax, ay)
+    for at in range(HEAD_BYTES, size(state), EACH_BYTES):
+        there_x, there_y = get_f32(state, at + PLACE_X), get_f32(state, at + PLACE_Y)
+        age_ms = t_ms - get_u64(state, at + HEARD)
+        near = bulge + guard_law.reach_m(params, age_ms, params[guard_law.HELD_S])
+        far = spread + guard_law.reach_m(params, age_ms, stands_s)
+        if guard_law.past(there_x, there_y, x, y, next_x, next_y) < near * near:
+            return False
+        if guard_law.past(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
+            return False
+    return True

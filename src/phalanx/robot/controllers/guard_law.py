@@ -1,0 +1,207 @@
+"""The guard's law: whether a command leaves a robot room to brake, as numbers; the bytes are in `bundled/guard.py`.
+
+A command is good if the way that it may take until the next one is in force, and the brakes behind it, keep clear of
+every wall, and of wherever a neighbour can have got to by then. Who always chooses a good command, or else goes on to
+brake, keeps clear for ever. docs/guard.md has the argument; tests/test_guard_search.py looks for what it overlooks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import TypeAlias
+
+import numpy as np
+
+from phalanx.config.guard import GuardConfig
+from phalanx.kernel import kernel
+from phalanx.wire.fields import whole
+from phalanx.wire.guarded import ENVELOPE_BYTES
+
+from .declaration import Params
+
+# Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
+Motion: TypeAlias = tuple[float, float, float, float, float, float]
+# Places in the parameters; the envelope's hash follows, a byte each, then walls of four numbers, and discs of three.
+N_MAX, FORGET_MS, STATE_EVERY, ADVICE_MS, RADIO_MS = 0, 1, 2, 3, 4
+SPEED, WISHED, ACCEL, APART, CLEAR = 5, 6, 7, 8, 9
+PERIOD_S, LATE_S, HELD_S, WALLS, DISCS = 10, 11, 12, 13, 14
+HASH = 15
+OBSTACLES = HASH + ENVELOPE_BYTES
+LITTLE_ENDIAN = np.dtype(np.float64).newbyteorder("<")  # on any machine, as it is hashed
+# Of what is wished, so much is tried, one after the other.
+SHARES = (1.0, 0.5, 0.25, 0.125)
+# A robot that brakes stands still but for so much of accel · held², see `rest_s`.
+CREEP = 0.14
+# Speeds below this one are none: what rounding to f32 leaves.
+STILL_MPS = 1e-3
+
+
+def guard_params(config: GuardConfig) -> Params:
+    """The mission's parameters as kernels read them: 15 numbers, the SHA-1 of all the others, walls, discs.
+
+    A command is in force for the period at least, and until the next one is: both readings may be δ off their grid, and
+    the next command δ late. Wishes are slower than the envelope by what a late command can add.
+    """
+    period_s, late_s = config.period_ms / 1000, config.delta_ms / 1000
+    head = [
+        config.n_max,
+        config.forget_ms,
+        config.state_every,
+        config.advice_ms,
+        config.radio_ms,
+        config.speed_mps,
+        config.speed_mps - 2.0 * config.accel_mps2 * late_s,
+        config.accel_mps2,
+        config.apart_m,
+        config.clear_m,
+        period_s,
+        late_s,
+        period_s + 3.0 * late_s,
+    ]
+    walls = config.walls()
+    head += [len(walls), len(config.discs)]
+    rest = [number for wall in walls for number in wall]
+    rest += [number for disc in config.discs for number in (disc.x_m, disc.y_m, disc.radius_m)]
+    digest = hashlib.sha1(np.array([*head, *rest], LITTLE_ENDIAN).tobytes(), usedforsecurity=False).digest()
+    return np.array([*head, *digest, *rest], dtype=np.float64)
+
+
+@kernel
+def towards(params: Params, vx: float, vy: float, to_x: float, to_y: float) -> tuple[float, float]:
+    """The command that leads to another velocity as soon as can be and does not overshoot, m/s²; to (0, 0), brakes."""
+    ax, ay = (to_x - vx) / params[HELD_S], (to_y - vy) / params[HELD_S]
+    return shortened(ax, ay, params[ACCEL])
+
+
+@kernel
+def shortened(x: float, y: float, longest: float) -> tuple[float, float]:
+    """The vector, or one in its direction that is `longest` long."""
+    squared = x * x + y * y
+    if squared <= longest * longest:
+        return x, y
+    share = longest / math.sqrt(squared)
+    return x * share, y * share
+
+
+@kernel
+def brake_m(params: Params, speed: float) -> float:
+    """The way that brakes take at most, from the reading at which they begin. Source: docs/guard.md."""
+    accel, held = params[ACCEL], params[HELD_S]
+    if speed < accel * held:
+        return float(speed * (params[LATE_S] + held))
+    return float(speed * params[LATE_S] + 0.5 * speed * speed / accel + 0.5 * accel * held * held)
+
+
+@kernel
+def rest_s(params: Params, speed: float) -> float:
+    """When a robot that brakes from then on stands still, but for CREEP. Source: docs/guard.md."""
+    return float(params[LATE_S] + speed / params[ACCEL] + 2.0 * params[HELD_S])
+
+
+@kernel
+def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
+    """Where a robot goes whose command is (ax, ay), and that brakes from its next reading on.
+
+    Returns: where its next reading finds it; where it stands at last; how far from the line between these it may be;
+    how far from the line to the first; and after how long it stands, s.
+    Source: docs/guard.md.
+    """
+    x, y, vx, vy, old_x, old_y = now
+    period, late = params[PERIOD_S], params[LATE_S]
+    next_x, next_y = x + period * (vx + 0.5 * period * ax), y + period * (vy + 0.5 * period * ay)
+    then_x, then_y = vx + period * ax, vy + period * ay
+    push = math.sqrt(ax * ax + ay * ay)
+    turn_x, turn_y = ax - old_x, ay - old_y
+    # By how much its velocity may differ: the command is late, the next reading early or late, and the brakes late.
+    off_mps = (math.sqrt(turn_x * turn_x + turn_y * turn_y) + 3.0 * push) * late
+    speed = math.sqrt(then_x * then_x + then_y * then_y)
+    stands_s = rest_s(params, speed + off_mps)
+    # A reading that is late finds it farther on.
+    brake = brake_m(params, speed + off_mps) + 2.0 * late * (speed + off_mps)
+    share = brake / speed if speed > 0.0 else 0.0
+    last_x, last_y = next_x + share * then_x, next_y + share * then_y
+    bulge = 0.125 * push * period * period + off_mps * params[HELD_S]
+    spread = off_mps * (params[HELD_S] + stands_s)
+    return next_x, next_y, last_x, last_y, spread, bulge, params[HELD_S] + stands_s
+
+
+@kernel
+def past(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """How far a point is from the nearest of the line from a to b, squared."""
+    long_x, long_y = bx - ax, by - ay
+    length = long_x * long_x + long_y * long_y
+    share = 0.0
+    if length > 0.0:
+        share = ((x - ax) * long_x + (y - ay) * long_y) / length
+        share = min(1.0, max(0.0, share))
+    dx, dy = ax + share * long_x - x, ay + share * long_y - y
+    return dx * dx + dy * dy
+
+
+@kernel
+def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
+    return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+
+
+@kernel
+def between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
+    """How far the line from a to b is from that from c to d, squared."""
+    crossed = _side(ax, ay, bx, by, cx, cy) * _side(ax, ay, bx, by, dx, dy) < 0.0
+    if crossed and _side(cx, cy, dx, dy, ax, ay) * _side(cx, cy, dx, dy, bx, by) < 0.0:
+        return 0.0
+    one = min(past(ax, ay, cx, cy, dx, dy), past(bx, by, cx, cy, dx, dy))
+    return min(one, past(cx, cy, ax, ay, bx, by), past(dx, dy, ax, ay, bx, by))
+
+
+@kernel
+def retreats(params: Params, now: Motion, out_x: float, out_y: float, ax: float, ay: float) -> bool:
+    """Whether nothing of the motion is against (out_x, out_y): who only goes away from a wall may be near it."""
+    _, _, vx, vy, old_x, old_y = now
+    late, period = params[LATE_S], params[PERIOD_S]
+    length = math.sqrt(out_x * out_x + out_y * out_y)
+    if length == 0.0:
+        return False
+    speed = (out_x * vx + out_y * vy) / length
+    later = speed + late * (out_x * old_x + out_y * old_y) / length
+    push = (out_x * ax + out_y * ay) / length
+    return speed >= -STILL_MPS and later >= -STILL_MPS and push >= 0.0 and later + period * push >= 0.0
+
+
+@kernel
+def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
+    """Whether the way keeps `clear_m` from every wall and disc, or only leads away from it. Source: docs/guard.md."""
+    next_x, next_y, last_x, last_y, spread, bulge, _ = way(params, now, ax, ay)
+    x, y = now[0], now[1]
+    first, then = params[CLEAR] + bulge, params[CLEAR] + spread
+    at = OBSTACLES
+    for _ in range(whole(params[WALLS])):
+        cx, cy, dx, dy = params[at], params[at + 1], params[at + 2], params[at + 3]
+        at += 4
+        clear = between(x, y, next_x, next_y, cx, cy, dx, dy) >= first * first
+        if clear and between(next_x, next_y, last_x, last_y, cx, cy, dx, dy) >= then * then:
+            continue
+        long_x, long_y = dx - cx, dy - cy
+        length = long_x * long_x + long_y * long_y
+        share = ((x - cx) * long_x + (y - cy) * long_y) / length if length > 0.0 else 0.0
+        share = min(1.0, max(0.0, share))
+        if not retreats(params, now, x - cx - share * long_x, y - cy - share * long_y, ax, ay):
+            return False
+    for _ in range(whole(params[DISCS])):
+        cx, cy, radius = params[at], params[at + 1], params[at + 2]
+        at += 3
+        near, far = radius + first, radius + then
+        clear = past(cx, cy, x, y, next_x, next_y) >= near * near
+        if clear and past(cx, cy, next_x, next_y, last_x, last_y) >= far * far:
+            continue
+        if not retreats(params, now, x - cx, y - cy, ax, ay):
+            return False
+    return True
+
+
+@kernel
+def reach_m(params: Params, age_ms: int, later_s: float) -> float:
+    """How far from where it was heard to be a neighbour may be `later_s` from now, and its body's room around it."""
+    known_s = (age_ms + params[RADIO_MS]) * 1e-3
+    creep = CREEP * params[ACCEL] * params[HELD_S] * params[HELD_S]
+    return float(params[APART] + creep + params[SPEED] * (known_s + later_s))

@@ -1,0 +1,100 @@
+"""The robots that a controller has heard: records `neighbour` of phalanx.wire.table by rising id, behind its own head.
+
+`head` is how long that is; its last two bytes count them. So the list's order is the same whoever replays it.
+"""
+
+from __future__ import annotations
+
+from phalanx.kernel import kernel
+from phalanx.wire import table
+from phalanx.wire.fields import F32_BYTES, Row, are_fine, copy, get_u16, get_u64, put_u16, put_u64, whole
+
+EACH_BYTES = table.NEIGHBOUR.size
+HEARD, PLACE = map(table.NEIGHBOUR.at, ("heard", "x_m"))
+MOTION = table.STATE.at("x_m")  # of a broadcast: position and velocity, as they are remembered
+MOTION_BYTES = table.STATE.size - MOTION
+NUMBERS = MOTION_BYTES // F32_BYTES
+COUNT_BYTES = table.FLOCK_MEMORY.size - table.FLOCK_MEMORY.at("count")
+
+
+@kernel
+def count(state: Row, head: int) -> int:
+    """How many there are."""
+    return get_u16(state, head - COUNT_BYTES)
+
+
+@kernel
+def end(state: Row, head: int) -> int:
+    """Where the list ends: the length of the encoding."""
+    return head + EACH_BYTES * count(state, head)
+
+
+@kernel
+def are_neighbours(state: Row, head: int, rob_id: int) -> bool:
+    """Whether the list is one that `rob_id` can have; to be asked of every foreign checkpoint that is long enough."""
+    last = whole(0)
+    for at in range(head, end(state, head), EACH_BYTES):
+        rob = get_u16(state, at)
+        if rob <= last or rob == rob_id or get_u64(state, at + HEARD) < 0 or not are_fine(state, at + PLACE, NUMBERS):
+            return False
+        last = rob
+    return True
+
+
+@kernel
+def place_of(rob: int, state: Row, head: int) -> int:
+    """Where `rob` is among them, or would be."""
+    low, high = whole(0), count(state, head)
+    while low < high:
+        middle = (low + high) >> 1
+        if get_u16(state, head + EACH_BYTES * middle) < rob:
+            low = middle + 1
+        else:
+            high = middle
+    return head + EACH_BYTES * low
+
+
+@kernel
+def is_at(rob: int, at: int, state: Row, head: int) -> bool:
+    """Whether it is `rob` that is there."""
+    return at < end(state, head) and get_u16(state, at) == rob
+
+
+@kernel
+def put(rob: int, t_ms: int, frame: Row, at: int, state: Row, head: int) -> None:
+    """`rob`, whose place is `at`, was heard to say `frame`; there is room for it."""
+    if not is_at(rob, at, state, head):
+        copy(state, at + EACH_BYTES, state, at, end(state, head) - at)
+        put_u16(state, head - COUNT_BYTES, count(state, head) + 1)
+    put_u16(state, at, rob)
+    put_u64(state, at + HEARD, t_ms)
+    copy(state, at + PLACE, frame, MOTION, MOTION_BYTES)
+
+
+@kernel
+def oldest(state: Row, head: int) -> int:
+    """Where the one is that was heard longest ago; of several, the lowest id."""
+    found = head
+    for at in range(head, end(state, head), EACH_BYTES):
+        if get_u64(state, at + HEARD) < get_u64(state, found + HEARD):
+            found = at
+    return found
+
+
+@kernel
+def remove(at: int, state: Row, head: int) -> None:
+    """Who is there is forgotten."""
+    copy(state, at, state, at + EACH_BYTES, end(state, head) - EACH_BYTES - at)
+    put_u16(state, head - COUNT_BYTES, count(state, head) - 1)
+
+
+@kernel
+def forget(forget_ms: int, t_ms: int, state: Row, head: int) -> None:
+    """Those heard more than `forget_ms` before `t_ms` are gone; the rest keep their order."""
+    kept = head
+    for at in range(head, end(state, head), EACH_BYTES):
+        if t_ms - get_u64(state, at + HEARD) <= forget_ms:
+            if kept != at:
+                copy(state, kept, state, at, EACH_BYTES)
+            kept += EACH_BYTES
+    put_u16(state, head - COUNT_BYTES, (kept - head) // EACH_BYTES)

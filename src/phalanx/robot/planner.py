@@ -1,0 +1,84 @@
+"""Who advises a guarded robot: any program at all. What it says is advice, and the guard decides (docs/guard.md).
+
+A planner needs none of what a controller promises: it may use chance, a clock, a network, a learned policy. Nobody
+replays it; only what it said is in the log.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from phalanx.wire.guarded import KIND_WISH, WISH
+from phalanx.wire.table import KIND_STATE, SENSOR, STATE
+
+from .controllers.python_controller import OwnMistake, kind_of
+
+Pair = tuple[float, float]
+MOST_F32 = float(np.finfo(np.float32).max)
+MakePlanner = Callable[[int, Pair], "Planner"]
+
+
+class Planner(ABC):
+    """What wishes for one robot.
+
+    Args:
+        rob_id: 1..65535.
+        goal_m: where the scenario would have it go, x and y.
+    """
+
+    def __init__(self, rob_id: int, goal_m: Pair) -> None:
+        self.rob_id, self.goal_m = rob_id, goal_m
+
+    @abstractmethod
+    def advise(self, t_s: float, position_m: Pair, velocity_mps: Pair) -> Sequence[float] | None:
+        """The velocity that it wants, m/s, x and y, or None for nothing to say; asked at each reading, `t_s` its time.
+
+        Two numbers are advice whatever they are: what is not finite, or is too fast, is the guard's affair.
+        """
+
+    def hear(self, t_s: float, rob_id: int, position_m: Pair, velocity_mps: Pair) -> None:  # noqa: B027 - may not care
+        """Another robot says where it is and where it goes; it may lie."""
+
+
+class ToGoal(Planner):
+    """Straight to the goal, slower near it: an honest planner that does not look where it goes."""
+
+    def advise(self, _t_s: float, position_m: Pair, _velocity_mps: Pair) -> Sequence[float]:
+        """As far as the goal is away, each second; the guard knows how fast that may be."""
+        return [to - at for to, at in zip(self.goal_m, position_m, strict=True)]
+
+
+def advice_of(planner: Planner, t_ms: int, reading: bytes) -> bytes:
+    """What a planner advises on a reading, as it is logged; b"" for nothing.
+
+    Raises: OwnMistake: it returned something else. What the planner raises goes on to the caller.
+    """
+    if len(reading) != SENSOR.size:
+        return b""
+    _, _, _, x, y, vx, vy = SENSOR.form.unpack(reading)
+    told = planner.advise(t_ms / 1000, (x, y), (vx, vy))
+    if told is None:
+        return b""
+    try:
+        wished = [float(number) for number in told]
+    except (TypeError, ValueError):
+        wished = []
+    if len(wished) != 2:
+        raise OwnMistake(f"advise returned {kind_of(told)}", "two numbers, m/s along x and y, or None", planner)
+    return WISH.form.pack(KIND_WISH, *map(_as_f32, wished))
+
+
+def overheard(planner: Planner, t_ms: int, frame: bytes) -> None:
+    """A planner has been told of a broadcast, if it was one of where a robot is."""
+    if len(frame) == STATE.size and frame[0] == KIND_STATE:
+        _, rob_id, _, x, y, vx, vy = STATE.form.unpack(frame)
+        planner.hear(t_ms / 1000, rob_id, (x, y), (vx, vy))
+
+
+def _as_f32(number: float) -> float:
+    """The number, or infinity beyond what an f32 holds: `struct` refuses that."""
+    return math.copysign(math.inf, number) if abs(number) > MOST_F32 else number

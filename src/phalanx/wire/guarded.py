@@ -1,0 +1,42 @@
+"""The byte table's page of guarded robots: what planners advise, how it is logged, and what the guard remembers.
+
+Its neighbours are the table's own records `neighbour`.
+"""
+
+from __future__ import annotations
+
+from .record import Field, Record
+
+MARK_ADVICE = 0x85
+KIND_WISH = 0x0C
+ENVELOPE_BYTES = 20
+IS_FRESH = 1
+
+ADVICE = Record(
+    "advice",
+    (Field("bytes", "v16", "u16 length, then what a planner said"),),
+    "what a planner said, in no chain: nobody needs to believe it",
+    MARK_ADVICE,
+)
+WISH = Record(
+    "wish",
+    (Field("vx_mps", "f32", "velocity, world frame"), Field("vy_mps", "f32", "")),
+    "advice: how a planner wants the robot to move",
+    KIND_WISH,
+)
+GUARD_MEMORY = Record(
+    "guard_memory",
+    (
+        Field("envelope", "b20", "SHA-1 of the mission's envelope"),
+        Field("ax_mps2", "f32", "the last command"),
+        Field("ay_mps2", "f32", ""),
+        Field("vx_mps", "f32", "the last wish, no faster than the envelope"),
+        Field("vy_mps", "f32", ""),
+        Field("fresh", "u8", "1: the wish came after the last INPUT"),
+        Field("wished", "u64", "ms, s-node's clock at the first INPUT behind the wish; 0: none yet"),
+        Field("stands", "u64", "ms, until when it stands still whatever is wished"),
+        Field("count", "u16", "of neighbours"),
+        Field("neighbours", "rest", "as many, by rising id"),
+    ),
+    "what a guard remembers",
+)

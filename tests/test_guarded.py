@@ -1,0 +1,266 @@
+"""The guard, one call at a time: what it does with advice, whom it keeps clear of, its bytes, and its replay."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from conftest import uncompiled
+from guarded_world import acceleration, guard, reading, state, wish
+from phalanx.config.flock import Box, Disc
+from phalanx.config.guard import GuardConfig
+from phalanx.errors import PeerError, UsageError
+from phalanx.robot.controllers.bundled.guard import HEAD_BYTES
+from phalanx.robot.controllers.guard_law import guard_params
+from phalanx.robot.controllers.python_controller import Send, pack_outputs
+
+# Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
+RUN_SHA256 = "6aad297aecfaf91b4af61d317e0ee767e30d4090fe9385e848c69cc12443dcb9"
+CONFIG = GuardConfig()
+LISTENED_MS = 1000 + CONFIG.forget_ms
+FIELD = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
+
+
+def listened(config=CONFIG):
+    """A guard that has listened for as long as it must."""
+    this = guard(config)
+    this.on_input(0, 1000, reading(1, (0, 0), (0, 0)))
+    return this
+
+
+def driven(this, t_ms=LISTENED_MS, place=(0.0, 0.0), velocity=(0.0, 0.0), wished=(1.0, 0.0)):
+    """What it commands when that is wished."""
+    if wished is not None:
+        this.on_advice(wish(*wished))
+    return acceleration(this.on_input(1, t_ms, reading(1, place, velocity)))
+
+
+class TestAdvice:
+    def test_it_listens_first_and_then_does_what_is_wished(self):
+        this = listened()
+        assert driven(this, LISTENED_MS - 1) == (0.0, 0.0)
+        ax, ay = driven(this)
+        assert ax > 0.0
+        assert ay == 0.0
+
+    def test_advice_is_good_for_a_second_and_then_it_brakes(self):
+        this = listened()
+        driven(this, wished=(1.0, 0.0))
+        moving = {"velocity": (0.9, 0.0), "wished": None}
+        assert driven(this, LISTENED_MS + CONFIG.advice_ms, **moving)[0] > 0.0
+        assert driven(this, LISTENED_MS + CONFIG.advice_ms + 1, **moving)[0] < -0.9
+
+    def test_without_advice_it_stands(self):
+        assert driven(listened(), wished=None) == (0.0, 0.0)
+
+    @pytest.mark.parametrize(
+        "advice",
+        [
+            wish(math.nan, 0),
+            wish(0, math.inf),
+            wish(1e7, 0),
+            wish(1, 0)[:-1],
+            wish(1, 0) + b"\0",
+            b"\x0d" + bytes(8),
+            b"",
+        ],
+    )
+    def test_what_is_no_wish_is_no_advice(self, advice):
+        this = listened()
+        before = this.encode()
+        this.on_advice(advice)
+        assert this.encode() == before
+
+    @given(st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 2), st.tuples(*[st.floats(-2, 2, width=32)] * 2))
+    def test_no_wish_is_harder_or_faster_than_the_envelope(self, wished, velocity):
+        ax, ay = driven(listened(), velocity=velocity, wished=wished)
+        assert math.hypot(ax, ay) <= CONFIG.accel_mps2 * (1 + 1e-6)
+        held_s = (CONFIG.period_ms + 3 * CONFIG.delta_ms) / 1000
+        later = math.hypot(velocity[0] + held_s * ax, velocity[1] + held_s * ay)
+        assert later <= max(CONFIG.speed_mps, math.hypot(*velocity)) + 1e-6
+
+
+class TestNeighbours:
+    def test_it_slows_down_as_a_neighbour_falls_silent_and_goes_on_when_it_has_forgotten(self):
+        this = listened()
+        this.on_recv(LISTENED_MS, state(2, (12, 0)))
+        pushes = []
+        for later_ms in range(0, CONFIG.forget_ms + 1000, 500):
+            pushes.append(driven(this, LISTENED_MS + later_ms)[0])
+        slower = [b <= a for a, b in zip(pushes, pushes[1:-1], strict=False)]
+        assert pushes[0] > 0.0
+        assert all(slower)
+        assert pushes[-2] == 0.0
+        assert pushes[-1] == pushes[0]
+
+    def test_it_does_not_approach_who_may_come_towards_it(self):
+        this = listened()
+        this.on_recv(LISTENED_MS, state(2, (5, 0)))
+        assert driven(this) == (0.0, 0.0)
+
+    def test_who_is_heard_where_nobody_can_have_got_to_makes_it_stand(self):
+        for there, stands in (((60, 2), False), ((60, 9), True)):
+            this = listened()
+            this.on_recv(LISTENED_MS - 1000, state(2, (60, 0)))
+            this.on_recv(LISTENED_MS, state(2, there))
+            assert (driven(this) == (0.0, 0.0)) is stands
+            assert driven(this, LISTENED_MS + CONFIG.forget_ms)[0] > 0.0
+
+    def test_more_robots_than_it_remembers_make_it_stand(self):
+        for others, stands in ((3, False), (4, True)):
+            this = listened(replace(CONFIG, n_max=3))
+            for rob in range(2, 2 + others):
+                this.on_recv(LISTENED_MS, state(rob, (60, rob)))
+            assert (driven(this) == (0.0, 0.0)) is stands
+
+    def test_its_own_word_from_the_air_and_rubbish_are_not_heard(self):
+        this = listened()
+        before = this.encode()
+        for frame in (state(1, (1, 1)), state(0, (1, 1)), state(2, (math.nan, 0)), state(2, (0, 0))[:-1], b"\x01", b""):
+            this.on_recv(7, frame)
+        assert this.encode() == before
+
+
+class TestWalls:
+    @pytest.mark.parametrize(
+        "what", [{"fences": (FIELD,)}, {"boxes": (Box(left_m=50, bottom_m=-9, right_m=60, top_m=9),)}]
+    )
+    def test_it_goes_no_nearer_but_away_and_along(self, what):
+        config = GuardConfig(**what)
+        for place, wished, goes in (((49.2, 0), (1, 0), False), ((49.2, 0), (-1, 0), True), ((48, 0), (0, 0.2), True)):
+            ax, ay = driven(listened(config), place=place, wished=wished)
+            assert (abs(ax) + abs(ay) > 0.0) is goes, (place, wished)
+
+    def test_a_disc_is_a_wall(self):
+        config = GuardConfig(discs=(Disc(x_m=3, y_m=0, radius_m=2),))
+        assert driven(listened(config), wished=(1, 0)) == (0.0, 0.0)
+        assert driven(listened(config), wished=(-1, 0))[0] < 0.0
+
+
+class TestEnvelope:
+    def test_the_boot_state_has_its_hash(self):
+        def envelope(config):
+            return guard(config).encode()[:20]
+
+        params = guard_params(CONFIG)
+        assert envelope(CONFIG) == hashlib.sha1(np.delete(params, range(15, 35)).tobytes()).digest()
+        assert (
+            len({envelope(each) for each in (CONFIG, replace(CONFIG, speed_mps=2.1), replace(CONFIG, fences=(FIELD,)))})
+            == 3
+        )
+
+    def test_a_state_of_another_envelope_is_refused(self):
+        wider = listened(replace(CONFIG, speed_mps=2.5)).encode()
+        with pytest.raises(PeerError):
+            guard(CONFIG).decode(wider)
+
+    @pytest.mark.parametrize(
+        ("wrong", "says"),
+        [
+            ({"speed_mps": 0.3}, "accel_mps2 is 2"),
+            ({"fences": (((0.0, 0.0), (1.0, 1.0)),)}, "fences has a polygon of 2 corners"),
+            ({"keep_out": (((0.0, 0.0), (1.0, 1.0), (math.nan, 0.0)),)}, "a corner of keep_out is nan"),
+            ({"advice_ms": 1}, "advice_ms is 1"),
+        ],
+    )
+    def test_one_that_makes_no_sense_is_refused(self, wrong, says):
+        with pytest.raises(UsageError, match=says):
+            GuardConfig(**wrong)
+
+    def test_robots_start_inside_with_room(self):
+        config = GuardConfig(
+            fences=(FIELD,), keep_out=(((5, 5), (9, 5), (9, 9)),), discs=(Disc(x_m=-9, y_m=0, radius_m=2),)
+        )
+        config.check_start((0, 0))
+        for place, says in (
+            ((60, 0), "outside its fences"),
+            ((8, 6), "keep out of"),
+            ((49.5, 0), "0.5 m from an edge"),
+            ((-6.5, 0), "0.5 m from an edge"),
+        ):
+            with pytest.raises(UsageError, match=says):
+                config.check_start(place)
+
+
+# --- replay -----------------------------------------------------------------------------------------------------------
+
+NUMBERS = st.floats(-40, 40, width=32)
+PAIRS = st.tuples(NUMBERS, NUMBERS)
+FRAMES = st.builds(state, st.integers(0, 9), PAIRS, PAIRS) | st.binary(max_size=30)
+ADVICE = st.builds(wish, NUMBERS, NUMBERS) | st.binary(max_size=12)
+READINGS = st.builds(reading, st.just(1), PAIRS, PAIRS) | st.binary(max_size=30)
+ENTRIES = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 4000), FRAMES, ADVICE, READINGS), max_size=30)
+BUSY = GuardConfig(n_max=4, forget_ms=3000, fences=(FIELD,), discs=(Disc(x_m=8, y_m=9, radius_m=3),))
+
+
+def lived(this, entries, t=0, step=0):
+    """Outputs and state after each entry."""
+    seen = []
+    for kind, gap, frame, advice, read in entries:
+        t += gap
+        outputs = []
+        if kind == 0:
+            this.on_recv(t, frame)
+        elif kind == 1:
+            this.on_advice(advice)
+        else:
+            outputs = this.on_input(step, t, read)
+            step += 1
+        seen.append((outputs, this.encode(), t, step))
+    return seen
+
+
+@settings(deadline=None)
+@given(ENTRIES, st.data())
+def test_a_checkpoint_is_all_that_it_remembers(entries, data):
+    seen = lived(guard(BUSY), entries)
+    k = data.draw(st.integers(0, len(entries)))
+    again = guard(BUSY)
+    t, step = (seen[k - 1][2:]) if k else (0, 0)
+    again.decode(seen[k - 1][1] if k else again.encode())
+    assert lived(again, entries[k:], t, step) == seen[k:]
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=200), st.integers(0, 80), st.binary(max_size=4))
+def test_any_bytes_are_a_state_or_refused(garbage, at, change):
+    true = lived(guard(BUSY), [(0, 5, state(3, (1, 2)), b"", b""), (2, 9, b"", b"", reading(1, (3, 3), (0, 0)))])[-1][1]
+    for encoding in (garbage, true[:at] + change + true[at + len(change) :], true[:HEAD_BYTES] + garbage):
+        this = guard(BUSY)
+        try:
+            this.decode(encoding)
+        except PeerError:
+            continue
+        this.on_recv(10, state(4, (2, 2)))
+        assert this.on_input(2, 20, reading(1, (3, 3), (1, 0)))
+
+
+def run_digest() -> str:
+    chance = np.random.Generator(np.random.PCG64(11))
+    this, digest = guard(BUSY, 3), hashlib.sha256()
+    for step in range(400):
+        place, velocity = chance.uniform(-40, 40, 2), chance.normal(0, 1, 2)
+        for _ in range(chance.integers(0, 3)):
+            this.on_recv(1000 + 250 * step, state(int(chance.integers(1, 9)), chance.uniform(-40, 40, 2)))
+        this.on_advice(wish(*chance.normal(0, 1, 2)))
+        outputs = this.on_input(step, 1000 + 250 * step, reading(3, place, velocity))
+        digest.update(pack_outputs(outputs) + this.encode())
+    return digest.hexdigest()
+
+
+def test_the_same_bytes_everywhere_compiled_or_not():
+    assert run_digest() == RUN_SHA256
+    assert uncompiled("from test_guarded import run_digest; print(run_digest())") == [RUN_SHA256]
+
+
+def test_it_broadcasts_as_a_flock_does():
+    this = guard(CONFIG, 4)
+    for step in range(13):
+        said = [output for output in this.on_input(step, 7000, reading(4, (1, 2), (3, 4))) if isinstance(output, Send)]
+        assert said == ([Send(state(4, (1, 2), (3, 4), 7000))] if (step + 4) % 6 == 0 else [])
