@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
 from phalanx.bti.nodes import Limits, Nodes, TrustedNodes, seal_mission_key
-from phalanx.bti.rounds import mixed
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
@@ -22,6 +21,7 @@ from phalanx.robot import node
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.runtime import first_round_ms
 from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
 from phalanx.sim.radio.channel import NOBODY, make_air
 from phalanx.sim.radio.reach import SKIN, SMALL_SWARM, make_reach, rebuild
@@ -36,7 +36,6 @@ PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
 MOVE_US = 50_000
 # They were powered up within so much of each other.
 POWER_UP_MS = 60_000
-FIRST_ROUND_US = 200_000
 # Neighbours for whom large swarms have room in the lists of who is near, beside twice those provided for.
 ROOM = 32
 
@@ -204,8 +203,7 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
         # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
         push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, loop.CONTROL, i, 0)
         if clock.audit_us:
-            # Who is not heard yet when the first round comes is asked in the second, before T_val is over.
-            first_us = FIRST_ROUND_US + mixed(int(settings.mission_seed) + 1, i + 1) * 1000 % int(clock.audit_us)
+            first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000
             push(world.queue, first_us, loop.ROUND, i, 0)
         if isinstance(cnode, Liar):
             pybot.wake(world, i, cnode)

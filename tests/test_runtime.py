@@ -1,0 +1,142 @@
+"""One robot outside of the simulator: the same events give the same log, and nothing else is due."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from phalanx.bti.audit import make_work
+from phalanx.bti.fleet import make_fleet
+from phalanx.config import BtiConfig
+from phalanx.robot.cnode import CNode, Transmit
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.planner import ToGoal, advice_of
+from phalanx.robot.runtime import Runtime, is_fragment
+from phalanx.sim import Scenario
+from phalanx.sim.audited import loop, pybot
+from phalanx.sim.scenarios.run import Run
+
+pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
+
+SWARM = Scenario(
+    robots=6, grid_step_m=16.0, goal_m=(60.0, 60.0), duration_s=16.0, controller="guard", bti=BtiConfig(f_max=1)
+)
+ME = 2
+NAMES = {loop.CONTROL: "input", loop.MESSAGE: "frame", loop.SENT: "sent"}
+
+
+def alone(run):
+    """The robot by itself, with its own trusted nodes as they are now."""
+    world, settings = run.world, run.world.fleet.settings[0]
+    fleet = make_fleet(
+        1,
+        run.scenario.bti,
+        world.fleet.params,
+        profile=int(settings.profile),
+        controller=int(settings.controller),
+        mission_seed=int(settings.mission_seed),
+        snode=world.fleet.snode[ME : ME + 1].copy(),
+        anode=world.fleet.anode[ME : ME + 1].copy(),
+    )
+    fleet.robot["id"] = ME + 1
+    return fleet, make_work(run.scenario.bti)
+
+
+@pytest.fixture(scope="module")
+def lived():
+    """A run in which somebody noted all that one robot was told from outside, and what it then had in its log."""
+    noted, handle, transmit, full = [], pybot.handle, loop.transmit, []
+
+    def send(world, i, frame, length, to):
+        left = transmit(world, i, frame, length, to)
+        if i == ME and left < 0 and is_fragment(frame):
+            full.append(True)
+        return left
+
+    def note(world, robots, planners=pybot.NO_PLANNERS):
+        kind = int(world.clock[0].kind)
+        mine = int(world.clock[0].robot) == ME
+        if mine and kind in NAMES:
+            raw = world.reading if kind == loop.CONTROL else world.frame
+            data = raw[: world.frame_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arrived)
+            noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
+        handle(world, robots, planners)
+        if mine:
+            robot = world.fleet.robot[ME]
+            noted.append((None, "log", (world.fleet.log[ME, : robot.log_len].tobytes(), bool(full))))
+            full.clear()
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(pybot, "handle", note)
+        patched.setattr(loop, "transmit", send)
+        run = Run(SWARM)
+        robot, boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
+        run.advance(SWARM.duration_s)
+    return robot, boot_ms, noted, run
+
+
+def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
+    (fleet, work), boot_ms, noted, run = lived
+    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    planner = ToGoal(ME + 1, SWARM.goal_m)
+    logs = iter([data for _, kind, data in noted if kind == "log"])
+    compared = frames = 0
+
+    def same():
+        nonlocal compared
+        log, was_full = next(logs)
+        if was_full:
+            runtime.on_radio_full()
+        assert fleet.log[0, : fleet.robot[0].log_len].tobytes() == log
+        compared += 1
+
+    for at_ms, kind, data in noted:
+        if kind == "log":
+            continue
+        while runtime.audit_ms <= at_ms:
+            runtime.on_audit(runtime.audit_ms)
+            same()
+        if kind == "input":
+            assert runtime.input_ms == at_ms
+            runtime.on_input(at_ms, data, advice_of(planner, at_ms, data))
+        elif kind == "frame":
+            runtime.on_frame(at_ms, data)
+            frames += 1
+        else:
+            runtime.on_sent(at_ms, arrived=data)
+        same()
+    assert frames > 50
+    assert compared > 150
+    assert fleet.robot[0].tokens_got == run.world.fleet.robot[ME].tokens_got > 0
+    np.testing.assert_array_equal(fleet.hckpt[0], run.world.fleet.hckpt[ME])
+
+
+def test_a_robot_that_nobody_answers_is_stopped_when_its_tokens_have_run_out():
+    run = Run(SWARM)
+    (fleet, work), boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
+    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    asked = 0
+    while not runtime.in_safe_mode:
+        now_ms = runtime.due_ms
+        if runtime.check_ms == now_ms:
+            runtime.on_check(now_ms)
+        elif runtime.audit_ms == now_ms:
+            asked += sum(isinstance(each, Transmit) and is_fragment(each.frame) for each in runtime.on_audit(now_ms))
+        else:
+            runtime.on_input(now_ms, b"\x02" + bytes(26))
+        assert now_ms <= boot_ms + SWARM.bti.t_val_ms + 2 * SWARM.bti.p_check_ms
+    assert now_ms >= boot_ms + SWARM.bti.t_val_ms
+    assert asked == 0, "it knows nobody whom it could ask"
+    assert runtime.on_input(now_ms, b"\x02" + bytes(26)) == []
+
+
+def test_no_frame_makes_it_raise():
+    run = Run(SWARM)
+    (fleet, work), boot_ms = alone(run), int(run.world.boot_us[ME]) // 1000
+    runtime = Runtime(CNode(fleet, 0, work), SWARM.bti, boot_ms)
+    chance = np.random.default_rng(5)
+    for k in range(2000):
+        length = int(chance.integers(0, 2100))
+        frame = chance.bytes(length)
+        runtime.on_frame(boot_ms + k, (b"\x80" + frame[1:] if k % 2 else frame))
+    assert dispatch.NUMBERS["guard"] == fleet.settings[0].controller
