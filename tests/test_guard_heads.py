@@ -20,6 +20,8 @@ from test_guard_floods import PUBLISHED, Flood, a_browser, port_of
 from test_guard_turns import Sitting, turns_of_the_loop, visitor_of
 from test_strangers import with_length
 
+pytestmark = pytest.mark.long
+
 ANSWER, NEWS = b"/qrkey/t/reply/me", b"/qrkey/t/notify"
 
 

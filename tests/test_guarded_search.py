@@ -14,6 +14,8 @@ from phalanx.config.flock import Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
 
+pytestmark = pytest.mark.long
+
 FENCE = ((-15.0, -15.0), (15.0, -15.0), (15.0, 15.0), (0.0, 4.0), (-15.0, 15.0))
 TRIANGLE = ((-4.0, -4.0), (-1.0, -4.0), (-1.0, -1.0))
 APART_M, CLEAR_M = 0.8, 0.4

@@ -15,6 +15,8 @@ from conftest import ROOT
 from phalanx.config import BtiConfig
 from phalanx.sim.scenarios.run import Run
 
+pytestmark = pytest.mark.long
+
 SAMPLE = [
     ("collude", "grid", 1, 8.0, 5.0, 1),
     ("wrong-checkpoint", "hub", 5, 4.0, 0.0, 0),

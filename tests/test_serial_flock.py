@@ -14,7 +14,7 @@ from phalanx.io.serial_node import SerialNodes
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 # One lies from its sixth second on: it is audited, refused and stopped by its own a-node.
 FLOCK = Scenario(
     robots=4, duration_s=18.0, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="spoof", robot=2, at_s=6.0),)

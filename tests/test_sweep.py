@@ -249,6 +249,7 @@ class TestCluster:
         assert "Traceback" not in said
         assert f"stopped: {len(rows_in(out))} rows are in {out / 'runs'}; the same command goes on" in said
 
+    @pytest.mark.long
     def test_a_scheduler_that_there_is_runs_it_and_what_an_own_controller_prints_is_no_data(self, written, tmp_path):
         (tmp_path / "own.py").write_text(MINE)
         path = written("scenario: flock-12\nseeds: 2\ngrid: {controller: 'own.py:Mine', duration_s: 1, robots: 4}\n")

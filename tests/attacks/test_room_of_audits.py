@@ -111,6 +111,7 @@ class TestEvidence:
         made = with_segment(q, b"".join([*shown[: first + 1], said, *shown[first + 1 :]]))
         assert auditee.verdict((tor, made)) == 0  # all of it, so that the work stands at its start again
         f, w, q_row = auditee.fleet, auditee.judge.work, row(made)
+        f.memo.passed.tee[:] = 0  # nor does anybody remember that it has passed
         assert audit.examine(f, tor - 1, w, q_row, len(made), VICTIM + 1) == 0
         w.evidence[:] = 0
         seen, events = [], set()

@@ -89,7 +89,7 @@ class Site:
             "max_headers": HEADERS,
         }
         self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5, **limits)
-        self._longest = HEAD_BYTES + longest
+        self._longest = HEAD_BYTES + 2 * longest  # who says a little too much is told so
 
     def _add_routes(self) -> None:
         """Routes that come before the page's files."""
