@@ -83,7 +83,8 @@ class TestUp:
                 "name": "move_raw",
                 "payload": {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60},
             }
-            assert up.events("command")[-1]["payload"]["left_y"] == 0, "it ends with a stop"
+            # Ten commands and the stop, each told by a process that may be late.
+            assert up.wait_for("command", count=11)["payload"]["left_y"] == 0, "it ends with a stop"
             name = robots[2]["name"].lower()
             by_name = called("link", "connect", ready["qr_url"], "--drive", name, "--for", "0.1", "--json")
             assert json.loads(by_name.stdout)["address"] == address

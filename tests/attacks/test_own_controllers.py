@@ -94,7 +94,7 @@ class Plain(Controller):
 
 class Chancy(Plain):
     def on_input(self, step, t_ms, reading):
-        return [Send(bytes([1, random.randrange(256)]))] if step % 6 == 0 else []
+        return [Send(bytes([1]) + random.randbytes(8))] if step % 6 == 0 else []
 
 
 def test_a_controller_that_uses_chance_is_refused_to_the_last_robot():
