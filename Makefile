@@ -89,6 +89,7 @@ $(NEEDED):
 	@$(call PINNED,requirements.lock)
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
 	@$(PIP) --no-deps --no-build-isolation -e .
+	@$(MAKE) --silent -C firmware build/node
 	@touch $@
 
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.

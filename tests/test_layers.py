@@ -16,7 +16,7 @@ LAYERS = [
     "link mission bti",
     "robot",
     "sim io",
-    "experiments gateway demo",
+    "experiments gateway demo daemon",
     "cli",
 ]
 RANK = {package: i for i, row in enumerate(LAYERS) for package in row.split()}

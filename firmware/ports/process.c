@@ -1,11 +1,15 @@
-/* The port for a process, to try things with: `node FLASH_FILE [told]`, its line on descriptor 0. Whoever runs as the same
-   user reads its keys, so it protects from nobody. With `told` the line tells it the time. */
+/* The port for a process, to try things with: `node FLASH_FILE [told|WHEELS]`, its line on descriptor 0. Whoever runs as the
+   same user reads its keys, so it protects from nobody. With `told` the line tells it the time. WHEELS is the path of a Unix
+   socket (SEQPACKET) where motors listen: a packet is a command, or one zero byte to stand still, and they stand still too
+   when it is closed. */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -15,6 +19,7 @@
 #define TURN_MS 5
 
 static int flash;
+static int wheels = -1;
 static uint8_t told = PHX_LINE_TOLD_READINGS;
 static uint32_t told_ms;
 static struct timespec began;
@@ -103,10 +108,29 @@ void phx_port_flash_read(uint32_t slot, uint8_t *data, uint32_t len)
         phx_port_halt();
 }
 
+/* A command that finds no room is lost, as on any wire; a stop is said again at the next check, until it is taken. */
 void phx_port_actuate(const uint8_t *command, uint32_t len)
 {
-    (void)command; /* nothing hangs on it */
-    (void)len;
+    static const uint8_t stop = 0;
+    static int stands;
+
+    if (wheels < 0 || (len == 0 && stands))
+        return;
+    if (len > 0)
+        stands = 0;
+    if (send(wheels, len > 0 ? command : &stop, len > 0 ? len : 1, MSG_DONTWAIT | MSG_NOSIGNAL) > 0 && len == 0)
+        stands = 1;
+}
+
+static int connect_wheels(const char *path)
+{
+    struct sockaddr_un there = {AF_UNIX, {0}};
+
+    if (strlen(path) >= sizeof there.sun_path)
+        return -1;
+    strcpy(there.sun_path, path);
+    wheels = socket(AF_UNIX, SOCK_SEQPACKET, 0);
+    return connect(wheels, (struct sockaddr *)&there, sizeof there);
 }
 
 uint32_t phx_port_sense(uint8_t *reading)
@@ -123,11 +147,15 @@ void phx_port_halt(void)
 int main(int argc, char **argv)
 {
     if (argc < 2 || argc > 3) {
-        fprintf(stderr, "usage: node FLASH_FILE [told]\n");
+        fprintf(stderr, "usage: node FLASH_FILE [told|WHEELS]\n");
         return 2;
     }
-    if (argc == 3)
+    if (argc == 3 && strcmp(argv[2], "told") == 0)
         told |= PHX_LINE_TOLD_CLOCK;
+    else if (argc == 3 && connect_wheels(argv[2]) < 0) {
+        fprintf(stderr, "node: %s: %s\n", argv[2], strerror(errno));
+        return 1;
+    }
     flash = open(argv[1], O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (flash < 0) {
         fprintf(stderr, "node: %s: %s\n", argv[1], strerror(errno));

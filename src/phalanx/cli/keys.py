@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +11,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 
 from phalanx.errors import UsageError
 from phalanx.io.keyring import Keys, Robot, create, opened
+from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.wire.table import BOARD
 
@@ -44,9 +44,8 @@ def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> 
         if rotate:
             keys.renew("orders")
         signers = {who: _public(keys, who) for who in keys.signers}
-    robots = {robot: {"k": key.k.hex(), "r": key.r.hex(), "mac": key.mac.hex()} for robot, key in sealed.items()}
-    write_private(out, json.dumps({"mission": number, "signers": signers, "robots": robots}, indent=1).encode() + b"\n")
-    talk(f"{out} holds the key of mission {number}, sealed for {len(robots)} robots")
+    write_private(out, issued(number, sealed, signers))
+    talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")
 
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:

@@ -31,6 +31,7 @@ ABOUT = {
     "link": "Who may command: visit a swarm from a terminal, or serve the link alone.",
     "mission": "What may be done: missions that a robot can only read by living them.",
     "reproduce": "Measure a figure of one of the papers and draw ours beside it.",
+    "robot": "One robot outside of the simulator, as a process of its own, and a world for such robots.",
     "sim": "What is really done: a simulated swarm whose robots audit each other.",
     "sweep": "Run a grid of scenarios under many seeds, on this machine or a cluster, into Parquet.",
     "up": "Run a gateway: an embedded broker, a simulated swarm, the visitors' page and its QR code.",

@@ -122,7 +122,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "delivered": f"{told(summary['broadcast_delivery'], '.4f')} of broadcasts, "
         f"{told(summary['unicast_delivery'], '.4f')} of unicasts",
         "speed": told(summary["real_time_factor"], ".3g", " times real time"),
-        "digest": summary["digest"],
+        "digest": summary["digest"] or "-",
     }
     print_rows(rows)
 

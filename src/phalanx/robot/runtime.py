@@ -12,10 +12,12 @@ import heapq
 from phalanx.bti import request, rounds, trusted
 from phalanx.config import BtiConfig
 
+from .attacks.liar import Liar
 from .cnode import Action, Actuate, CNode, Retry, Transmit, Verdict
 
 # Soon after the mission key, and at another moment for each robot.
 FIRST_ROUND_MS = 200
+NEVER_MS = 1 << 62
 Done = Transmit | Actuate | Verdict
 
 
@@ -34,6 +36,7 @@ class Runtime:
         input_ms: when its sensors are to be read next.
         audit_ms: when something of its audits is due next.
         check_ms: when its a-node is to look at its tokens next.
+        wake_ms: when a liar is to have its turn next.
         in_safe_mode: whether that has stopped it; nothing is due any more.
     """
 
@@ -43,9 +46,13 @@ class Runtime:
         cnode.on_boot(now_ms)
         seed = int(cnode.f.settings[0].mission_seed)
         self._round_ms = now_ms + first_round_ms(seed, cnode.id, config.t_audit_ms)
+        self._listened_ms = NEVER_MS  # when a round that is due begins, of a robot that listens first
         self._retries: list[int] = []  # each comes, though an earlier one was asked for later
         self._retry_ms = -1
         self.check_ms = now_ms + config.p_check_ms
+        self.wake_ms = NEVER_MS
+        if isinstance(cnode, Liar) and cnode.period_ms:
+            self.wake_ms = max(now_ms + cnode.period_ms, cnode.plan.start_ms)
         self._step = 0
 
     @property
@@ -56,12 +63,12 @@ class Runtime:
     @property
     def audit_ms(self) -> int:
         """The next round, or when further robots are asked."""
-        return min(self._round_ms, self._retries[0]) if self._retries else self._round_ms
+        return min(self._round_ms, self._listened_ms, *self._retries[:1])
 
     @property
     def due_ms(self) -> int:
-        """The first of all three."""
-        return min(self.input_ms, self.audit_ms, self.check_ms)
+        """The first of all four."""
+        return min(self.input_ms, self.audit_ms, self.check_ms, self.wake_ms)
 
     def on_input(self, now_ms: int, reading: bytes, advice: bytes = b"") -> list[Done]:
         """The sensors were read; before that, a planner may have said something."""
@@ -72,12 +79,26 @@ class Runtime:
 
     def on_audit(self, now_ms: int) -> list[Done]:
         """What is due of the audits at `audit_ms` was done."""
-        if self._round_ms <= now_ms and not (self._retries and self._retries[0] < self._round_ms):
+        due_ms = self.audit_ms
+        if due_ms == self._round_ms:
             self._round_ms += self._config.t_audit_ms
-            return self._kept(now_ms, self.cnode.on_round(now_ms))
-        heapq.heappop(self._retries)
-        self._retry_ms = -1
-        return self._kept(now_ms, self.cnode.on_retry(now_ms))
+            listens_ms = int(request.listens(self.cnode.f, self.cnode.i))
+            if listens_ms > 0:
+                self._listened_ms = now_ms + listens_ms
+                return []
+        elif due_ms == self._listened_ms:
+            self._listened_ms = NEVER_MS
+        else:
+            heapq.heappop(self._retries)
+            self._retry_ms = -1
+            return self._kept(now_ms, self.cnode.on_retry(now_ms))
+        return self._kept(now_ms, self.cnode.on_round(now_ms))
+
+    def on_wake(self, now_ms: int) -> list[Done]:
+        """A liar has had its turn."""
+        assert isinstance(self.cnode, Liar)
+        self.wake_ms = now_ms + self.cnode.period_ms
+        return self._kept(now_ms, self.cnode.on_wake(now_ms) if self.cnode.lies(now_ms) else [])
 
     def on_check(self, now_ms: int) -> bool:
         """The a-node has looked at its tokens; whether it has stopped the robot."""

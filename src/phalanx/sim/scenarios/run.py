@@ -37,6 +37,27 @@ from .scenario import AttackSpec, Scenario, in_scenarios
 FOREVER_MS = (1 << 32) - 1
 
 
+def params_of(scenario: Scenario) -> NDArray[np.float64]:
+    """What the scenario's controller is given: the mission, the same for all robots."""
+    bundled = dispatch.BUNDLED[scenario.controller]
+    # As printed, neighbours' claims have no bound.
+    flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
+    return bundled.params(scenario.guard if bundled.config is GuardConfig else flock)
+
+
+def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.random.Generator) -> Plan:
+    """What the adversary knows of a scenario in which `spec` is drawn, and whose robot's clock began at `boot_ms`."""
+    return Plan(
+        ids=tuple(range(1, scenario.robots + 1)),
+        goal_m=scenario.goal_m,
+        accomplices=tuple(int(each.robot or 0) for each in scenario.drawn_attacks() if each.robot != spec.robot),
+        start_ms=boot_ms + round(spec.at_s * 1000),
+        stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
+        chance=chance,
+        options=spec.options,
+    )
+
+
 class Run:
     """A scenario being run.
 
@@ -73,14 +94,12 @@ class Run:
         advised = bundled.advised is not None and controller is None
         if planner and not advised:
             raise UsageError("a planner, but nobody that it could advise", "controller: guard")
-        # As printed, neighbours' claims have no bound.
-        flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
             profile=PROFILES[scenario.defence],
             controller=0 if controller else dispatch.NUMBERS[scenario.controller],
-            params=bundled.params(scenario.guard if bundled.config is GuardConfig else flock),
+            params=params_of(scenario),
             body=driven_by(bundled),
             seed=scenario.seed,
             contact_m=scenario.contact_m,
@@ -121,18 +140,10 @@ class Run:
         chance: np.random.Generator,
     ) -> None:
         scenario, world = self.scenario, self.world
-        liars = [int(spec.robot or 0) for spec in drawn]
-        for spec, rob_id in zip(drawn, liars, strict=True):
+        for spec in drawn:
+            rob_id = int(spec.robot or 0)
             boot_ms = int(world.boot_us[rob_id - 1]) // 1000
-            plan = Plan(
-                ids=tuple(int(each) for each in self.ids),
-                goal_m=scenario.goal_m,
-                accomplices=tuple(other for other in liars if other != rob_id),
-                start_ms=boot_ms + round(spec.at_s * 1000),
-                stop_ms=FOREVER_MS if spec.until_s is None else boot_ms + round(spec.until_s * 1000),
-                chance=chance,
-                options=spec.options,
-            )
+            plan = plan_of(scenario, spec, boot_ms, chance)
             self.robots[rob_id - 1] = lying(spec.attack, world.fleet, rob_id - 1, world.work, plan, controller)
 
     # --- going on -----------------------------------------------------------------------------------------------------

@@ -1,0 +1,70 @@
+"""`phalanx robot`: one robot as a process of its own, and a world for such processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from phalanx.cli.complete import a_scenario, an_attack_by_robots
+from phalanx.cli.options import FILE, json_option, option, record_option
+
+from .runs import runs
+
+robot_argument = click.argument("robot", type=FILE, metavar="ROBOT.yaml")
+SHARE = click.FloatRange(0, 0.9)
+
+
+@click.group(epilog="Example: phalanx robot arena --robots 4 --attack hijack:robot=3,at=5")
+def robot() -> None:
+    """One robot outside of the simulator, as a process of its own, and a world for such robots."""
+
+
+@robot.command(epilog="Example: phalanx robot run robot-3.yaml; docs/robot.md says what the file may hold")
+@robot_argument
+@runs("robot", "run")
+def run() -> None:
+    """Run the robot in ROBOT.yaml until it is told to end. Without a new mission key its trusted nodes refuse."""
+
+
+@robot.command(epilog="Example: phalanx robot arena --robots 8 --attack hijack:robot=3,at=10 --loss 0.2 --json")
+@click.argument("scenario", default="flock-12", shell_complete=a_scenario)
+@option("--robots", type=int, metavar="N", help="How many, each a process with a trusted process of its own.")
+@option("--duration", "duration_s", type=float, metavar="S", help="Seconds, by the clock on the wall.")
+@option("--f-max", type=int, metavar="F", help="Liars that are tolerated.")
+@option("--seed", type=int, metavar="S", help="Of phases, of who is compromised, and of the weather.")
+@option(
+    "--attack",
+    "attacks",
+    help="One of phalanx attack list; again for a further robot.",
+    multiple=True,
+    shell_complete=an_attack_by_robots,
+    metavar="NAME[:robot=I,at=T,…]",
+)
+@option("--loss", type=SHARE, default=0.0, help="Share of frames that are lost; what is for one is tried again.")
+@option("--repeats", type=SHARE, default=0.0, help="Share of frames that arrive twice.")
+@option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Frames are late by up to so much.")
+@option(
+    "--keep",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="New folder for the robots' files, which are otherwise gone at the end.",
+)
+@record_option
+@json_option
+@runs("robot", "arena")
+def arena() -> None:
+    """Let robots of SCENARIO live as processes in a simulated field, in real time, and sum it up as sim run does."""
+
+
+@robot.command(epilog="Example: phalanx robot status robot-3.yaml --json")
+@robot_argument
+@json_option
+@runs("robot", "status")
+def status() -> None:
+    """Who vouches for the robot and for how long, which audits it gave, refused and why, and how late it ever was."""
+
+
+@robot.command(epilog="Example: phalanx robot schema > robot.schema.json")
+@runs("robot", "print_schema")
+def schema() -> None:
+    """The JSON schema of robots' files, for editors."""

@@ -1,0 +1,128 @@
+"""What `phalanx robot` does."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.daemon.arena import play_in_arena
+from phalanx.daemon.ether import Weather
+from phalanx.daemon.run import run_robot
+from phalanx.daemon.settings import read_robot, robot_schema
+from phalanx.daemon.state import is_running, told
+from phalanx.errors import UsageError
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.own import find_attacks
+from phalanx.sim.scenarios.play import ctrl_c_between_steps
+from phalanx.sim.scenarios.recording import Recording
+from phalanx.sim.scenarios.run import Run
+
+from . import sim
+from .run import run as run_until_stopped
+from .terminal import end_status_line, print_json, print_rows
+
+
+def run(robot: Path) -> int:
+    """One robot, until Ctrl-C or SIGTERM."""
+    settings = read_robot(robot)
+    run_until_stopped(run_robot(settings))
+    return 0
+
+
+def arena(
+    scenario: str,
+    attacks: tuple[str, ...],
+    loss: float,
+    repeats: float,
+    delay_ms: float,
+    keep: Path | None,
+    record: Path | None,
+    as_json: bool,
+    **said: Any,
+) -> int:
+    """Robots as processes, summed up on stdout."""
+    liars = find_attacks(attacks) if attacks else None
+    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
+    chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
+    sim.warn(chosen)
+    with contextlib.ExitStack() as stack:
+        folder = _folder(keep, stack)
+        tell, check = sim.progress(chosen.duration_s), stack.enter_context(ctrl_c_between_steps())
+
+        def on_step(run: Run) -> None:
+            tell(run)
+            check()
+
+        recording = stack.enter_context(Recording(record, chosen)) if record else None
+        try:
+            field = play_in_arena(chosen, folder, Weather(repeats=repeats, delay_ms=delay_ms), on_step, recording)
+        except KeyboardInterrupt:
+            end_status_line()
+            click.echo("stopped", err=True)
+            return 1
+    end_status_line()
+    summary = field.summary()
+    if as_json:
+        print_json(summary)
+    else:
+        sim.show(chosen, summary)
+        shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
+        late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
+        if shares:
+            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late"
+            print_rows({"a daemon takes": words})
+    return 0
+
+
+def _folder(keep: Path | None, stack: contextlib.ExitStack) -> Path:
+    if keep is None:
+        return Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="phalanx-")))
+    try:
+        keep.mkdir(mode=0o700)
+    except FileExistsError as error:
+        raise UsageError(f"{keep} is there already", "another name: keys are never overwritten") from error
+    except OSError as error:
+        raise UsageError(f"cannot make {keep}: {error.strerror}", "a folder that is yours") from error
+    return keep
+
+
+def status(robot: Path, as_json: bool) -> int:
+    """What a robot told last."""
+    state = told(read_robot(robot).state_file)
+    running = is_running(state)
+    if as_json:
+        print_json({**state, "running": running})
+        return 0
+    vouch = ", ".join(f"{each['auditor']} ({each['left_s']:.1f} s)" for each in state["tokens"]) or "nobody"
+    refused = "; ".join(f"{each['auditee']}: {each['reason']}, {each['times']} times" for each in state["refused"])
+    longest = state["longest_ms"]
+    print_rows(
+        {
+            "robot": f"{state['robot']}, mission {state['mission']}, {state['scenario']}, for {state['lived_s']:.0f} s",
+            "is": _is(state, running),
+            "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
+            "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
+            "tokens refused": refused or "none",
+            "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
+            "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
+            "of a core": f"{100 * state['core_share']:.1f} %",
+        }
+    )
+    return 0
+
+
+def _is(state: dict[str, Any], running: bool) -> str:
+    if not running:
+        return "not running"
+    return "in Safe Mode: it stands" if state["safe_mode"] else "running"
+
+
+def print_schema() -> None:
+    """The schema of robots' files."""
+    click.echo(json.dumps(robot_schema(), indent=2, ensure_ascii=False))

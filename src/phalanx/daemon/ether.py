@@ -1,0 +1,157 @@
+"""A radio in real time between processes: each speaks UDP to one port, which passes on what those in range would hear.
+
+It loses, delays and repeats, so frames overtake each other. What is for one robot is tried again as Wi-Fi does it; what
+is for all is said once. Source: docs/robot.md.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import random
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from phalanx.bti import request
+from phalanx.config.parameter import check_limits, within
+from phalanx.config.radio import RadioConfig
+from phalanx.io.ports import LOOPBACK
+from phalanx.sim.audited.world import World
+from phalanx.sim.radio.airtime import broadcast_us, rates_of, unicast_us
+from phalanx.sim.radio.channel import (
+    AIRTIME_US,
+    APP_BROADCAST,
+    ARRIVED,
+    AUDIT_BROADCAST,
+    AUDIT_UNICAST,
+    BYTES,
+    DUE,
+    SENT,
+)
+from phalanx.wire.fields import get_u16, row
+from phalanx.wire.table import FRAME_MAX
+
+AT_ONCE = 64
+LEAST_DELAY_S = 0.0005
+BUFFER_BYTES = 1 << 22
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weather:
+    """What the air does to frames, beside the scenario's loss. Raises: UsageError: a value is out of range."""
+
+    repeats: float = within(0.0, 0.0, 0.9, "share of frames that arrive twice")
+    delay_ms: float = within(5.0, 0.0, 10_000.0, "each frame is late by up to so much, so that one overtakes another")
+
+
+class Ether:
+    """The air at a port of this machine's.
+
+    Args:
+        world: who is where; its counts of frames grow.
+        ports: each robot's, by its index.
+        is_silent: whether a robot's radio is off, by index.
+        dice: of loss, delay and repetition.
+
+    Attributes:
+        port: where robots speak to.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        config: RadioConfig,
+        weather: Weather,
+        ports: Sequence[int],
+        is_silent: Callable[[int], bool],
+        dice: random.Random,
+    ) -> None:
+        check_limits(weather)
+        self._world, self._config, self._weather, self._dice = world, config, weather, dice
+        self._ports, self._is_silent = ports, is_silent
+        self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}
+        self._rates = rates_of(config)
+        self._waiting: list[tuple[float, int, int, bytes]] = []
+        self._number = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        self._socket.setblocking(False)
+        self._socket.bind((LOOPBACK, 0))
+        self.port = int(self._socket.getsockname()[1])
+
+    async def carry(self) -> None:
+        """Frames are carried, until this is cancelled."""
+        loop = asyncio.get_running_loop()
+        came = asyncio.Event()
+        loop.add_reader(self._socket, self._hear, came)
+        try:
+            while True:
+                now_s = loop.time()
+                while self._waiting and self._waiting[0][0] <= now_s:
+                    _, _, to, frame = heapq.heappop(self._waiting)
+                    self._deliver(to, frame)
+                wait_s = self._waiting[0][0] - now_s if self._waiting else None
+                came.clear()
+                try:
+                    async with asyncio.timeout(wait_s):
+                        await came.wait()
+                except TimeoutError:
+                    pass
+        finally:
+            loop.remove_reader(self._socket)
+
+    def close(self) -> None:
+        """Nobody is heard any more."""
+        self._socket.close()
+
+    def _hear(self, came: asyncio.Event) -> None:
+        for _ in range(AT_ONCE):
+            try:
+                frame, where = self._socket.recvfrom(FRAME_MAX + 1)
+            except OSError:
+                return
+            i = self._index.get(where, -1)
+            if i >= 0 and 0 < len(frame) <= FRAME_MAX and not self._is_silent(i):
+                self._say(i, frame)
+                came.set()
+
+    def _say(self, i: int, frame: bytes) -> None:
+        reach = self._world.reach
+        near = reach.ids[reach.start[i] : reach.start[i + 1]].tolist()
+        is_audit = bool(frame[0] & request.AUDIT)
+        addressed = is_audit and len(frame) >= request.AUDIT_HEAD_BYTES
+        dst = int(get_u16(row(frame), request.AT_DST)) if addressed else 0
+        lost, counts = self._config.loss, self._world.air.counts[i]
+        if dst:
+            near = [j for j in near if j == dst - 1]
+            tries = next((k for k in range(1, self._config.tries) if self._dice.random() >= lost), self._config.tries)
+            kind, took_us = AUDIT_UNICAST, tries * int(unicast_us(self._rates, len(frame)))
+            # Only the last try may fail as well.
+            lost = lost if tries == self._config.tries else 0.0
+        else:
+            kind = AUDIT_BROADCAST if is_audit else APP_BROADCAST
+            took_us = int(broadcast_us(self._rates, len(frame)))
+        told = counts[kind]
+        told[SENT] += 1
+        told[BYTES] += len(frame)
+        told[AIRTIME_US] += took_us
+        told[DUE] += 1 if dst else len(near)
+        for j in near:
+            if self._dice.random() >= lost:
+                told[ARRIVED] += 1
+                for _ in range(1 + (self._dice.random() < self._weather.repeats)):
+                    self._put(j, frame)
+
+    def _put(self, to: int, frame: bytes) -> None:
+        late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000
+        self._number += 1
+        heapq.heappush(self._waiting, (asyncio.get_running_loop().time() + late_s, self._number, to, frame))
+
+    def _deliver(self, to: int, frame: bytes) -> None:
+        if self._is_silent(to):
+            return
+        try:
+            self._socket.sendto(frame, (LOOPBACK, self._ports[to]))
+        except OSError:
+            return  # no room, or nobody there: lost

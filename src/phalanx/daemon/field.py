@@ -1,0 +1,94 @@
+"""Bodies in real time, whose robots are processes elsewhere: the simulator's world, moved by a clock on the wall.
+
+It is summed up and recorded as a simulated run is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from phalanx.bti.refusal import Refusal
+from phalanx.robot.attacks.liar import Liar
+from phalanx.sim.audited import body, loop
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.fields import row
+
+STOP = b"\0"  # what motors are told by trusted nodes; commands begin with another byte
+
+
+class Field(Run):
+    """A scenario whose robots are elsewhere; robots by their index."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self._moving = np.zeros(scenario.robots, bool)
+        self._states: dict[int, Mapping[str, Any]] = {}
+
+    def advance(self, until_s: float) -> None:
+        """The bodies are where they are by now; called each 50 ms or so."""
+        clock = self.world.clock[0]
+        clock.now_us = max(round(until_s * 1e6), int(clock.now_us))
+        loop.move(self.world)
+        while (self._sampled_s + 1) * 1_000_000 <= clock.now_us:
+            self._sample()
+        self._wall_s = self.now_s
+
+    def sensed(self, i: int, now_ms: int) -> bytes:
+        """What robot i's sensors say, at this time of its own clock."""
+        body.advance(self.world, i)
+        length = body.sensed(self.world, i, i + 1, now_ms)
+        return self.world.reading[:length].tobytes()
+
+    def drive(self, i: int, command: bytes) -> None:
+        """Robot i's trusted nodes tell its motors something."""
+        if command == STOP:
+            if self._moving[i]:
+                self.stand(i)
+            return
+        self._moving[i] = True
+        self.world.safe[i] = 0
+        self.world.safe_us[i] = -1
+        body.actuate(self.world, i, row(command), len(command))
+
+    def stand(self, i: int) -> None:
+        """Robot i's motors stand still, as nobody whom they obey tells them anything else."""
+        self._moving[i] = False
+        self.world.safe[i] = 1
+        self.world.safe_us[i] = self.world.clock[0].now_us
+        body.halt(self.world, i)
+
+    def hear_of(self, i: int, state: Mapping[str, Any], began_s: float) -> None:
+        """Robot i has told of itself (state.py); `began_s`: when its mission began, of the field's time."""
+        self._states[i] = {**state, "began_s": began_s}
+        self.world.fleet.robot[i].log_max = state["log_bytes_max"]
+        liar = self.robots.get(i)
+        if isinstance(liar, Liar) and state["first_deviation_s"] is not None:
+            boot_ms = int(self.world.boot_us[i]) // 1000
+            liar.first_deviation_ms = boot_ms + round(1000 * (began_s + state["first_deviation_s"]))
+
+    def shields(self) -> list[list[tuple[int, float]]]:
+        """See `Run`; as robots told last."""
+        told = [self._states.get(i) for i in range(len(self.ids))]
+        return [
+            [(each["auditor"], each["left_s"]) for each in state["tokens"]] if state and not state["safe_mode"] else []
+            for state in told
+        ]
+
+    def new_verdicts(self) -> list[tuple[float, int, int, Refusal]]:
+        """See `Run`; robots keep theirs to themselves."""
+        return []
+
+    def summary(self) -> dict[str, Any]:
+        """See `Run`. In real time no run is like another, so it has no digest."""
+        return super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
+
+    def _process(self, i: int) -> dict[str, Any]:
+        told = self._states.get(i)
+        if told is None:
+            return {"robot": i + 1}
+        names = ("pid", "lived_s", "tokens_got", "refused", "core_share", "longest_ms", "frames_lost")
+        return {"robot": i + 1} | {name: told[name] for name in names}

@@ -1,0 +1,208 @@
+"""One robot's life: its c-node between trusted nodes, radio and driver, in real time, from the mission key on.
+
+The kernels and timers are those of the simulator (robot/runtime.py). A reading that is due goes before all else, and of
+what comes by radio one frame is taken at a time: so an audit can delay a reading by no more than itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import Counter, deque
+
+import numpy as np
+
+from phalanx.bti import elsewhere
+from phalanx.bti.audit import make_work
+from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.refusal import Refusal
+from phalanx.errors import UsageError
+from phalanx.io.udp_radio import Radio
+from phalanx.robot.attacks.liar import Liar, lying
+from phalanx.robot.cnode import Actuate, CNode, Transmit
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.planner import ToGoal, advice_of, overheard
+from phalanx.robot.runtime import Done, Runtime, is_fragment
+from phalanx.sim.scenarios.run import params_of, plan_of
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+
+from .driver import Hardware
+from .kept_log import KeptLog
+from .trusted import OwnClock
+
+log = logging.getLogger(__name__)
+
+FRAMES = 256  # that wait at most; what comes then is lost, as on the air
+
+
+class Life:
+    """A robot whose trusted nodes are to get, or just got, their mission key.
+
+    Attributes:
+        longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
+        given, refused: audits of ours that ended, by auditee; refusals by reason as well.
+    """
+
+    def __init__(self, scenario: Scenario, rob_id: int, clock: OwnClock, hardware: Hardware, radio: Radio) -> None:
+        if scenario.defence != "bound":
+            raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
+        if rob_id > scenario.robots:
+            raise UsageError(f"robot {rob_id} is not in the mission", f"robots are 1 to {scenario.robots}")
+        self.scenario, self.id = scenario, rob_id
+        self._clock, self._hardware, self._radio = clock, hardware, radio
+        self._rows = elsewhere.place([clock])
+        self.fleet = make_fleet(
+            1,
+            scenario.bti,
+            params_of(scenario),
+            profile=BOUND,
+            controller=dispatch.NUMBERS[scenario.controller],
+            mission_seed=scenario.seed,
+            snode=self._rows,
+            anode=self._rows,
+        )
+        self.fleet.robot["id"] = rob_id
+        self._work = make_work(scenario.bti)
+        advised = dispatch.BUNDLED[scenario.controller].advised is not None
+        self._planner = ToGoal(rob_id, scenario.goal_m) if advised else None
+        self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
+        if self.attack:
+            self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
+        self._frames: deque[bytes] = deque()
+        self._came = asyncio.Event()
+        self._cpu_s = self._began_s = 0.0
+        self.lost = 0
+        self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
+        self.given: Counter[int] = Counter()
+        self.refused: Counter[tuple[int, Refusal]] = Counter()
+        self.runtime: Runtime | None = None
+        self.cnode: CNode | None = None
+
+    def begin(self) -> None:
+        """The mission key has just been loaded. Raises: Unavailable: the nodes are gone."""
+        now_ms = self._clock.now_ms()
+        self.cnode = self._as_it_is(now_ms)
+        self.runtime = Runtime(self.cnode, self.scenario.bti, now_ms)
+        self._began_s, self._cpu_s = time.monotonic(), time.process_time()
+
+    def _as_it_is(self, now_ms: int) -> CNode:
+        if self.attack is None:
+            return CNode(self.fleet, 0, self._work)
+        log.warning("robot %d rehearses an attack: %s", self.id, self.attack.name)
+        chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.scenario.seed, self.id])))
+        plan = plan_of(self.scenario, self.attack, now_ms, chance)
+        return lying(self.attack.attack, self.fleet, 0, self._work, plan)
+
+    async def live(self, kept: KeptLog) -> None:
+        """The robot lives, until it is cancelled or its trusted nodes stop it.
+
+        Raises: Unavailable: its nodes or its sensors are gone: its nodes stop the motors, whatever becomes of us.
+        """
+        assert self.runtime
+        self._radio.listen(self._hear)
+        while not self.runtime.in_safe_mode:
+            wait_ms = self._turn()
+            elsewhere.raise_failed()
+            kept.keep(self.fleet)
+            self._came.clear()
+            if self._frames or wait_ms <= 0:
+                await asyncio.sleep(0)  # what has come is heard, and waits for its turn
+                continue
+            try:
+                async with asyncio.timeout(wait_ms / 1000):
+                    await self._came.wait()
+            except TimeoutError:
+                pass
+        log.error("robot %d is in Safe Mode: fewer than %d vouch for it", self.id, self.scenario.bti.tokens_needed)
+        self._hardware.stop()
+
+    def _hear(self, frame: bytes) -> None:
+        if len(self._frames) < FRAMES:
+            self._frames.append(frame)
+            self._came.set()
+        else:
+            self.lost += 1
+
+    def _turn(self) -> float:
+        """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
+        runtime, now_ms = self.runtime, self._clock.now_ms()
+        assert runtime
+        began_s = time.perf_counter()
+        if runtime.input_ms <= now_ms:
+            self._note("late", now_ms - runtime.input_ms)
+            what, done = "reading", self._read(runtime, now_ms)
+        elif runtime.check_ms <= now_ms:
+            what, done = "check", []
+            runtime.on_check(now_ms)
+        elif runtime.wake_ms <= now_ms:
+            what, done = "audit", runtime.on_wake(now_ms)
+        elif runtime.audit_ms <= now_ms:
+            what, done = "audit", runtime.on_audit(now_ms)
+        elif self._frames:
+            frame = self._frames.popleft()
+            if self._planner:
+                overheard(self._planner, now_ms, frame)
+            what, done = "frame", runtime.on_frame(now_ms, frame)
+        else:
+            return runtime.due_ms - now_ms
+        self._perform(done)
+        self._note(what, 1000 * (time.perf_counter() - began_s))
+        return 0.0
+
+    def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
+        reading = self._hardware.sense(now_ms)
+        advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
+        return runtime.on_input(self._clock.now_ms(), reading, advice)
+
+    def _perform(self, todo: list[Done]) -> None:
+        assert self.runtime
+        waiting = deque(todo)
+        while waiting:
+            done = waiting.popleft()
+            if isinstance(done, Transmit):
+                self._radio.send(done.frame)
+                if is_fragment(done.frame):
+                    # Whether it arrived nobody tells us: who did not hear it sends no token, and another is asked.
+                    waiting.extend(self.runtime.on_sent(self._clock.now_ms(), arrived=True))
+            elif isinstance(done, Actuate):
+                self._hardware.drive(done.command)
+            elif done.refusal == Refusal.NONE:
+                self.given[done.auditee] += 1
+            else:
+                self.refused[done.auditee, done.refusal] += 1
+
+    def _note(self, what: str, took_ms: float) -> None:
+        self.longest_ms[what] = max(self.longest_ms[what], took_ms)
+
+    @property
+    def now_ms(self) -> int:
+        """Of the trusted nodes' clock."""
+        return self._clock.now_ms()
+
+    @property
+    def core_share(self) -> float:
+        """Of a processor core, since the mission began, without the trusted nodes."""
+        return (time.process_time() - self._cpu_s) / max(time.monotonic() - self._began_s, 1e-9)
+
+    @property
+    def began_s(self) -> float:
+        """When the mission began, of this machine's monotonic clock."""
+        return self._began_s
+
+    @property
+    def first_deviation_ms(self) -> int | None:
+        """When this robot first did what an honest one would not, of its own clock; None for an honest one.
+
+        Not before it begins to lie: what it compares itself with knows the time of its nodes to a millisecond only.
+        """
+        if not isinstance(self.cnode, Liar) or self.cnode.first_deviation_ms is None:
+            return None
+        began_ms = self.cnode.plan.start_ms
+        return max(self.cnode.first_deviation_ms, began_ms) if self.now_ms >= began_ms else None
+
+    def close(self) -> None:
+        """Radio and driver are closed, and kernels know its nodes no longer."""
+        self._radio.close()
+        self._hardware.close()
+        elsewhere.forget(self._rows)

@@ -1,0 +1,77 @@
+"""From a robot's file to its life and its end: everything made in the order in which it can fail."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from pathlib import Path
+
+from phalanx.io.udp_radio import UdpRadio
+from phalanx.robot.controllers import dispatch
+from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.file import find_scenario, written_scenario
+from phalanx.sim.scenarios.scenario import Scenario
+
+from .driver import make_driver
+from .kept_log import KeptLog
+from .life import Life
+from .rehearsal import rehearse
+from .settings import RobotSettings
+from .state import EVERY_S, state_of, tell
+from .trusted import OwnClock, give_keys, open_nodes, start
+
+log = logging.getLogger(__name__)
+
+
+def mission_of(settings: RobotSettings) -> Scenario:
+    """The scenario that the file names. Raises: UsageError, Unavailable."""
+    words = settings.said.mission
+    return find_scenario(words if words in built_in("scenarios") else str(settings.path(words)))
+
+
+async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None:
+    """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
+
+    Raises: UsageError: something in its file; Unavailable: nodes, radio, sensors or disk; then its nodes stop it.
+    """
+    scenario = mission_of(settings)
+    limits = limits_of(scenario.bti, scenario.radio)
+    said = settings.said
+    with contextlib.ExitStack() as stack:
+        node = open_nodes(settings)
+        stack.callback(node.close)
+        if said.trusted.startswith("process"):
+            log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
+        sealed = give_keys(node, settings, limits)
+        radio = UdpRadio(said.radio.here, said.radio.peers, said.radio.group)
+        stack.callback(radio.close)
+        hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
+        stack.callback(hardware.close)
+        life = Life(scenario, said.robot, OwnClock(node), hardware, radio)
+        stack.callback(life.close)
+        if not rehearsed:
+            rehearse(scenario, limits)
+        hardware.begin()
+        start(node, sealed)
+        life.begin()
+        head = {"robot": said.robot, "mission": sealed.seq, "scenario": written_scenario(scenario)}
+        kept = stack.enter_context(KeptLog(settings.log_file, head))
+        await _live(life, kept, settings.state_file, sealed.seq)
+
+
+async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int) -> None:
+    living = asyncio.create_task(life.live(kept))
+    try:
+        while True:
+            tell(state_file, state_of(life, mission))
+            await asyncio.wait([living], timeout=EVERY_S)
+            if living.done():
+                await living
+                await asyncio.sleep(EVERY_S)  # it stands; what it tells stays new
+    finally:
+        living.cancel()
+        await asyncio.gather(living, return_exceptions=True)
+        with contextlib.suppress(Exception):
+            tell(state_file, state_of(life, mission))

@@ -1,0 +1,102 @@
+"""What one robot's file says: who it is, its mission, and where its trusted nodes, radio, sensors and motors are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from phalanx.config.parameter import check_limits, told
+from phalanx.config.reader import Reader, schema_of
+from phalanx.errors import Unavailable, UsageError
+
+MOST_BYTES = 1 << 16
+HINT = "docs/robot.md has an example"
+TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
+DRIVERS = "python:FILE.py:CLASS or arena:FOLDER"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadioFile:
+    """Where it speaks and listens. Raises: UsageError: to nobody."""
+
+    here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
+    peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
+    group: str = field(default="", metadata=told("a multicast group to speak to, ADDRESS:PORT, instead of each peer"))
+
+    def __post_init__(self) -> None:
+        if not self.peers:
+            raise UsageError("peers are none", "the other robots' addresses")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotFile:
+    """One robot. Paths are relative to the file's folder. Raises: UsageError: a value is out of range."""
+
+    robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number, as its board has it")})
+    mission: str = field(metadata=told("a scenario that comes with phalanx, or its file: the same for all robots"))
+    key: str = field(metadata=told("the mission's key, as phalanx keys issue wrote it"))
+    board: str = field(default="", metadata=told("what phalanx keys provision wrote, for nodes without a master key"))
+    trusted: str = field(default="process:trusted.flash", metadata=told(f"where its trusted nodes are: {TRUSTED}"))
+    wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
+    driver: str = field(metadata=told(f"what reads its sensors and drives its motors: {DRIVERS}"))
+    radio: RadioFile = field(metadata=told("over UDP"))
+    folder: str = field(default=".", metadata=told("where it keeps its log and tells of its state"))
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        if self.trusted.partition(":")[0] not in ("process", "serial", "unix", "tcp"):
+            raise UsageError(f"trusted is {self.trusted!r}", TRUSTED)
+        if self.driver.partition(":")[0] not in ("python", "arena"):
+            raise UsageError(f"driver is {self.driver!r}", DRIVERS)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSettings:
+    """A robot's file as it was read, and where it lies."""
+
+    said: RobotFile
+    base: Path
+
+    def path(self, words: str) -> Path:
+        """A path of the file's."""
+        return self.base / words
+
+    @property
+    def folder(self) -> Path:
+        """Where the robot keeps its things."""
+        return self.path(self.said.folder)
+
+    @property
+    def state_file(self) -> Path:
+        """What it tells of its state, as JSON."""
+        return self.folder / f"robot-{self.said.robot}.json"
+
+    @property
+    def log_file(self) -> Path:
+        """What was ever in its log."""
+        return self.folder / f"robot-{self.said.robot}.log"
+
+
+def read_robot(path: Path) -> RobotSettings:
+    """The robot in a file. Raises: UsageError: none, or with a mistake in a line; Unavailable: it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise UsageError(f"no file {path}", HINT) from error
+    except OSError as error:
+        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    if len(data) > MOST_BYTES:
+        raise UsageError(f"{path}: longer than {MOST_BYTES >> 10} KiB", HINT)
+    said: RobotFile = Reader(str(path), HINT).root(RobotFile, data, "robot file")
+    return RobotSettings(said, path.parent)
+
+
+def robot_schema() -> dict[str, Any]:
+    """A JSON schema (draft 2020-12) of robots' files. Source: json-schema.org."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "phalanx robot",
+        **schema_of(RobotFile),
+    }

@@ -1,0 +1,87 @@
+"""What a robot tells of itself: a file of JSON for its owner alone, new each second, whole at any time."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from phalanx.errors import Unavailable, UsageError
+
+from .life import Life
+
+EVERY_S = 1.0
+OLD_S = 5.0
+
+
+def state_of(life: Life, mission: int) -> dict[str, Any]:
+    """What `phalanx robot status --json` prints."""
+    robot, settings = life.fleet.robot[0], life.fleet.settings[0]
+    runtime = life.runtime
+    assert runtime
+    now_ms = life.now_ms
+    newest: dict[int, int] = {}
+    for which, count in enumerate((int(robot.tokens_start), int(robot.tokens_pending))):
+        for token in life.fleet.token[0, which, :count]:
+            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
+    left = {tor: (t + int(settings.t_val) - now_ms) / 1000 for tor, t in sorted(newest.items())}
+    return {
+        "robot": life.id,
+        "mission": mission,
+        "scenario": life.scenario.name,
+        "pid": os.getpid(),
+        "told_s": time.time(),
+        "began_monotonic_s": life.began_s,
+        "lived_s": (now_ms - int(robot.t_key)) / 1000,
+        "safe_mode": runtime.in_safe_mode,
+        "tokens": [{"auditor": tor, "left_s": left_s} for tor, left_s in left.items() if left_s > 0],
+        "tokens_needed": life.scenario.bti.tokens_needed,
+        "tokens_got": int(robot.tokens_got),
+        "requests_sent": int(robot.requests_sent),
+        "given": dict(life.given),
+        "refused": [
+            {"auditee": tee, "reason": why.name.lower().replace("_", " "), "times": times}
+            for (tee, why), times in life.refused.items()
+        ],
+        "log_bytes": int(robot.log_len),
+        "log_bytes_max": int(robot.log_max),
+        "frames_lost": life.lost,
+        "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
+        "core_share": round(life.core_share, 4),
+        "attack": life.attack.name if life.attack else None,
+        "first_deviation_s": _since(life.first_deviation_ms, int(robot.t_key)),
+    }
+
+
+def _since(at_ms: int | None, began_ms: int) -> float | None:
+    return None if at_ms is None else (at_ms - began_ms) / 1000
+
+
+def tell(path: Path, state: dict[str, Any]) -> None:
+    """The file tells this now. Raises: Unavailable: it cannot be written."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+            file.write(json.dumps(state).encode() + b"\n")
+        beside.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise Unavailable(f"cannot write {path}: {error.strerror}", "another folder") from error
+
+
+def told(path: Path) -> dict[str, Any]:
+    """What a robot told last. Raises: UsageError: it never told anything there."""
+    try:
+        state: dict[str, Any] = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise UsageError(f"no robot has told of itself in {path}", "phalanx robot run starts one") from error
+    return state
+
+
+def is_running(state: dict[str, Any]) -> bool:
+    """Whether the robot that told this still tells."""
+    return bool(abs(time.time() - state["told_s"]) < OLD_S)

@@ -1,0 +1,114 @@
+"""A robot's trusted nodes, wherever they are: found, given their keys, and their clock followed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from phalanx.bti.elsewhere import FORWARDED
+from phalanx.bti.nodes import Limits, MissionKey, Refused
+from phalanx.errors import Unavailable, UsageError
+from phalanx.io.mission_key import read_board, read_mission_key
+from phalanx.io.serial_line import open_line
+from phalanx.io.serial_node import SerialNode
+from phalanx.wire import Record, lines
+from phalanx.wire.fields import get_u32, row
+from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY
+
+from .settings import RobotSettings
+
+# The program is made from firmware/, which is not in a wheel.
+PROGRAM = Path(__file__).parents[3] / "firmware" / "build" / "node"
+AT_T = ENTRY.at("t")
+# Of nobody, to nobody: chained by no a-node and read by no c-node, but the answer has the time.
+WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
+
+
+class OwnClock:
+    """The nodes' own clock, as it shows in what they answer: between a call and its answer it was so late.
+
+    Ours is moved as little as that allows, so it follows one that drifts.
+    """
+
+    def __init__(self, node: SerialNode) -> None:
+        self._node = node
+        self._ahead_ms: float | None = None  # of ours
+
+    def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
+        """See bti.elsewhere.Elsewhere."""
+        before_ms = _ours_ms()
+        code, result = self._node.ask(call, now_ms, **arguments)
+        if call in FORWARDED and code > 0:
+            t = get_u32(row(result), AT_T)
+            least, most = t - _ours_ms(), t + 1 - before_ms
+            ahead_ms = (least + most) / 2 if self._ahead_ms is None else self._ahead_ms
+            self._ahead_ms = min(max(ahead_ms, least), most)
+        return code, result
+
+    def now_ms(self) -> int:
+        """The time of the nodes, ms since their power-up; they have a mission key."""
+        if self._ahead_ms is None:
+            self.ask(lines.RECV, frame=WHAT_TIME)
+        assert self._ahead_ms is not None, "without a mission key they tell nothing"
+        return int(_ours_ms() + self._ahead_ms)
+
+
+def _ours_ms() -> float:
+    return time.monotonic_ns() / 1e6
+
+
+def open_nodes(settings: RobotSettings) -> SerialNode:
+    """The nodes that the file names, after a handshake.
+
+    Raises: UsageError: there is no program for a process, or it is a bench; Unavailable: nobody answers.
+    """
+    kind, _, where = settings.said.trusted.partition(":")
+    if kind == "process":
+        if not PROGRAM.exists():
+            raise UsageError(
+                f"no program for trusted nodes in a process: {PROGRAM} is not there",
+                "make -C firmware build/node, in a checkout; or a board: trusted: serial:DEVICE",
+            )
+        wheels = [str(settings.path(settings.said.wheels))] if settings.said.wheels else []
+        line = open_line(f"process:{PROGRAM},{settings.path(where)}", *wheels)
+    elif settings.said.wheels:
+        raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
+    else:
+        line = open_line(settings.said.trusted)
+    node = SerialNode(line)
+    if node.about.told_clock:
+        node.close()
+        raise UsageError(f"{line.where} is a bench, which is told the time", "a board with a clock of its own")
+    return node
+
+
+def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
+    """Nodes that have no master key are made with theirs; the mission's key, for `start`.
+
+    Raises: UsageError: the files are not this robot's. Refused, Unavailable.
+    """
+    said = settings.said
+    sealed = read_mission_key(settings.path(said.key), said.robot)
+    if node.about.robot_id == 0:
+        if not said.board:
+            raise UsageError("its trusted nodes have no master key", "board: FILE, of phalanx keys provision")
+        master = read_board(settings.path(said.board), said.robot)
+        node.make(limits)
+        node.load_master(master, said.robot)
+    elif node.about.robot_id != said.robot:
+        raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s", "another board, or another file")
+    if sealed.seq <= node.about.seq:
+        raise Unavailable(
+            f"its trusted nodes have had the key of mission {sealed.seq} already: the robot stands still",
+            "phalanx keys issue makes the next mission's key",
+        )
+    return sealed
+
+
+def start(node: SerialNode, sealed: MissionKey) -> None:
+    """The mission has begun. Raises: UsageError: the key is not sealed for these nodes; Unavailable."""
+    try:
+        node.load_mission(0, sealed)
+    except Refused as error:
+        raise UsageError(f"its trusted nodes refuse the mission's key: {error.reason}", "phalanx keys issue") from error

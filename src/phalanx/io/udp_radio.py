@@ -1,0 +1,137 @@
+"""A robot's radio over UDP: a frame is a datagram, and what does not come from a configured address was never there.
+
+Nothing here is trusted and nothing is acknowledged: datagrams are lost, repeated and overtake each other, and the
+audits hold with that. IPv4 or IPv6, to a list of addresses or to one multicast group.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import socket
+import struct
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from phalanx.errors import Unavailable, UsageError
+from phalanx.wire.table import FRAME_MAX
+
+AT_ONCE = 32  # datagrams that are read before others have their turn
+BUFFER_BYTES = 1 << 20
+HINT = "ADDRESS:PORT, as 192.168.1.7:4410 or [fd00::7]:4410"
+Address = tuple[str, int]
+
+
+class Radio(Protocol):
+    """What a robot speaks through, whatever it is: serial radios are one file each."""
+
+    def send(self, frame: bytes) -> None:
+        """The frame goes out to all who hear this robot, or is lost."""
+        ...
+
+    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+        """From now on each frame that comes is handed over, in the running event loop."""
+        ...
+
+    def close(self) -> None:
+        """Nothing comes and goes any more."""
+        ...
+
+
+class UdpRadio:
+    """A socket at `here`.
+
+    Args:
+        here: where it listens, as in HINT.
+        peers: from whom it hears, and to whom it speaks.
+        group: a multicast group to speak to instead; it still hears `peers` alone.
+
+    Attributes:
+        refused: datagrams that were dropped unread, by reason.
+    Raises: UsageError: no such address; Unavailable: it cannot listen there.
+    """
+
+    def __init__(self, here: str, peers: Sequence[str], group: str = "") -> None:
+        self._here = parsed(here)
+        self._peers = [parsed(each) for each in peers]
+        self._to = [parsed(group)] if group else self._peers
+        self._heard = frozenset(self._peers)
+        self.refused = {"foreign": 0, "too_large": 0, "empty": 0}
+        self.unsent = 0
+        family = _family(self._here)
+        if any(_family(each) != family for each in (*self._peers, *self._to)):
+            raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "one kind for all")
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            self._bind(self._to[0] if group else None)
+        except OSError as error:
+            self._socket.close()
+            raise Unavailable(f"cannot listen on {here}: {error.strerror}", "an address of this machine's") from error
+
+    def _bind(self, group: Address | None) -> None:
+        if not group:
+            self._socket.bind(self._here)
+            return
+        # Robots of one machine share the group's port; each hears all that is said there.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        raw = socket.inet_pton(self._socket.family, group[0])
+        if self._socket.family == socket.AF_INET:
+            ours = socket.inet_aton(self._here[0])
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, raw + ours)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, ours)
+        else:
+            self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, raw + struct.pack("@I", 0))
+        self._socket.bind(("" if self._socket.family == socket.AF_INET else "::", group[1]))
+
+    def send(self, frame: bytes) -> None:
+        """See `Radio`."""
+        for each in self._to:
+            try:
+                self._socket.sendto(frame, each)
+            except OSError:  # nobody listens there yet, or no room: as lost as on the air
+                self.unsent += 1
+
+    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+        """See `Radio`."""
+        asyncio.get_running_loop().add_reader(self._socket, self.read, on_frame)
+
+    def read(self, on_frame: Callable[[bytes], None]) -> None:
+        """What has come is handed over, so far as it is ours to hear."""
+        for _ in range(AT_ONCE):
+            try:
+                raw, came_from = self._socket.recvfrom(FRAME_MAX + 1)
+            except OSError:
+                return
+            if len(raw) > FRAME_MAX:
+                self.refused["too_large"] += 1
+            elif came_from[:2] not in self._heard:
+                self.refused["foreign"] += 1
+            elif not raw:
+                self.refused["empty"] += 1
+            else:
+                on_frame(raw)
+
+    def close(self) -> None:
+        """See `Radio`."""
+        with contextlib.suppress(RuntimeError, ValueError):  # no loop runs, or it never listened
+            asyncio.get_running_loop().remove_reader(self._socket)
+        self._socket.close()
+
+
+def parsed(words: str) -> Address:
+    """The address that is said. Raises: UsageError: it is none."""
+    host, _, port = words.rpartition(":")
+    try:
+        address = ipaddress.ip_address(host.removeprefix("[").removesuffix("]") if ":" in host else host)
+        if not (port.isascii() and port.isdigit() and 1 <= int(port) <= 0xFFFF):
+            raise ValueError(port)
+    except ValueError as error:
+        raise UsageError(f"{words!r} is no address", HINT) from error
+    return str(address), int(port)
+
+
+def _family(address: Address) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in address[0] else socket.AF_INET

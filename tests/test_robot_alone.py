@@ -1,0 +1,153 @@
+"""A robot's file, its keys, its radio, and what it does before a mission begins: none of it needs another process."""
+
+from __future__ import annotations
+
+import json
+import socket
+
+import pytest
+
+from phalanx.bti.nodes import seal_mission_key
+from phalanx.config import BtiConfig
+from phalanx.daemon import rehearsal
+from phalanx.daemon.run import mission_of
+from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
+from phalanx.errors import Unavailable, UsageError
+from phalanx.io.mission_key import issued, read_board, read_mission_key
+from phalanx.io.udp_radio import UdpRadio, parsed
+from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.scenarios.file import parse_scenario, written_scenario
+from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.wire.table import BOARD, FRAME_MAX
+
+ROBOT = """robot: 3
+mission: flock-12
+key: key.json
+driver: python:wheels.py
+radio:
+  here: 127.0.0.1:4403
+  peers: [127.0.0.1:4401, "[::1]:4402"]
+"""
+
+
+def robot(tmp_path, text=ROBOT):
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    return read_robot(path)
+
+
+def test_a_robots_file_is_read_and_its_paths_are_beside_it(tmp_path):
+    settings = robot(tmp_path)
+    assert settings.said.robot == 3
+    assert settings.said.radio.peers == ("127.0.0.1:4401", "[::1]:4402")
+    assert settings.path(settings.said.key) == tmp_path / "key.json"
+    assert mission_of(settings).robots == 12
+
+
+@pytest.mark.parametrize(
+    ("was", "said", "line", "what"),
+    [
+        ("robot: 3", "robot: 0", 1, "robot is 0"),
+        ("robot: 3", "robot: three", 1, "robot is 'three'"),
+        ("robot: 3\n", "", 1, "robot file has no robot"),
+        ("driver: python:wheels.py", "driver: wheels.py", 4, "driver is 'wheels.py'"),
+        ("key: key.json", "keys: key.json", 3, "robot file has no 'keys'"),
+        ('  peers: [127.0.0.1:4401, "[::1]:4402"]', "  peers: []", 7, "peers are none"),
+        ("  here: 127.0.0.1:4403\n", "", 6, "radio has no here"),
+    ],
+)
+def test_a_mistake_in_it_is_told_with_its_line(tmp_path, was, said, line, what):
+    assert was in ROBOT
+    with pytest.raises(UsageError) as told:
+        robot(tmp_path, ROBOT.replace(was, said))
+    assert str(told.value).startswith(f"{tmp_path}/robot.yaml:{line}: {what}")
+
+
+def test_its_schema_knows_all_that_a_file_may_say():
+    schema = robot_schema()
+    assert set(schema["properties"]) == set(RobotFile.__dataclass_fields__)
+    assert schema["properties"]["radio"]["required"] == ["here", "peers"]
+    assert "default" not in schema["properties"]["robot"]
+
+
+def test_what_is_written_of_a_scenario_is_read_as_the_same():
+    scenario = Scenario(
+        name="x",
+        robots=5,
+        bti=BtiConfig(f_max=1, t_audit_ms=1000),
+        attacks=(AttackSpec(name="hijack", robot=2, at_s=1.0),),
+    )
+    assert parse_scenario(json.dumps(written_scenario(scenario)).encode(), "x.yaml") == scenario
+
+
+def test_a_mission_key_is_read_for_the_robot_that_it_is_sealed_for(tmp_path):
+    path, sealed = tmp_path / "key.json", seal_mission_key(bytes(20), bytes(range(20)), bytes(20), 7)
+    path.write_bytes(issued(7, {3: sealed}, {}))
+    assert read_mission_key(path, 3) == sealed
+    with pytest.raises(UsageError, match="no key for robot 4"):
+        read_mission_key(path, 4)
+    path.write_text('{"mission": 7, "robots": {"3": {"k": "00", "r": "00", "mac": "00"}}}')
+    with pytest.raises(UsageError, match="is no mission key"):
+        read_mission_key(path, 3)
+    path.write_text("[" * 100_000)
+    with pytest.raises(UsageError, match="is no mission key"):
+        read_mission_key(path, 3)
+
+
+def test_a_board_file_is_for_one_robot(tmp_path):
+    path = tmp_path / "board.bin"
+    path.write_bytes(BOARD.encode(id=3, master=bytes(range(20))))
+    assert read_board(path, 3) == bytes(range(20))
+    with pytest.raises(UsageError, match="is for robot 3"):
+        read_board(path, 2)
+    path.write_bytes(b"short")
+    with pytest.raises(UsageError, match="not what a board"):
+        read_board(path, 3)
+
+
+@pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])
+def test_what_is_no_address_is_said(words):
+    with pytest.raises(UsageError, match="is no address"):
+        parsed(words)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    shown = f"[{host}]" if ":" in host else host
+    with socket.socket(family, socket.SOCK_DGRAM) as peer, socket.socket(family, socket.SOCK_DGRAM) as stranger:
+        for each in (peer, stranger):
+            each.bind((host, 0))
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((host, 0))
+            port = probe.getsockname()[1]
+        radio = UdpRadio(f"{shown}:{port}", [f"{shown}:{peer.getsockname()[1]}"])
+        try:
+            heard: list[bytes] = []
+            stranger.sendto(b"\x01", (host, port))
+            for frame in (bytes(FRAME_MAX + 1), b"", b"\x02" * FRAME_MAX, b"\x03"):
+                peer.sendto(frame, (host, port))
+            radio.read(heard.append)
+            assert heard == [b"\x02" * FRAME_MAX, b"\x03"]
+            assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1}
+            radio.send(b"\x04")
+            peer.settimeout(10)
+            assert peer.recvfrom(10)[0] == b"\x04"
+        finally:
+            radio.close()
+
+
+def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
+    with pytest.raises(UsageError, match="not all IPv4 or all IPv6"):
+        UdpRadio("127.0.0.1:4410", ["[::1]:4411"])
+    with pytest.raises(Unavailable, match=r"cannot listen on 192\.0\.2\.1:4410"):
+        UdpRadio("192.0.2.1:4410", ["127.0.0.1:4411"])
+
+
+@pytest.mark.timeout(600)  # compiles, the first time
+@pytest.mark.parametrize("controller", ["flock", "guard"])
+def test_two_robots_of_a_rehearsal_audit_each_other(controller):
+    scenario = Scenario(
+        robots=2, controller=controller, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="hijack", robot=1),)
+    )
+    assert rehearsal.rehearse(scenario, limits_of(scenario.bti, scenario.radio)) > 2

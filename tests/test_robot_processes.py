@@ -1,0 +1,155 @@
+"""Robots as processes, with trusted processes, sockets, clocks and kills."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+import boards
+from phalanx.daemon.state import told
+from phalanx.io.keyring import Keys
+from phalanx.io.mission_key import issued
+from phalanx.wire.table import ACCELERATION, BOARD
+
+pytestmark = [pytest.mark.waits, pytest.mark.timeout(600)]
+PHALANX = (sys.executable, "-m", "phalanx")
+# Readings may be late by a quarter of a second: the machine has other things to do.
+MISSION = """robots: 4
+grid_step_m: 10
+d_m: 10
+goal_m: [100, 60]
+bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 600, steps_per_state: 1, delta_ms: 290, skew_ms: 200}
+"""
+T_VAL_S, P_CHECK_S, SCHEDULING_S = 2.5, 0.1, 1.0
+STILL = """
+from phalanx.daemon.driver import Driver
+
+class Still(Driver):
+    def sense(self):
+        return {"x_m": 1.0, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}
+"""
+
+
+def arena(tmp_path, *words):
+    boards.built("node")
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(MISSION)
+    ended = subprocess.run(
+        (*PHALANX, "--log-level", "error", "robot", "arena", str(mission), "--json", *words),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    return json.loads(ended.stdout)
+
+
+def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path):
+    summary = arena(
+        tmp_path, "--duration", "8", "--attack", "hijack:robot=3,at=2", "--loss", "0.2", "--repeats", "0.05"
+    )
+    (liar,) = summary["compromised"]
+    assert (liar["robot"], liar["attack"]) == (3, "hijack")
+    assert liar["first_deviation_s"] >= 2
+    assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S
+    assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+    refusals = {(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]}
+    assert refusals == {(3, "output wrong")}
+    assert all(told["tokens_got"] > 0 for told in summary["processes"])
+    assert 0.7 < summary["broadcast_delivery"] < 0.9
+
+
+class Body:
+    """Where a robot's trusted process finds its motors: this test."""
+
+    def __init__(self, path):
+        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listening.bind(str(path))
+        self._listening.listen()
+        self._listening.settimeout(120)
+
+    def begin(self):
+        self._link, _ = self._listening.accept()
+        self._link.settimeout(120)
+
+    def told(self):
+        return self._link.recv(100)
+
+    def commanded(self):
+        """Waits for a command, past words to stand still."""
+        while (said := self.told()) == b"\0":
+            pass
+        return ACCELERATION.decode(said)
+
+    def close(self):
+        self._listening.close()
+
+
+@contextlib.contextmanager
+def running(path):
+    process = subprocess.Popen((*PHALANX, "--log-level", "error", "robot", "run", str(path)), stderr=subprocess.PIPE)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path):
+    boards.built("node")
+    keys = Keys.new("test")
+    (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
+    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (tmp_path / "mission.yaml").write_text(MISSION)
+    (tmp_path / "still.py").write_text(STILL)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    path = tmp_path / "robot.yaml"
+    said = {
+        "robot": 2,
+        "mission": "mission.yaml",
+        "key": "key.json",
+        "board": "board.bin",
+        "driver": "python:still.py",
+        "wheels": "wheels",
+        "radio": {"here": f"127.0.0.1:{port}", "peers": ["127.0.0.1:9"]},
+    }
+    path.write_text(json.dumps(said))
+    body = Body(tmp_path / "wheels")
+    try:
+        with running(path) as robot:
+            body.begin()
+            assert body.commanded()["id"] == 2
+            state = tmp_path / "robot-2.json"
+            assert state.stat().st_mode & 0o777 == 0o600
+            assert told(state)["pid"] == robot.pid
+            os.kill(robot.pid, signal.SIGKILL)
+            until_s = time.monotonic() + 60
+            while said := body.told():  # to its motors' socket's end
+                assert time.monotonic() < until_s
+        again = subprocess.run((*PHALANX, "robot", "run", str(path)), capture_output=True, text=True, check=False)
+        assert again.returncode == 1
+        assert "have had the key of mission 1 already: the robot stands still" in again.stderr
+        assert "hint: phalanx keys issue" in again.stderr
+        assert "Traceback" not in again.stderr
+        body.begin()
+        assert set(iter(body.told, b"")) <= {b"\0"}, "it moved"
+        (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+        with running(path):
+            body.begin()
+            assert body.commanded()["id"] == 2
+            # Nobody is there who could vouch for it.
+            while body.told() != b"\0":
+                pass
+    finally:
+        body.close()
