@@ -180,7 +180,7 @@ class TestUp:
     async def test_the_status_line_fits_a_small_terminal(self, monkeypatch, held, connected):
         shown = []
         monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-        monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((80, 24)))
+        monkeypatch.setattr("shutil.get_terminal_size", lambda *_, **__: os.terminal_size((80, 24)))
         monkeypatch.setattr("click.echo", lambda words, **_: shown.append(words.removeprefix("\r\x1b[2K")))
         counts = dict.fromkeys(("visitors", "refused", "robots", "commands"), 12345)
         now = {

@@ -67,24 +67,24 @@ def each_once(folder: Path, count: int) -> list[dict]:
 class TestPlan:
     def test_it_is_every_point_under_every_seed_and_each_has_a_key_of_its_own(self, written):
         sweep = read_sweep(written(SMALL))
-        jobs = list(sweep.jobs())
+        jobs = sweep.jobs
         assert len(jobs) == sweep.count == len({job.key for job in jobs}) == 12
         assert [job.scenario.seed for job in jobs[:4]] == [0, 1, 2, 0]
         assert {len(job.scenario.attacks) for job in jobs} == {0, 1}
-        again = list(read_sweep(written(SMALL.replace("seeds: 3", "seeds: [2]"))).jobs())
+        again = read_sweep(written(SMALL.replace("seeds: 3", "seeds: [2]"))).jobs
         assert {job.key for job in again} < {job.key for job in jobs}, "the same run is the same, whatever is beside it"
 
     def test_a_controller_that_was_changed_makes_other_runs(self, written, tmp_path):
         path = written("scenario: flock-12\ngrid: {controller: 'own.py:Mine'}\n")
         (tmp_path / "own.py").write_text(MINE)
-        (before,) = read_sweep(path).jobs()
+        (before,) = read_sweep(path).jobs
         (tmp_path / "own.py").write_text(MINE + "\n")
-        (after,) = read_sweep(path).jobs()
+        (after,) = read_sweep(path).jobs
         assert before.key != after.key
 
     def test_what_lies_in_a_section_can_be_varied(self, written):
         text = "scenario: [flock-12, bti-fig9]\ngrid:\n  radio.mcs: [2, 3]\n  bti.t_val_ms: 9000\n"
-        jobs = list(read_sweep(written(text)).jobs())
+        jobs = read_sweep(written(text)).jobs
         assert [(job.scenario.name, job.scenario.radio.mcs) for job in jobs] == [
             ("flock-12", 2), ("flock-12", 3), ("bti-fig9", 2), ("bti-fig9", 3),
         ]  # fmt: skip
@@ -115,7 +115,7 @@ class TestPlan:
     )
     def test_a_mistake_is_one_line_with_its_place(self, written, text, told):
         with pytest.raises(UsageError) as wrong:
-            list(read_sweep(written(text)).jobs())
+            list(read_sweep(written(text)).jobs)
         assert told in str(wrong.value)
         assert "\n" not in str(wrong.value)
 
@@ -123,7 +123,7 @@ class TestPlan:
 class TestStore:
     def test_what_is_there_is_kept_once_and_a_torn_part_is_none(self, written, tmp_path):
         sweep = read_sweep(written(SMALL))
-        jobs, row = list(sweep.jobs()), dict.fromkeys(OUTCOME)
+        jobs, row = sweep.jobs, dict.fromkeys(OUTCOME)
         with Store(tmp_path / "out", sweep, "1") as store:
             store.add(jobs[0], row)
             store.add(jobs[0], row)
@@ -158,7 +158,7 @@ class TestStore:
 
     def test_a_row_is_what_the_run_alone_comes_to(self, written, tmp_path):
         sweep = read_sweep(written(SMALL))
-        job = list(sweep.jobs())[-1]
+        job = sweep.jobs[-1]
         row = run_job(job)
         assert set(row) == set(OUTCOME)
         alone = simulate(

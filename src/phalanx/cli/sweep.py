@@ -26,11 +26,8 @@ def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | No
         raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
     chosen, progress = read_sweep(file), Progress()
     tell_of_compiling()
-    there = 0
 
     def tell(done: int, of: int) -> None:
-        nonlocal there
-        there = done
         progress.tell(f"{done} of {of} runs", done / of)
 
     with Store(out or Path("out") / file.stem, chosen, version()) as store:

@@ -41,7 +41,7 @@ def run_sweep(
     Raises: UsageError: of the sweep. Unavailable: dask is not installed; no scheduler there, or it went away; a disk
         is full. Ctrl-C: KeyboardInterrupt. Whatever it is, what came until then is in the store.
     """
-    jobs = {job.key: job for job in sweep.jobs()}
+    jobs = {job.key: job for job in sweep.jobs}
     todo = [job for key, job in jobs.items() if key not in store.done]
     on_progress(len(jobs) - len(todo), len(jobs))
     if not todo:

@@ -56,8 +56,12 @@ class Sweep:
         """Of runs."""
         return math.prod(map(len, self.axes.values())) * len(self.seeds)
 
-    def jobs(self) -> Iterator[Job]:
+    @cached_property
+    def jobs(self) -> tuple[Job, ...]:
         """All runs, those of one point one after the other. Raises: UsageError: of a point that is no scenario."""
+        return tuple(self._jobs())
+
+    def _jobs(self) -> Iterator[Job]:
         for values in itertools.product(*self.axes.values()):
             point = tuple(zip(self.axes, values, strict=True))
             try:

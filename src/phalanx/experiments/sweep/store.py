@@ -196,7 +196,7 @@ def points(sweep: Sweep, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]
     """What the runs of each point came to, in the order of the grid; rows of other points are left out."""
     at: dict[tuple[Cell, ...], list[dict[str, Any]]] = {}
     of_job: dict[str, list[dict[str, Any]]] = {}
-    for job in sweep.jobs():
+    for job in sweep.jobs:
         of_job[job.key] = at.setdefault(tuple(value for _, value in job.point), [])
     for row in rows:
         if row["key"] in of_job:
