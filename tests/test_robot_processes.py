@@ -14,6 +14,8 @@ import time
 import pytest
 
 import boards
+from phalanx.cli.main import run_command
+from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.state import told
 from phalanx.io.keyring import Keys
 from phalanx.io.mission_key import issued
@@ -53,10 +55,10 @@ def arena(tmp_path, *words):
     return json.loads(ended.stdout)
 
 
-def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path):
-    summary = arena(
-        tmp_path, "--duration", "8", "--attack", "hijack:robot=3,at=2", "--loss", "0.2", "--repeats", "0.05"
-    )
+def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
+    kept = tmp_path / "kept"
+    lossy = ("--loss", "0.2", "--repeats", "0.05", "--delay-ms", "30")
+    summary = arena(tmp_path, "--duration", "8", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
     (liar,) = summary["compromised"]
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
     assert liar["first_deviation_s"] >= 2
@@ -66,6 +68,18 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path):
     assert refusals == {(3, "output wrong")}
     assert all(told["tokens_got"] > 0 for told in summary["processes"])
     assert 0.7 < summary["broadcast_delivery"] < 0.9
+    # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
+    assert read_kept(kept / "robot-1.log").first_lie() is None
+    assert len(read_kept(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
+    recording = tmp_path / "3.mcap"
+    assert run_command(["robot", "log", str(kept / "robot-3.yaml"), "--out", str(recording)]) == 0
+    capsys.readouterr()
+    assert run_command(["robot", "verify", str(recording), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["reason"] == "output wrong"
+    assert 2 <= found["at_s"] <= liar["first_deviation_s"] + 1
+    assert run_command(["robot", "status", str(kept / "robot-3.yaml")]) == 0
+    assert "not running" in capsys.readouterr().out
 
 
 class Body:

@@ -13,6 +13,7 @@ import click
 
 from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
+from phalanx.daemon.evidence import read_kept, record_log
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
@@ -25,7 +26,7 @@ from phalanx.sim.scenarios.run import Run
 
 from . import sim
 from .run import run as run_until_stopped
-from .terminal import end_status_line, print_json, print_rows
+from .terminal import end_status_line, print_json, print_rows, talk
 
 
 def run(robot: Path) -> int:
@@ -126,3 +127,34 @@ def _is(state: dict[str, Any], running: bool) -> str:
 def print_schema() -> None:
     """The schema of robots' files."""
     click.echo(json.dumps(robot_schema(), indent=2, ensure_ascii=False))
+
+
+def log(robot: Path, out: Path) -> int:
+    """All that a robot logged in its mission, as a recording."""
+    count = record_log(read_robot(robot).log_file, out)
+    talk(f"{out}: {count} entries")
+    return 0
+
+
+def verify(file: Path, as_json: bool) -> int:
+    """Whether a log is an honest robot's, and where not."""
+    kept = read_kept(file)
+    found, entries = kept.first_lie(), len(kept.entries())
+    at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
+    reason = "" if found is None else found.refusal.name.lower().replace("_", " ")
+    if as_json:
+        print_json(
+            {
+                "robot": kept.robot,
+                "mission": kept.mission,
+                "entries": entries,
+                "honest": found is None,
+                "entry": None if found is None else found.entry,
+                "at_s": at_s,
+                "reason": reason or None,
+            }
+        )
+    else:
+        words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
+        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}")
+    return 0 if found is None else 1

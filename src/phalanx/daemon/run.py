@@ -56,7 +56,12 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         hardware.begin()
         start(node, sealed)
         life.begin()
-        head = {"robot": said.robot, "mission": sealed.seq, "scenario": written_scenario(scenario)}
+        head = {
+            "robot": said.robot,
+            "mission": sealed.seq,
+            "t_key_ms": int(life.fleet.robot[0].t_key),
+            "scenario": written_scenario(scenario),
+        }
         kept = stack.enter_context(KeptLog(settings.log_file, head))
         await _live(life, kept, settings.state_file, sealed.seq)
 

@@ -83,5 +83,10 @@ def told(path: Path) -> dict[str, Any]:
 
 
 def is_running(state: dict[str, Any]) -> bool:
-    """Whether the robot that told this still tells."""
+    """Whether the robot that told this is there and still tells."""
+    with contextlib.suppress(PermissionError):  # another user's
+        try:
+            os.kill(state["pid"], 0)
+        except ProcessLookupError:
+            return False
     return bool(abs(time.time() - state["told_s"]) < OLD_S)

@@ -64,6 +64,27 @@ def status() -> None:
     """Who vouches for the robot and for how long, which audits it gave, refused and why, and how late it ever was."""
 
 
+@robot.command(epilog="Example: phalanx robot log robot-3.yaml --out robot-3.mcap")
+@robot_argument
+@option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, metavar="FILE.mcap", help="The recording."
+)
+@runs("robot", "log")
+def log() -> None:
+    """Write down all that the robot logged in its last mission, which verify goes through."""
+
+
+@robot.command(epilog="Example: phalanx robot verify robot-3.mcap --json")
+@click.argument("file", type=FILE, metavar="FILE")
+@json_option
+@runs("robot", "verify")
+def verify() -> None:
+    """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.
+
+    Ends with 1 if it does. It is what the robot's computer says that it logged: no MAC is checked.
+    """
+
+
 @robot.command(epilog="Example: phalanx robot schema > robot.schema.json")
 @runs("robot", "print_schema")
 def schema() -> None:

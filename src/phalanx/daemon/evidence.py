@@ -1,0 +1,150 @@
+"""A robot's kept log as a recording that others can open and go through: MCAP, and back.
+
+Each entry is a message of /entries, at the time of the robot's own clock since its mission key. What is said of the
+mission is in the metadata `robot`, as in the first line of the kept log.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
+from phalanx.errors import Unavailable, UsageError
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
+from phalanx.sim.recorder import NS, Recorder
+from phalanx.sim.scenarios.file import parse_scenario
+from phalanx.sim.scenarios.run import params_of
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
+
+MAGIC = b"\x89MCAP"
+MOST_BYTES = 1 << 30
+HINT = "phalanx robot log makes one"
+KINDS = {
+    ENTRY_INPUT: "input",
+    ENTRY_RECV: "recv",
+    ENTRY_SEND: "send",
+    ENTRY_ACMD: "acmd",
+    ADVICE: "advice",
+    EVIDENCE: "evidence",
+    CHECKPOINT: "checkpoint",
+    FLUSH_S: "flush s",
+    FLUSH_A: "flush a",
+}
+ENTRY_SCHEMA = {
+    "title": "phalanx.Entry",
+    "type": "object",
+    "properties": {
+        "entry": {"type": "integer"},
+        "kind": {"enum": list(KINDS.values())},
+        "t_ms": {"type": "integer"},
+        "bytes": {"type": "string"},
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What a robot logged in a mission, from the mission key on."""
+
+    robot: int
+    mission: int
+    t_key_ms: int
+    scenario: Scenario
+    raw: bytes
+
+    def first_lie(self) -> Finding | None:
+        """Where it stops being an honest robot's log; None if it does not. Source: RoboRebound §3.7."""
+        number = dispatch.NUMBERS[self.scenario.controller]
+        retracer = Retracer(self.scenario.bti, number, params_of(self.scenario), self.scenario.seed)
+        return retracer.first_lie(self.raw, self.robot, self.t_key_ms)
+
+    def entries(self) -> list[Entry]:
+        """In their order."""
+        return list(entries_of(self.raw))
+
+
+def read_kept(path: Path) -> Kept:
+    """The log in a file: a daemon's own, or a recording of it.
+
+    Raises: UsageError: it is neither, or damaged. Unavailable: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise UsageError(f"no file {path}", HINT) from error
+    except OSError as error:
+        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    if len(data) > MOST_BYTES:
+        raise UsageError(f"{path}: longer than {MOST_BYTES >> 20} MiB", "a recording of one mission")
+    try:
+        head, raw = _of_recording(path) if data.startswith(MAGIC) else _of_log(data)
+        scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
+        kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw)
+    except (ValueError, KeyError, TypeError, RecursionError, McapError) as error:
+        raise UsageError(f"{path} is no log of a robot", HINT) from error
+    if not (1 <= kept.robot <= scenario.robots and 0 <= kept.t_key_ms < 1 << 32):
+        raise UsageError(f"{path} is of a robot that is not in its mission", HINT)
+    return kept
+
+
+def _of_log(data: bytes) -> tuple[dict[str, Any], bytes]:
+    head, _, raw = data.partition(b"\n")
+    return json.loads(head), raw
+
+
+def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
+    with path.open("rb") as file:
+        reader: Any = make_reader(file)
+        told = next((each.metadata for each in reader.iter_metadata() if each.name == "robot"), None)
+        if told is None:
+            raise KeyError("robot")
+        raw = b"".join(
+            bytes.fromhex(json.loads(message.data)["bytes"])
+            for _, _, message in reader.iter_messages(["/entries"], log_time_order=False)
+        )
+    return json.loads(told["head"]), raw
+
+
+class LogRecording(Recorder):
+    """A kept log, as it is written down."""
+
+    def __init__(self, path: Path, kept: Kept, head: dict[str, Any]) -> None:
+        super().__init__(path)
+        self._kept, self._head = kept, head
+
+    def _begin(self) -> None:
+        self._channel("/entries", "json", str(ENTRY_SCHEMA["title"]), "jsonschema", json.dumps(ENTRY_SCHEMA).encode())
+        self._writer.add_metadata("robot", {"head": json.dumps(self._head)})
+
+    def write(self) -> int:
+        """All entries; how many there are. Raises: Unavailable: the disk is full."""
+        count = 0
+        for at_ms, message in self._messages():
+            self.put("/entries", at_ms * NS // 1000, message)
+            count += 1
+        return count
+
+    def _messages(self) -> Iterator[tuple[int, dict[str, Any]]]:
+        now_ms = self._kept.t_key_ms
+        for number, each in enumerate(self._kept.entries()):
+            now_ms = max(now_ms, each.t_ms)  # marks are of the moment of what stands before them
+            told = {"entry": number, "kind": KINDS.get(each.kind, "unknown"), "t_ms": now_ms}
+            yield now_ms - self._kept.t_key_ms, told | {"bytes": self._kept.raw[each.at : each.end].hex()}
+
+
+def record_log(log_file: Path, out: Path) -> int:
+    """A recording of a daemon's log; how many entries it has. Raises: UsageError, Unavailable."""
+    kept = read_kept(log_file)
+    head, _ = _of_log(log_file.read_bytes())
+    with LogRecording(out, kept, head) as recording:
+        return recording.write()

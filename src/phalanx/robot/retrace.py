@@ -1,0 +1,146 @@
+"""A robot's log from its mission's beginning, gone through again: the first place where an honest robot's would differ.
+
+As its auditors do, with the same kernels, but over all that was ever logged and without MACs: what a log shows is what
+its c-node says that it shows. Source: RoboRebound §3.7.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.bti import audit, log, rounds
+from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, make_work
+from phalanx.bti.fleet import BOUND, make_fleet
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.robot.controllers.python_controller import compiled, pack_outputs
+from phalanx.wire.fields import get_u16, get_u32, row
+
+# What depends on the entries before it alone, so that a shorter log has it too.
+OF_ENTRIES = {
+    Refusal.ENTRY_MALFORMED,
+    Refusal.OUT_OF_ORDER,
+    Refusal.INPUT_OFF_GRID,
+    Refusal.INPUT_MISSING,
+    Refusal.AUDIT_FRAME_LOGGED,
+    Refusal.CHECKPOINT_NOT_FLUSHED,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One entry or mark, as it lies in the log from `at` to `end`; `t_ms` is -1 for marks, evidence and advice."""
+
+    at: int
+    end: int
+    kind: int
+    t_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Where a log stops being an honest robot's, and why: `entry` counts from 0."""
+
+    entry: int
+    t_ms: int
+    refusal: Refusal
+
+
+def entries_of(raw: bytes) -> Iterator[Entry]:
+    """The entries, up to one that was cut short."""
+    data, at = row(raw), 0
+    while at < len(raw):
+        kind, head = raw[at], 1
+        if kind in (log.ADVICE, log.EVIDENCE):
+            head, length_at = log.ADVICE_HEAD_BYTES, log.ADVICE_LENGTH
+        elif not kind & log.MARK:
+            head, length_at = ENTRY_HEAD_BYTES, ENTRY_LENGTH
+        if at + head > len(raw):
+            return
+        end = at + head + (int(get_u16(data, at + length_at)) if head > 1 else 0)
+        if end > len(raw):
+            return
+        yield Entry(at, end, kind, -1 if kind & log.MARK else int(get_u32(data, at + ENTRY_T)))
+        at = end
+
+
+class Retracer:
+    """Goes through logs of one mission.
+
+    Args:
+        controller: the bundled one's number, with its `params`.
+        mission_seed: of the readings' phases.
+    """
+
+    def __init__(self, config: BtiConfig, controller: int, params: NDArray[np.float64], mission_seed: int) -> None:
+        nowhere = np.zeros((1, 8), np.uint8)
+        self._fleet = make_fleet(
+            1,
+            config,
+            params,
+            profile=BOUND,
+            controller=controller,
+            mission_seed=mission_seed,
+            snode=nowhere,
+            anode=nowhere,
+        )
+        self._work, self._make = make_work(config), compiled(controller, params)
+        self._t_control, self._seed = config.t_control_ms, mission_seed
+
+    def first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:
+        """The first entry that an honest robot's log would not have there; None for an honest log.
+
+        Args:
+            raw: the log from the mission key on; what is cut short at its end is left out.
+            t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
+        """
+        entries = list(entries_of(raw))
+        if not entries:
+            return None
+        ends = [each.end for each in entries]
+
+        def wrong(count: int) -> Refusal:
+            self._begin(entries[:count], rob_id, t_key_ms)
+            return Refusal(int(audit.check_chains(self._fleet, self._work, row(raw))))
+
+        refusal = wrong(len(entries))
+        found = None
+        if refusal in OF_ENTRIES:
+            number = bisect_left(range(len(entries)), True, key=lambda n: wrong(n + 1) == refusal)
+            found = Finding(number, max(entries[number].t_ms, t_key_ms), refusal)
+            entries = entries[:number]
+        if entries:
+            self._begin(entries, rob_id, t_key_ms)
+            if replayed := self._replay(row(raw), rob_id):
+                # What was being read when it differed: an output, or what came when one was overdue.
+                number = bisect_left(ends, int(self._work.case[0].at))
+                return Finding(number, entries[number].t_ms, replayed)
+        return found
+
+    def _begin(self, entries: list[Entry], rob_id: int, t_key_ms: int) -> None:
+        c = self._work.case[0]
+        c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries[-1].end, 0, 0
+        c.newest = t_key_ms
+        c.due = t_key_ms + int(rounds.phase_of(self._seed, rob_id, self._t_control))
+        c.t = max(each.t_ms for each in entries)
+        self._work.tops[:] = 0
+
+    def _replay(self, q: NDArray[np.uint8], rob_id: int) -> Refusal:
+        c, w, controller = self._work.case[0], self._work, self._make(rob_id)
+        while (event := int(audit.next_event(self._fleet, w, q))) > audit.END:
+            payload = q[c.payload_at : c.payload_at + c.payload_len].tobytes()
+            if event == audit.RECV:
+                controller.on_recv(int(c.entry_t), payload)
+            elif event == log.ADVICE:
+                controller.on_advice(payload)
+            elif event == INPUT:
+                packed = pack_outputs(controller.on_input(int(c.step), int(c.entry_t), payload))
+                w.out[: len(packed)] = np.frombuffer(packed, np.uint8)
+                if refused := int(audit.expect(self._fleet, w, len(packed))):
+                    return Refusal(refused)
+        return Refusal(-event)

@@ -1,0 +1,117 @@
+"""A robot's log gone through again: an honest one has no fault, and a fault is found where it is."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from phalanx.bti.log import CHECKPOINT
+from phalanx.bti.refusal import Refusal
+from phalanx.config import BtiConfig
+from phalanx.daemon.evidence import Kept, read_kept, record_log
+from phalanx.errors import UsageError
+from phalanx.robot.retrace import entries_of
+from phalanx.sim import Scenario
+from phalanx.sim.scenarios.file import written_scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV
+
+pytestmark = pytest.mark.timeout(600)  # compiles, the first time
+# Nobody is audited yet: what robots have logged they still have.
+MISSION = Scenario(name="young", robots=4, grid_step_m=16.0, duration_s=3.9, bti=BtiConfig(f_max=1))
+ME = 1
+
+
+@pytest.fixture(scope="module")
+def kept():
+    run = Run(MISSION)
+    for k in range(1, 40):
+        run.advance(k / 10)
+        robot = run.world.fleet.robot[ME]
+        raw = run.world.fleet.log[ME, : robot.log_len].tobytes()
+        if robot.checkpoint_no > 1 or robot.tokens_got:
+            break
+        log = raw
+    return Kept(ME + 1, 1, int(robot.t_key), MISSION, log)
+
+
+def changed(kept, raw):
+    return Kept(kept.robot, kept.mission, kept.t_key_ms, kept.scenario, bytes(raw)).first_lie()
+
+
+def of_kind(kept, kind, nth=1):
+    return [(number, each) for number, each in enumerate(kept.entries()) if each.kind == kind][nth]
+
+
+def test_an_honest_log_has_no_fault_wherever_it_was_cut_short(kept):
+    assert {each.kind for each in kept.entries()} >= {ENTRY_INPUT, ENTRY_RECV, ENTRY_ACMD}
+    assert kept.first_lie() is None
+    for length in range(0, len(kept.raw), 31):
+        assert changed(kept, kept.raw[:length]) is None
+
+
+def test_an_altered_command_is_found_where_it_is(kept):
+    number, entry = of_kind(kept, ENTRY_ACMD, 3)
+    raw = bytearray(kept.raw)
+    raw[entry.end - 1] ^= 1
+    found = changed(kept, raw)
+    assert (found.entry, found.t_ms, found.refusal) == (number, entry.t_ms, Refusal.OUTPUT_WRONG)
+
+
+def test_a_command_that_was_left_out_and_one_too_many_are_found(kept):
+    number, entry = of_kind(kept, ENTRY_ACMD, 2)
+    without = changed(kept, kept.raw[: entry.at] + kept.raw[entry.end :])
+    assert number <= without.entry <= number + 2
+    assert without.refusal in (Refusal.OUTPUT_WRONG, Refusal.OUTPUT_LATE)
+    twice = changed(kept, kept.raw[: entry.end] + kept.raw[entry.at :])
+    assert (twice.entry, twice.refusal) == (number + 1, Refusal.OUTPUT_UNCALLED)
+
+
+def test_a_reading_at_another_time_is_off_the_grid(kept):
+    number, entry = of_kind(kept, ENTRY_INPUT, 2)
+    raw = kept.raw[: entry.at] + kept.raw[entry.end :]
+    found = changed(kept, raw)
+    assert found.entry <= number + 3
+    assert found.refusal in (Refusal.INPUT_OFF_GRID, Refusal.OUTPUT_UNCALLED)
+
+
+def test_no_bytes_make_it_raise(kept):
+    chance = np.random.default_rng(7)
+    for _ in range(60):
+        raw = bytearray(kept.raw)
+        for at in chance.integers(0, len(raw), 3):
+            raw[at] = chance.integers(256)
+        changed(kept, raw)
+        changed(kept, chance.bytes(int(chance.integers(1, 400))))
+    assert list(entries_of(bytes((CHECKPOINT, ENTRY_INPUT, 0)))) == list(entries_of(bytes((CHECKPOINT,))))
+
+
+def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):
+    head = {"robot": kept.robot, "mission": 1, "t_key_ms": kept.t_key_ms, "scenario": written_scenario(MISSION)}
+    path, recording = tmp_path / "robot-2.log", tmp_path / "robot-2.mcap"
+    path.write_bytes(json.dumps(head).encode() + b"\n" + kept.raw)
+    assert read_kept(path) == kept
+    assert record_log(path, recording) == len(kept.entries())
+    assert read_kept(recording) == kept
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{}\n",
+        b"[]\n",
+        b"\x89MCAP0\r\n" + bytes(40),
+        b'{"robot": 9, "mission": 1, "t_key_ms": 5, "scenario": {"robots": 2, "bti": {"f_max": 1}}}\n',
+        b'{"robot": 1, "mission": 1, "t_key_ms": -5, "scenario": {"robots": 2, "bti": {"f_max": 1}}}\n',
+        b'{"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": {"robbots": 2}}\n',
+        b"[" * 100_000,
+    ],
+)
+def test_what_is_no_log_is_said_in_a_line(tmp_path, data):
+    path = tmp_path / "x.log"
+    path.write_bytes(data)
+    with pytest.raises(UsageError, match=r"x\.log"):
+        read_kept(path)
