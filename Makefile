@@ -19,7 +19,9 @@ marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 LEFT_OVER := chrt --idle 0
 # One more than there are processors: some of them wait for processes of their own.
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
-WAITS := -m "waits and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
+WAITS := -m "waits and not early and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
+# These call next to nothing that robots run, and come while that is compiled.
+EARLY := -m "early and not alone and not long" $(call marked,early) --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
 RELEASE ?=
@@ -43,7 +45,7 @@ NEEDS += arm-none-eabi-gcc=gcc-arm-none-eabi mipsel-linux-gnu-gcc=gcc-mipsel-lin
 endif
 
 .PHONY: help setup setup-dev ready ready-dev tools-dev demo test lint lint-python lint-web test-firmware test-web test-python \
-	test-computes test-waits test-alone check-long coverage bench docs release clean
+	test-computes test-early test-waits test-alone check-long coverage bench docs release clean
 
 help:
 	@echo "make demo    run a swarm, and drive it from a phone"
@@ -158,7 +160,10 @@ test-python: setup-dev
 test-computes: ready-dev
 	$(LEFT_OVER) $(BIN)/python -m pytest --durations=10 $(COMPUTES)
 
-test-waits: ready-dev
+test-early: tools-dev
+	$(BIN)/python -m pytest --durations=10 $(EARLY)
+
+test-waits: ready-dev test-early
 	$(BIN)/python -m pytest --durations=10 $(WAITS)
 
 test-alone: setup-dev
@@ -170,6 +175,7 @@ check-long: setup-dev
 coverage: setup-dev .venv/coverage
 	rm -f .coverage .coverage.*
 	$(BIN)/coverage run -m pytest $(COMPUTES)
+	$(BIN)/coverage run -m pytest $(EARLY)
 	$(BIN)/coverage run -m pytest $(WAITS)
 	$(BIN)/coverage run -m pytest $(ALONE)
 	$(BIN)/coverage combine --quiet

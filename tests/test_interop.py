@@ -24,7 +24,7 @@ from phalanx.io.broker import RunningBroker
 from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
 
-pytestmark = [pytest.mark.waits, pytest.mark.peers, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.waits, pytest.mark.early, pytest.mark.peers, pytest.mark.timeout(120)]
 
 HERE = Path(__file__).parent
 WEB = HERE.parent / "web"

@@ -15,7 +15,7 @@ from phalanx.config import LinkConfig
 from phalanx.errors import BadPayload, Unavailable, UsageError
 from phalanx.io import Client, Server, parse_broker_url
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.early]
 
 
 class TestEverydayUse:

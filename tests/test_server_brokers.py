@@ -34,7 +34,7 @@ from phalanx.io.listeners import Listeners
 from phalanx.io.mosquitto import mosquitto, serves
 from phalanx.io.ports import free_port
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.early]
 
 
 def somewhere() -> Listeners:

@@ -20,7 +20,7 @@ from phalanx.io import Client, Login, Server
 from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.early]
 
 
 class TestHostileMessages:
