@@ -19,6 +19,8 @@ from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.state import told
 from phalanx.io.keyring import Keys
 from phalanx.io.mission_key import issued
+from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, BOARD
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(600)]
@@ -30,9 +32,15 @@ d_m: 10
 goal_m: [100, 60]
 bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 600, steps_per_state: 1, delta_ms: 290, skew_ms: 200}
 """
+WISHED = guarded.WISH.form.pack(guarded.KIND_WISH, 0.0, 1.0)
 T_VAL_S, P_CHECK_S, SCHEDULING_S = 2.5, 0.1, 1.0
 STILL = """
 from phalanx.daemon.driver import Driver
+from phalanx.robot import Planner
+
+class North(Planner):
+    def advise(self, t_s, position_m, velocity_mps):
+        return 0.0, 1.0
 
 class Still(Driver):
     def sense(self):
@@ -58,7 +66,7 @@ def arena(tmp_path, *words):
 def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     kept = tmp_path / "kept"
     lossy = ("--loss", "0.2", "--repeats", "0.05", "--delay-ms", "30")
-    summary = arena(tmp_path, "--duration", "8", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
+    summary = arena(tmp_path, "--duration", "7", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
     (liar,) = summary["compromised"]
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
     assert liar["first_deviation_s"] >= 2
@@ -80,6 +88,28 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert 2 <= found["at_s"] <= liar["first_deviation_s"] + 1
     assert run_command(["robot", "status", str(kept / "robot-3.yaml")]) == 0
     assert "not running" in capsys.readouterr().out
+
+
+def test_of_a_field_that_is_cut_in_two_the_part_with_a_quorum_goes_on_whatever_clocks_do(tmp_path):
+    summary = arena(tmp_path, "--robots", "5", "--duration", "6.5", "--cut", "3", "--cut-at", "2", "--clock-ppm", "200")
+    assert summary["without_quorum"] == [4, 5]
+    assert summary["correct_in_safe_mode"] == []
+    assert not any(told["refused"] for told in summary["processes"])
+
+
+STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["bound"] == "stopped"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("names", [STOPPED[at : at + 3] for at in range(0, len(STOPPED), 3)], ids="+".join)
+def test_each_attack_that_bound_stops_is_stopped_among_processes(tmp_path, names):
+    words = [word for k, name in enumerate(names) for word in ("--attack", f"{name}:robot={2 + 3 * k},at=3")]
+    summary = arena(tmp_path, "--robots", "9", "--f-max", "3", "--duration", "9", *words)
+    assert [liar["attack"] for liar in summary["compromised"]] == names
+    for liar in summary["compromised"]:
+        assert liar["safe_mode_s"] is not None, liar
+        assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S, liar
+    assert summary["correct_in_safe_mode"] == []
 
 
 class Body:
@@ -123,7 +153,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
     keys = Keys.new("test")
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
     (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
-    (tmp_path / "mission.yaml").write_text(MISSION)
+    (tmp_path / "mission.yaml").write_text(MISSION.replace("grid_step_m: 10", "grid_step_m: 16\ncontroller: guard"))
     (tmp_path / "still.py").write_text(STILL)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -135,6 +165,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         "key": "key.json",
         "board": "board.bin",
         "driver": "python:still.py",
+        "planner": "still.py:North",
         "wheels": "wheels",
         "radio": {"here": f"127.0.0.1:{port}", "peers": ["127.0.0.1:9"]},
     }
@@ -143,7 +174,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
     try:
         with running(path) as robot:
             body.begin()
-            assert body.commanded()["id"] == 2
+            assert body.commanded()["id"] == body.commanded()["id"] == 2  # at the second, the first is on disk
             state = tmp_path / "robot-2.json"
             assert state.stat().st_mode & 0o777 == 0o600
             assert told(state)["pid"] == robot.pid
@@ -151,6 +182,10 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
             until_s = time.monotonic() + 60
             while said := body.told():  # to its motors' socket's end
                 assert time.monotonic() < until_s
+        advice = {
+            kept.raw[each.at : each.end] for kept in [read_kept(tmp_path / "robot-2.log")] for each in kept.entries()
+        }
+        assert guarded.ADVICE.encode(bytes=WISHED) in advice, "its planner was not asked, or it is not on disk"
         again = subprocess.run((*PHALANX, "robot", "run", str(path)), capture_output=True, text=True, check=False)
         assert again.returncode == 1
         assert "have had the key of mission 1 already: the robot stands still" in again.stderr

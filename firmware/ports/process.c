@@ -1,7 +1,7 @@
-/* The port for a process, to try things with: `node FLASH_FILE [told|WHEELS]`, its line on descriptor 0. Whoever runs as the
+/* The port for a process, to try things with: `node FLASH_FILE [told|WHEELS [PPM,MS]]`, its line on descriptor 0. Whoever runs as the
    same user reads its keys, so it protects from nobody. With `told` the line tells it the time. WHEELS is the path of a Unix
    socket (SEQPACKET) where motors listen: a packet is a command, or one zero byte to stand still, and they stand still too
-   when it is closed. */
+   when it is closed; - for none. With PPM,MS its clock runs fast by so much, from MS on. */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
 #include <fcntl.h>
@@ -23,16 +23,19 @@ static int wheels = -1;
 static uint8_t told = PHX_LINE_TOLD_READINGS;
 static uint32_t told_ms;
 static struct timespec began;
+static int ppm;
+static unsigned ahead_ms;
 
 uint32_t phx_port_now(void)
 {
     struct timespec now;
-    long long ms;
+    long long ns, ms;
 
     if (told & PHX_LINE_TOLD_CLOCK)
         return told_ms;
     clock_gettime(CLOCK_MONOTONIC, &now);
-    ms = (now.tv_sec - began.tv_sec) * 1000LL + (now.tv_nsec - began.tv_nsec) / 1000000L;
+    ns = (now.tv_sec - began.tv_sec) * 1000000000LL + (now.tv_nsec - began.tv_nsec);
+    ms = ahead_ms + (ns + ns / 1000000 * ppm) / 1000000;
     return ms < UINT32_MAX ? (uint32_t)ms : UINT32_MAX;
 }
 
@@ -126,6 +129,8 @@ static int connect_wheels(const char *path)
 {
     struct sockaddr_un there = {AF_UNIX, {0}};
 
+    if (strcmp(path, "-") == 0)
+        return 0;
     if (strlen(path) >= sizeof there.sun_path)
         return -1;
     strcpy(there.sun_path, path);
@@ -146,13 +151,13 @@ void phx_port_halt(void)
 
 int main(int argc, char **argv)
 {
-    if (argc < 2 || argc > 3) {
-        fprintf(stderr, "usage: node FLASH_FILE [told|WHEELS]\n");
+    if (argc < 2 || argc > 4 || (argc == 4 && sscanf(argv[3], "%d,%u", &ppm, &ahead_ms) != 2)) {
+        fprintf(stderr, "usage: node FLASH_FILE [told|WHEELS [PPM,MS]]\n");
         return 2;
     }
     if (argc == 3 && strcmp(argv[2], "told") == 0)
         told |= PHX_LINE_TOLD_CLOCK;
-    else if (argc == 3 && connect_wheels(argv[2]) < 0) {
+    else if (argc >= 3 && connect_wheels(argv[2]) < 0) {
         fprintf(stderr, "node: %s: %s\n", argv[2], strerror(errno));
         return 1;
     }

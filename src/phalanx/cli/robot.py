@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks
+from phalanx.sim.scenarios.own import find_attacks, mistakes_in
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
@@ -32,7 +32,10 @@ from .terminal import end_status_line, print_json, print_rows, talk
 def run(robot: Path) -> int:
     """One robot, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
-    run_until_stopped(run_robot(settings))
+    said = settings.said
+    own = [str(settings.path(said.driver.removeprefix("python:"))), said.planner and str(settings.path(said.planner))]
+    with mistakes_in(*own):
+        run_until_stopped(run_robot(settings))
     return 0
 
 
@@ -40,14 +43,13 @@ def arena(
     scenario: str,
     attacks: tuple[str, ...],
     loss: float,
-    repeats: float,
-    delay_ms: float,
     keep: Path | None,
     record: Path | None,
     as_json: bool,
     **said: Any,
 ) -> int:
     """Robots as processes, summed up on stdout."""
+    weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
     liars = find_attacks(attacks) if attacks else None
     chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
     chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
@@ -62,7 +64,7 @@ def arena(
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
         try:
-            field = play_in_arena(chosen, folder, Weather(repeats=repeats, delay_ms=delay_ms), on_step, recording)
+            field = play_in_arena(chosen, folder, weather, on_step, recording)
         except KeyboardInterrupt:
             end_status_line()
             click.echo("stopped", err=True)

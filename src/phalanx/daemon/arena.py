@@ -26,7 +26,7 @@ from phalanx.io.keyring import Keys
 from phalanx.io.mission_key import issued
 from phalanx.io.ports import LOOPBACK
 from phalanx.io.private_file import write_private
-from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
 from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
@@ -69,7 +69,7 @@ class Places:
             each.close()
 
 
-def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int]) -> Places:
+def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int], clocks: list[tuple[int, int]]) -> Places:
     """Keys, a file for each robot, and the sockets of its body, in the folder. Raises: Unavailable: no room there."""
     keys, today = Keys.new("arena"), time.strftime("%Y-%m-%d")
     places = Places(scenario, folder, ports)
@@ -81,7 +81,7 @@ def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int]) -
         places.sensors.append(_listens(sense_path(folder, rob_id)))
         places.wheels.append(_listens(wheels_path(folder, rob_id)))
     write_private(folder / "key.json", issued(*keys.issue(), {}))
-    for rob_id, port in zip(ids, ports, strict=True):
+    for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=True):
         said = {
             "robot": rob_id,
             "mission": "mission.yaml",
@@ -89,6 +89,8 @@ def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int]) -
             "board": f"board-{rob_id}.bin",
             "trusted": f"process:trusted-{rob_id}.flash",
             "wheels": wheels_path(Path(), rob_id).name,
+            "clock_ppm": ppm,
+            "clock_ahead_ms": ahead_ms,
             "driver": "arena:.",
             "radio": {"here": f"{LOOPBACK}:{port}", "peers": [f"{LOOPBACK}:{air_port}"]},
         }
@@ -133,6 +135,13 @@ class Arena:
         if any(spec.own for spec in scenario.attacks):
             raise UsageError("an attack of your own, in an arena", "one of the library: phalanx attack list")
         self.field = Field(scenario)
+        if weather.cut >= scenario.robots:
+            raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
+        self._weather, dice = weather, random.Random(scenario.seed)  # noqa: S311 - weather
+        clocks = [
+            (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
+            for _ in range(scenario.robots)
+        ]
         ports = free_ports(scenario.robots)
         self._ether = Ether(
             self.field.world,
@@ -140,9 +149,9 @@ class Arena:
             weather,
             ports,
             lambda i: bool(self.field.world.safe[i]),
-            random.Random(scenario.seed),  # noqa: S311 - weather
+            dice,
         )
-        self.places = lay_out(scenario, folder, self._ether.port, ports)
+        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -167,6 +176,8 @@ class Arena:
                 raise Unavailable(f"{self._ready} of {n} robots became ready", "--log-level info tells more") from None
             duration_s, next_look_s = self.field.scenario.duration_s, 0.0
             while (now_s := loop.time() - self._began_s) < duration_s:
+                if self._weather.cut and now_s >= self._weather.cut_at_s:
+                    self.field.cut(self._weather.cut)
                 self.field.advance(now_s)
                 if now_s >= next_look_s:
                     next_look_s += 1.0

@@ -39,10 +39,19 @@ BUFFER_BYTES = 1 << 22
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weather:
-    """What the air does to frames, beside the scenario's loss. Raises: UsageError: a value is out of range."""
+    """What the air does to frames, and the processes' clocks do, beside the scenario's loss.
+
+    Raises: UsageError: a value is out of range.
+    """
 
     repeats: float = within(0.0, 0.0, 0.9, "share of frames that arrive twice")
     delay_ms: float = within(5.0, 0.0, 10_000.0, "each frame is late by up to so much, so that one overtakes another")
+    cut: int = within(0, 0, 65_535, "so many robots, the first, and the others do not hear each other; 0: all do")
+    cut_at_s: float = within(10.0, 0.0, 1e9, "from then on")
+    clock_ppm: int = within(0, 0, 1000, "trusted processes' clocks are fast or slow by up to so much")
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
 
 class Ether:
@@ -67,7 +76,6 @@ class Ether:
         is_silent: Callable[[int], bool],
         dice: random.Random,
     ) -> None:
-        check_limits(weather)
         self._world, self._config, self._weather, self._dice = world, config, weather, dice
         self._ports, self._is_silent = ports, is_silent
         self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}

@@ -61,6 +61,11 @@ class Field(Run):
         self.world.safe_us[i] = self.world.clock[0].now_us
         body.halt(self.world, i)
 
+    def cut(self, first: int) -> None:
+        """From now on the first so many robots and the others do not hear each other."""
+        self.world.reach.aisle[:first] = 1
+        self.world.reach.aisle[first:] = 2
+
     def hear_of(self, i: int, state: Mapping[str, Any], began_s: float) -> None:
         """Robot i has told of itself (state.py); `began_s`: when its mission began, of the field's time."""
         self._states[i] = {**state, "began_s": began_s}
@@ -90,5 +95,5 @@ class Field(Run):
         told = self._states.get(i)
         if told is None:
             return {"robot": i + 1}
-        names = ("pid", "lived_s", "tokens_got", "refused", "core_share", "longest_ms", "frames_lost")
+        names = ("pid", "lived_s", "tokens_got", "refused", "core_share", "longest_ms", "frames_lost", "memory_kb")
         return {"robot": i + 1} | {name: told[name] for name in names}

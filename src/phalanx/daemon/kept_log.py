@@ -1,21 +1,21 @@
 """All that was ever in a robot's log, in a file: a line of JSON, and the log's bytes behind it, as they were chained.
 
 A c-node forgets what its auditors have covered. The file is evidence for whoever reads it later, and nothing in the
-robot's life depends on it: it is written as it comes, and a file that was cut short is read up to there.
+robot's life depends on it. It is written as it comes, unbuffered, for who is killed flushes nothing; and a file that was
+cut short is read up to there.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 
 from phalanx.bti.fleet import Fleet
 from phalanx.errors import Unavailable
-
-FLUSH_BYTES = 4096
 
 
 class KeptLog:
@@ -23,14 +23,14 @@ class KeptLog:
 
     def __init__(self, path: Path, head: dict[str, Any]) -> None:
         self._path, self._head = path, head
-        self._file: IO[bytes] | None = None
+        self._file: io.RawIOBase | None = None
         self._seen = 0
 
     def __enter__(self) -> Self:
         try:
             if self._path.exists():
                 self._path.replace(self._path.with_suffix(".before.log"))
-            self._file = os.fdopen(os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", FLUSH_BYTES)
+            self._file = os.fdopen(os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", 0)
             self._file.write(json.dumps(self._head).encode() + b"\n")
         except OSError as error:
             raise self._unwritable(error) from error

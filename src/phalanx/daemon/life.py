@@ -22,7 +22,7 @@ from phalanx.io.udp_radio import Radio
 from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.controllers import dispatch
-from phalanx.robot.planner import ToGoal, advice_of, overheard
+from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
 from phalanx.sim.scenarios.run import params_of, plan_of
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
@@ -41,10 +41,19 @@ class Life:
 
     Attributes:
         longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
+        began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
         given, refused: audits of ours that ended, by auditee; refusals by reason as well.
     """
 
-    def __init__(self, scenario: Scenario, rob_id: int, clock: OwnClock, hardware: Hardware, radio: Radio) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        rob_id: int,
+        clock: OwnClock,
+        hardware: Hardware,
+        radio: Radio,
+        planner: MakePlanner | None = None,
+    ) -> None:
         if scenario.defence != "bound":
             raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
         if rob_id > scenario.robots:
@@ -65,14 +74,17 @@ class Life:
         self.fleet.robot["id"] = rob_id
         self._work = make_work(scenario.bti)
         advised = dispatch.BUNDLED[scenario.controller].advised is not None
-        self._planner = ToGoal(rob_id, scenario.goal_m) if advised else None
+        if planner and not advised:
+            raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
+        make: MakePlanner = planner or ToGoal
+        self._planner: Planner | None = make(rob_id, scenario.goal_m) if advised else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
         self._frames: deque[bytes] = deque()
         self._came = asyncio.Event()
         self._cpu_s = self._began_s = 0.0
-        self.lost = 0
+        self.lost = self.began_ms = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
         self.given: Counter[int] = Counter()
         self.refused: Counter[tuple[int, Refusal]] = Counter()
@@ -84,6 +96,7 @@ class Life:
         now_ms = self._clock.now_ms()
         self.cnode = self._as_it_is(now_ms)
         self.runtime = Runtime(self.cnode, self.scenario.bti, now_ms)
+        self.began_ms = now_ms
         self._began_s, self._cpu_s = time.monotonic(), time.process_time()
 
     def _as_it_is(self, now_ms: int) -> CNode:

@@ -12,6 +12,7 @@ from phalanx.robot.controllers import dispatch
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
+from phalanx.sim.scenarios.own import find_planner
 from phalanx.sim.scenarios.scenario import Scenario
 
 from .driver import make_driver
@@ -49,7 +50,8 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         stack.callback(radio.close)
         hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
         stack.callback(hardware.close)
-        life = Life(scenario, said.robot, OwnClock(node), hardware, radio)
+        planner = find_planner(str(settings.path(said.planner))) if said.planner else None
+        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner)
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits)
@@ -59,7 +61,7 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         head = {
             "robot": said.robot,
             "mission": sealed.seq,
-            "t_key_ms": int(life.fleet.robot[0].t_key),
+            "t_key_ms": life.began_ms,
             "scenario": written_scenario(scenario),
         }
         kept = stack.enter_context(KeptLog(settings.log_file, head))

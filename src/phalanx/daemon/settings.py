@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from phalanx.config.parameter import check_limits, told
+from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.errors import Unavailable, UsageError
 
@@ -39,6 +39,9 @@ class RobotFile:
     board: str = field(default="", metadata=told("what phalanx keys provision wrote, for nodes without a master key"))
     trusted: str = field(default="process:trusted.flash", metadata=told(f"where its trusted nodes are: {TRUSTED}"))
     wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
+    clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
+    clock_ahead_ms: int = within(0, 0, 1 << 31, "and began so late")
+    planner: str = field(default="", metadata=told("who advises it if a guard drives it: FILE.py:CLASS; else ToGoal"))
     driver: str = field(metadata=told(f"what reads its sensors and drives its motors: {DRIVERS}"))
     radio: RadioFile = field(metadata=told("over UDP"))
     folder: str = field(default=".", metadata=told("where it keeps its log and tells of its state"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import time
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "pid": os.getpid(),
         "told_s": time.time(),
         "began_monotonic_s": life.began_s,
-        "lived_s": (now_ms - int(robot.t_key)) / 1000,
+        "lived_s": (now_ms - life.began_ms) / 1000,
         "safe_mode": runtime.in_safe_mode,
         "tokens": [{"auditor": tor, "left_s": left_s} for tor, left_s in left.items() if left_s > 0],
         "tokens_needed": life.scenario.bti.tokens_needed,
@@ -50,10 +51,17 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "log_bytes_max": int(robot.log_max),
         "frames_lost": life.lost,
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
+        "memory_kb": _memory_kb(),
         "core_share": round(life.core_share, 4),
         "attack": life.attack.name if life.attack else None,
-        "first_deviation_s": _since(life.first_deviation_ms, int(robot.t_key)),
+        "first_deviation_s": _since(life.first_deviation_ms, life.began_ms),
     }
+
+
+def _memory_kb() -> int:
+    """What this process has in memory, shared or not."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() // 1024
 
 
 def _since(at_ms: int | None, began_ms: int) -> float | None:

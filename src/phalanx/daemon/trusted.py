@@ -70,8 +70,10 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
                 f"no program for trusted nodes in a process: {PROGRAM} is not there",
                 "make -C firmware build/node, in a checkout; or a board: trusted: serial:DEVICE",
             )
-        wheels = [str(settings.path(settings.said.wheels))] if settings.said.wheels else []
-        line = open_line(f"process:{PROGRAM},{settings.path(where)}", *wheels)
+        said = settings.said
+        wheels = str(settings.path(said.wheels)) if said.wheels else "-"
+        clock = f"{said.clock_ppm},{said.clock_ahead_ms}"
+        line = open_line(f"process:{PROGRAM},{settings.path(where)}", wheels, clock)
     elif settings.said.wheels:
         raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
     else:

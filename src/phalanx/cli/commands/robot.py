@@ -44,6 +44,11 @@ def run() -> None:
 @option("--loss", type=SHARE, default=0.0, help="Share of frames that are lost; what is for one is tried again.")
 @option("--repeats", type=SHARE, default=0.0, help="Share of frames that arrive twice.")
 @option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Frames are late by up to so much.")
+@option("--cut", type=int, default=0, metavar="N", help="Cut the field in two: the first N robots, and the others.")
+@option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="When.")
+@option(
+    "--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to so much."
+)
 @option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
