@@ -1,7 +1,7 @@
 """All that was ever in a robot's log, in a file: a line of JSON, and the log's bytes behind it, as they were chained.
 
 A c-node forgets what its auditors have covered. The file is evidence for whoever reads it later, and nothing in the
-robot's life depends on it. It is written as it comes, unbuffered, for who is killed flushes nothing; and a file that was
+robot's life depends on it. It is written as it comes, unbuffered: who is killed flushes nothing. A file that was
 cut short is read up to there.
 """
 
