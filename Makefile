@@ -21,7 +21,7 @@ LEFT_OVER := chrt --idle 0
 COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
 WAITS := -m "waits and not early and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
 # These call next to nothing that robots run, and come while that is compiled.
-EARLY := -m "early and not alone and not long" $(call marked,early) --numprocesses 2 --dist loadfile
+EARLY := -m "waits and early and not alone and not long" $(call marked,early) --numprocesses 2 --dist loadfile
 ALONE := -m "alone and not long" $(call marked,alone)
 DEMO ?=
 RELEASE ?=
