@@ -70,7 +70,7 @@ def test_names_and_files_are_offered(shell, line, names, files):
 
 
 def test_what_is_begun_is_ended(shell):
-    assert offered(shell, "phalanx sim run bti") == ["bti-fig8", "bti-fig9"]
+    assert offered(shell, "phalanx sim run bti") == ["bti-fig2", "bti-fig8", "bti-fig9"]
     assert offered(shell, "phalanx sim run more/") == ["more/other.yaml"]
     assert offered(shell, "phalanx sim run ./m") == ["./mine.yaml"]
     assert offered(shell, "phalanx attack run spo") == ["spoof", "spoof-scan"]

@@ -78,6 +78,20 @@ swarm_options = together(
     option("--t-val", "t_val_s", type=float, metavar="S", help="Seconds for which a token counts."),
     option("--seed", type=int, metavar="S", help="Of everything that is drawn."),
 )
+# Where many runs are made.
+cluster_options = together(
+    option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Of a dask scheduler, as tcp://10.0.0.1:8786; without, processes of this machine.",
+    ),
+    option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Processes of this machine; without, one a processor.",
+        metavar="N",
+    ),
+)
 json_option = option("--json", "as_json", help="Print JSON.", is_flag=True)
 controller_option = option(
     "--controller",

@@ -1,50 +1,43 @@
-"""`phalanx reproduce`: measures a figure, says how ours compares, and draws it."""
+"""`phalanx reproduce`: measures figures, says how ours compare, and draws them."""
 
 from __future__ import annotations
 
 import inspect
+import logging
 from pathlib import Path
 from typing import Any
 
 import click
 
+from phalanx.errors import PhalanxError, Unavailable
+from phalanx.experiments.figure import Figure
 from phalanx.experiments.library import FIGURES
+from phalanx.experiments.page import Shown, page
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import report
-from phalanx.experiments.table import measure, read_table
+from phalanx.experiments.table import Table, measure, read_table
+from phalanx.experiments.version import version
 
 from .commands.runs import tell_of_compiling
 from .login import read_login
 from .run import run
-from .terminal import Progress, end_status_line, print_json, stopped, warn_if_nothing_is_drawn
+from .terminal import Progress, end_status_line, print_json, stopped, talk, warn_if_nothing_is_drawn
+
+PAGE = "reproduction.md"
+log = logging.getLogger(__name__)
 
 
-def reproduce(figure: str, out: Path, as_json: bool, **said: Any) -> int:
+def reproduce(figure: str, quick: bool, out: Path, as_json: bool, **said: Any) -> int:
     """Measures the figure of that name, compares, draws; 1 if it was stopped."""
-    chosen, progress = FIGURES[figure], Progress()
-    chosen.check(said)
-    if chosen.has_login:
-        said["login"] = read_login(said.pop("broker_login"))
-    body = chosen.body
-    tell_of_compiling()  # only what was just imported may need it
+    chosen = FIGURES[figure]
+    login = {"login": read_login(said.pop("broker_login"))} if chosen.has_login else {}
+    asked = chosen.asked({name: value for name, value in said.items() if value is not None}, quick=quick)
+    chosen.check(asked)
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
-
-    def tell(done: float, of: int) -> None:
-        progress.tell(f"{int(done)} of {of} {chosen.counted}", done / of)
-
-    if inspect.iscoroutinefunction(getattr(body, "measure", None)):
-        finished = run(body.measure(out, tell, **said))
-    else:
-        try:
-            measure(out, chosen, said["seeds"], tell)
-            finished = True
-        except KeyboardInterrupt:
-            finished = False
-    if not finished:
+    if not _measure(chosen, out, asked | login):
         stopped(f"whole {chosen.counted} are", csv)
         return 1
-    end_status_line()
     table = read_table(csv, chosen.name)
     told = report(chosen, table)
     if as_json:
@@ -54,3 +47,83 @@ def reproduce(figure: str, out: Path, as_json: bool, **said: Any) -> int:
     for path in draw(csv, chosen):
         click.echo(f"drawn: {path}", err=True)
     return 0
+
+
+def reproduce_all(quick: bool, out: Path, as_json: bool) -> int:
+    """Measures every figure and writes the page; 1 if it was stopped or a figure failed."""
+    warn_if_nothing_is_drawn()
+    path, shown, whole = out / PAGE, list[Shown](), True
+    for each in FIGURES.values():
+        try:
+            found = _show(each, out, quick=quick)
+        except PhalanxError as error:
+            found = Shown(figure=each, failure=str(error))
+        except Exception as error:  # one figure must not end the others, whatever is wrong with it
+            log.debug("%s", each.name, exc_info=error)
+            found = Shown(figure=each, failure=f"{type(error).__name__}: {error}".splitlines()[0])
+        if found is None:
+            whole = False
+            break
+        shown.append(found)
+        end_status_line()
+        talk(f"{each.name}: {found.verdict}")
+        _write(path, page(f"phalanx reproduce all{' --quick' * quick}", version(), shown))
+    if as_json:
+        rows = [{"figure": each.figure.name, "failure": each.failure or None} | _rows(each) for each in shown]
+        print_json({"figures": rows, "page": str(path), "whole": whole})
+    if not whole:
+        stopped(f"{len(shown)} of {len(FIGURES)} figures are", path)
+        return 1
+    click.echo(f"page: {path}", err=True)
+    return int(any(each.failure for each in shown))
+
+
+def _show(figure: Figure, out: Path, *, quick: bool) -> Shown | None:
+    """What came of a figure; None if it was stopped."""
+    asked = figure.asked({}, quick=quick)
+    if not _measure(figure, out, asked, f"{figure.name}: "):
+        return None
+    csv = figure.csv(out)
+    table = read_table(csv, figure.name)
+    draw(csv, figure)
+    return Shown(figure=figure, measured=_measured(table), statements=figure.body.compare(table))
+
+
+def _measure(figure: Figure, out: Path, asked: dict[str, Any], begin: str = "") -> bool:
+    """Whether it was measured to its end; what is there already is not measured again."""
+    body, progress = figure.body, Progress()
+    tell_of_compiling()  # only what was just imported may need it
+
+    def tell(done: float, of: int) -> None:
+        progress.tell(f"{begin}{int(done)} of {of} {figure.counted}", done / of)
+
+    if inspect.iscoroutinefunction(getattr(body, "measure", None)):
+        finished = run(body.measure(out, tell, **asked))
+    else:
+        try:
+            measure(out, figure, asked["seeds"], tell)
+            finished = True
+        except KeyboardInterrupt:
+            finished = False
+    if finished:
+        end_status_line()
+    return finished
+
+
+def _measured(table: Table) -> str:
+    many = f"{len(table.cases)} cases" if table.cases else f"{len(table.lines)} lines"
+    return f"{many}, phalanx {table.version}."
+
+
+def _rows(shown: Shown) -> dict[str, int]:
+    return {"statements": len(shown.statements), "agree": len(shown.statements) - len(shown.differing)}
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torn = path.with_suffix(".tmp")
+        torn.write_text(text)
+        torn.replace(path)
+    except OSError as error:
+        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another folder with --out") from error

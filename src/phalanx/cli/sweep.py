@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-
 from phalanx.errors import UsageError
 from phalanx.experiments.sweep.cluster import run_sweep
 from phalanx.experiments.sweep.plan import read_sweep
@@ -15,7 +13,7 @@ from phalanx.experiments.version import version
 
 from .commands.runs import tell_of_compiling
 from .sim import told
-from .terminal import Progress, end_status_line, print_json, said_aside, talk
+from .terminal import Progress, end_status_line, print_json, print_table, said_aside, talk
 
 MOST_FAILURES = 10  # that are told one by one
 
@@ -42,16 +40,21 @@ def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | No
         end_status_line()
         store.write()
         rows = points(chosen, store.rows())
-    for line in failed[:MOST_FAILURES]:
-        talk(f"phalanx: failed: {line}")
-    if len(failed) > MOST_FAILURES:
-        talk(f"phalanx: failed: {len(failed) - MOST_FAILURES} more")
+    tell_failed(failed)
     if as_json:
         print_json({"points": rows, "failed": failed, "rows": str(store.runs)})
     else:
         _show(rows, [name for name, values in chosen.axes.items() if len(values) > 1])
         talk(f"rows: {store.runs}")
     return 1 if failed else 0
+
+
+def tell_failed(failed: list[str]) -> None:
+    """The first runs that failed, one by one, and how many there are more."""
+    for line in failed[:MOST_FAILURES]:
+        talk(f"failed: {line}")
+    if len(failed) > MOST_FAILURES:
+        talk(f"failed: {len(failed) - MOST_FAILURES} more")
 
 
 def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
@@ -69,6 +72,4 @@ def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
         ]
         for row in rows
     ]
-    widths = [max(map(len, column)) for column in zip(heads, *lines, strict=True)]
-    for line in (heads, *lines):
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+    print_table(heads, lines)

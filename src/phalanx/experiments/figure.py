@@ -7,7 +7,7 @@ list of figures needs no compiler. Rows go to a CSV (table.py), and the figure i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -29,6 +29,7 @@ class Option:
 
 
 SEEDS = Option("seeds", 20, "Runs of each case.", 1, 10_000)
+QUICK = {"seeds": 2}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +45,7 @@ class Figure:
     - `compare(table)`: the statements;
     - `origin()`, if more than the version must agree for two measurements to share a file.
 
-    The others have `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)`.
+    The others have `measure(folder, on_progress, **options)`, the CSV's path, and `report(table)` beside `compare`.
     """
 
     name: str  # as typed, and of its files
@@ -52,6 +53,7 @@ class Figure:
     made_by: Any  # what has that: a module of this package, "module:name" in one, or anything else
     example: str = "--seeds 5"  # options that somebody may want
     options: tuple[Option, ...] = (SEEDS,)  # what can be asked of it
+    quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # what is asked for a small form of it
     has_login: bool = False  # whether it asks for a broker's login
     counted: str = "cases"  # what is counted while it is measured
     size_in: tuple[float, float] = (11.0, 5.5)
@@ -64,6 +66,11 @@ class Figure:
     def csv(self, folder: Path) -> Path:
         """Where its rows are."""
         return folder / f"{self.name}.csv"
+
+    def asked(self, said: Mapping[str, Any], *, quick: bool = False) -> dict[str, Any]:
+        """All that is asked of it: what was said, and where nothing was, the small form's or the default."""
+        small = self.quick if quick else {}
+        return {each.name: small.get(each.name, each.default) for each in self.options} | dict(said)
 
     def check(self, said: Mapping[str, Any]) -> None:
         """Numbers are within their bounds. Raises: UsageError: one is not."""

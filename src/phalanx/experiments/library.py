@@ -24,10 +24,16 @@ FIGURES = {
             about="Packets lost and late through a broker, plain and sealed (Qrkey Fig. 4)",
             made_by="link.fig4",
             options=(BROKER, DURATION),
+            quick={"duration": 10.0},
             has_login=True,
             example="--broker mqtts://broker.hivemq.com:8883 --duration 54000 (the paper's)",
             counted="packets of each kind",
             size_in=(11.0, 5.4),
+        ),
+        flock(
+            name="bti-fig2",
+            about="Ten of 125 robots lie among obstacles, and the flock stays away (RoboRebound Fig. 2)",
+            made_by="bti.fig2:FLOCK",
         ),
         Figure(
             name="bti-fig5",
@@ -43,6 +49,20 @@ FIGURES = {
             name="bti-table2",
             about="Worst load of the s-node, call by call (RoboRebound Table 2)",
             made_by="bti.loads:TABLE2",
+        ),
+        Figure(
+            name="bti-fig6",
+            about="What audits send and keep, by f_max and T_audit (RoboRebound Fig. 6)",
+            made_by="bti.fig6",
+            counted="runs",
+            size_in=(12.0, 5.8),
+        ),
+        Figure(
+            name="bti-fig7",
+            about="The same for denser flocks and for larger ones (RoboRebound Fig. 7)",
+            made_by="bti.fig7",
+            counted="runs",
+            size_in=(12.0, 8.6),
         ),
         flock(
             name="bti-fig8",

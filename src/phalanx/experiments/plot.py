@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.config.flock import Box, Disc
 from phalanx.errors import Unavailable
 
 from .figure import MATPLOTLIB_HINT, Figure
@@ -30,19 +31,27 @@ def draw(csv: Path, figure: Figure) -> tuple[Path, Path]:
     Raises: UsageError: no such CSV, or not one of ours. Unavailable: matplotlib is missing, or the disk is full.
     """
     table = read_table(csv, figure.name)
-    picture = _empty(*figure.size_in)
+    picture = blank(*figure.size_in)
     footer = figure.body.draw(table, picture)
     if footer is None:
         cases = list(table.cases)
         footer = f"{len(cases)} cases, {cases[0]} to {cases[-1]}; phalanx {table.version}"
+    return finish(picture, figure.about, footer, csv)
+
+
+def finish(picture: Picture, title: str, footer: str, path: Path) -> tuple[Path, Path]:
+    """The PNG and the SVG, called as `path`, of a picture that is drawn.
+
+    Raises: Unavailable: the disk is full.
+    """
     for axes in picture.axes:
         # A faint grid, and no frame where no scale is.
         axes.grid(alpha=0.25, linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
-    picture.suptitle(figure.about, x=0.01, ha="left")
+    picture.suptitle(title, x=0.01, ha="left")
     picture.text(0.01, 0.01, footer, fontsize=7.5, color="0.35")
     picture.tight_layout(rect=(0, 0.04, 1, 0.99))
-    return _save(picture, csv)
+    return _save(picture, path)
 
 
 def legend_above(axes: Axes, columns: int = 1) -> None:
@@ -76,7 +85,24 @@ def draw_walls(axes: Axes, walls_m: NDArray[np.float64]) -> None:
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
-def _empty(width_in: float, height_in: float) -> Picture:
+def draw_obstacles(axes: Axes, obstacles: Sequence[Disc | Box]) -> list[tuple[float, float]]:
+    """A scenario's obstacles, on axes for the ground; two corners of each."""
+    corners: list[tuple[float, float]] = []
+    from matplotlib.patches import Circle, Rectangle  # noqa: PLC0415  # optional
+
+    for each in obstacles:
+        looks: dict[str, Any] = {"color": "0.8", "zorder": 0.5}
+        if isinstance(each, Disc):
+            axes.add_patch(Circle((each.x_m, each.y_m), each.radius_m, **looks))
+            corners += [(each.x_m + side, each.y_m + side) for side in (-each.radius_m, each.radius_m)]
+        else:
+            corners += [(each.left_m, each.bottom_m), (each.right_m, each.top_m)]
+            axes.add_patch(Rectangle(corners[-2], each.right_m - each.left_m, each.top_m - each.bottom_m, **looks))
+    return corners
+
+
+def blank(width_in: float, height_in: float) -> Picture:
+    """An empty picture. Raises: Unavailable: matplotlib is missing."""
     try:
         # Made without pyplot, and so without a display or any state that others could share.
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415  # optional
@@ -88,15 +114,15 @@ def _empty(width_in: float, height_in: float) -> Picture:
     return picture
 
 
-def _save(picture: Picture, csv: Path) -> tuple[Path, Path]:
-    png, svg = csv.with_suffix(".png"), csv.with_suffix(".svg")
-    for path in (png, svg):
-        half_done = path.with_suffix(f".{os.getpid()}{path.suffix}")
+def _save(picture: Picture, path: Path) -> tuple[Path, Path]:
+    png, svg = path.with_suffix(".png"), path.with_suffix(".svg")
+    for made in (png, svg):
+        half_done = made.with_suffix(f".{os.getpid()}{made.suffix}")
         try:
             picture.savefig(half_done, dpi=150)
-            half_done.replace(path)
+            half_done.replace(made)
         except OSError as error:
-            raise Unavailable(f"cannot write {path}: {error.strerror}") from error
+            raise Unavailable(f"cannot write {made}: {error.strerror}") from error
         finally:
             half_done.unlink(missing_ok=True)
     return png, svg

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
-from phalanx.cli.complete import an_attack
-from phalanx.cli.options import controller_option, defence_option, json_option, swarm_options
+from phalanx.cli.complete import a_scenario_s_controller, an_attack
+from phalanx.cli.options import (
+    cluster_options,
+    controller_option,
+    defence_option,
+    json_option,
+    option,
+    swarm_options,
+)
 
 from .runs import runs
 
@@ -42,4 +51,35 @@ def run() -> None:
     it, or if a mission's verdict is not what was seen.
     Attacks on missions run on an errand in a small building, those on peers in a team of four; of the options they
     take --defence, --seed and --json.
+    """
+
+
+@attack.command(
+    epilog="Example: phalanx attack scorecard spoof hijack --controller flock --seeds 5; docs/scorecard.md has more"
+)
+@click.argument("attacks", nargs=-1, shell_complete=an_attack, metavar="[NAME|FILE.py:CLASS[:at=T,…]]...")
+@option(
+    "--controller",
+    "controllers",
+    help="A protocol: a bundled controller, mission, team, or a controller of your own; again for a further one. "
+    "Without, all that come with phalanx.",
+    multiple=True,
+    shell_complete=a_scenario_s_controller,
+    metavar="NAME|FILE.py:CLASS",
+)
+@option("--seeds", type=click.IntRange(1, 10_000), default=3, help="Runs of each.", metavar="N")
+@cluster_options
+@option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("out/scorecard"),
+    help="Folder for the runs, the CSV and the pictures.",
+)
+@json_option
+@runs("scorecard", "scorecard")
+def scorecard() -> None:
+    """Try every attack under every defence in every protocol: damage, when it was stopped, who else was, and the cost.
+
+    What is there already is not run again: after Ctrl-C, with more seeds or further attacks the same folder goes on,
+    and the table has all that is in it. Ends with 1 if it was stopped, a run failed, or ours did not keep a promise.
     """

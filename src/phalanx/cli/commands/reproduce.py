@@ -23,16 +23,35 @@ FINDINGS = (
 )
 
 
+quick_option = option("--quick", help="A small form: less of what is not said, as two seeds.", is_flag=True)
+
+
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
 def reproduce() -> None:
     """Measure a figure of one of the papers and draw ours beside it."""
 
 
+@reproduce.command("all", epilog="Example: phalanx reproduce all --quick --out out/papers")
+@quick_option
+@out_folder_option
+@json_option
+@runs("reproduce", "reproduce_all")
+def reproduce_all() -> None:
+    """Measure all figures and tables, and write one page: what each paper says, ours, and whether they agree.
+
+    The page is reproduction.md, beside the CSVs and pictures. Each figure goes on where it was stopped, and one that
+    cannot be measured does not end the others. Ends with 1 if it was stopped, or one could not be measured.
+    """
+
+
 def _command(figure: Figure) -> click.Command:
     measure: Any = runs("reproduce", "reproduce")(lambda: None)
     command = update_wrapper(partial(measure, figure=figure.name), measure)
-    own = [option(f"--{each.name}", help=each.help, default=each.default) for each in figure.options]
-    command = together(*[login_option] * figure.has_login, *own, out_folder_option, json_option)(command)
+    own = [
+        option(f"--{each.name}", help=f"{each.help}  [default: {each.default}]", type=type(each.default))
+        for each in figure.options
+    ]
+    command = together(*[login_option] * figure.has_login, *own, quick_option, out_folder_option, json_option)(command)
     example = f"Example: phalanx reproduce {figure.name} {figure.example}"
     notes = NOTES + FINDINGS * (SEEDS in figure.options)
     return click.command(figure.name, help=f"{figure.about}.\n\n{notes}", epilog=example)(command)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from phalanx.cli.complete import offer
-from phalanx.cli.options import FILE, json_option, option
+from phalanx.cli.options import FILE, cluster_options, json_option, option
 
 from .runs import runs
 
@@ -16,14 +16,7 @@ from .runs import runs
     epilog="Example: phalanx sweep examples/sweep.yaml --out out/sweep; docs/sweeps.md says what the file holds"
 )
 @click.argument("file", metavar="SWEEP.yaml", type=FILE, shell_complete=offer(tuple, ".yaml", ".yml"))
-@option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Of a dask scheduler, as tcp://10.0.0.1:8786; without, processes of this machine.",
-)
-@option(
-    "--workers", type=click.IntRange(min=1), help="Processes of this machine; without, one a processor.", metavar="N"
-)
+@cluster_options
 @option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),

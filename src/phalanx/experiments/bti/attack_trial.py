@@ -141,11 +141,13 @@ def try_attack(
     scenario: Scenario,
     on_step: Callable[[str, Run], None] = lambda _which, _run: None,
     controller: Callable[[int], Controller] | None = None,
+    honest: Run | None = None,
 ) -> FlockTrial:
     """Both runs of a scenario with one kind of attack: as it is, and without; `on_step` is told which, attacked or
     honest.
 
-    A researcher's own `controller` is made for each robot's id; None is the scenario's bundled one.
+    A researcher's own `controller` is made for each robot's id; None is the scenario's bundled one. `honest` is the run
+    without an attack, where somebody has it already.
 
     Raises: UsageError: nobody attacks, or in different ways.
     """
@@ -163,7 +165,8 @@ def try_attack(
         on_step("attacked", run)
 
     attacked = play(scenario, on_step=on_attacked, controller=controller)
-    honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller)
+    if honest is None:
+        honest = play(replace(scenario, attacks=()), on_step=lambda run: on_step("honest", run), controller=controller)
     liars = [robot for _, robot in sorted(attacked.robots.items()) if isinstance(robot, Liar)]
     correct = ~np.isin(attacked.ids, list(attacked.compromised))
     to_goal_m = np.sqrt(((honest.positions_m - np.array(scenario.goal_m)) ** 2).sum(axis=1))[correct]

@@ -1,4 +1,4 @@
-"""What Figures 8 and 9 have in common: the flock of RoboRebound §5.3 over many seeds, with a liar and without.
+"""What Figures 2, 8 and 9 have in common: the flock of RoboRebound §5.3 over many seeds, with liars and without.
 
 They are drawn from their CSV alone: distance to the goal over time, and where everybody ends.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import importlib.resources
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, legend_above
+from phalanx.experiments.plot import BLUE, GREEN, GREY, VERMILION, banded, draw_obstacles, legend_above
 from phalanx.experiments.statement import Statement
 from phalanx.experiments.table import Rows, Table
 from phalanx.sim.scenarios.file import find_scenario
@@ -155,7 +155,7 @@ class Flock:
     check = staticmethod(runs_of)
 
     name: str  # of the built-in scenario
-    reference: dict[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours
+    reference: Mapping[str, str]  # by case, the series of data/flock_reference.csv that belongs beside ours, if any
     find: Callable[[FlockRuns], list[Statement]]  # what the paper says, the independent reference, and ours
 
     def scenario(self, case: str, seed: int) -> Scenario:
@@ -198,9 +198,10 @@ class Flock:
             _draw_ground(ground, self, run)
             for axes in (over_time, ground):
                 legend_above(axes, columns=2)
+        hollow = "; hollow: an independent script" if self.reference else ""
         return (
-            f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}; "
-            f"hollow: an independent script\nphalanx {table.version}"
+            f"medians and bands of {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}), single robots of seed {seeds[0]}"
+            f"{hollow}\nphalanx {table.version}"
         )
 
 
@@ -210,12 +211,14 @@ def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -
     axes.plot(run.times_s, distances_m[:, ~run.liars], color=BLUE, alpha=0.25, linewidth=0.7)
     axes.plot(run.times_s, distances_m[:, run.liars], color=VERMILION, linewidth=1.2)
     if run.liars.any():
-        axes.plot([], [], color=VERMILION, linewidth=1.2, label="the compromised robot")
+        named = "the compromised robot" if run.liars.sum() == 1 else f"the {run.liars.sum()} compromised robots"
+        axes.plot([], [], color=VERMILION, linewidth=1.2, label=named)
         _shade(axes, run)
     means_m = mean_distances_m(table, run.case, goal_m)
     banded(axes, run.times_s, means_m, BLUE, "mean of correct robots, median of seeds", "5 to 95 % of seeds")
-    reference = read_reference()[flock.reference[run.case]]
-    axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
+    if flock.reference:
+        reference = read_reference()[flock.reference[run.case]]
+        axes.plot(reference[:, 0], reference[:, 1], "o", mfc="none", mec="black", ms=4, label="independent reference")
     axes.axhline(PAPER_Z_M, color="0.4", linewidth=0.8, linestyle=":")
     axes.text(0, PAPER_Z_M, " paper's z = 150 m", fontsize=7.5, color="0.35", va="bottom")
     axes.set(xlabel="time (s)", ylabel=f"distance to the goal (m), {_case_words(run)}")
@@ -224,16 +227,19 @@ def _draw_over_time(axes: Axes, table: FlockRuns, flock: Flock, run: FlockRun) -
 
 
 def _shade(axes: Axes, run: FlockRun) -> None:
-    """The time in which the compromised robot acts, as in the paper."""
-    for told in run.summary["compromised"]:
-        if told["first_deviation_s"] is not None:
-            end_s = run.times_s[-1] if told["safe_mode_s"] is None else told["safe_mode_s"]
-            axes.axvspan(told["first_deviation_s"], end_s, color=VERMILION, alpha=0.15, linewidth=0, label="it lies")
+    """The time in which compromised robots act, as in the paper."""
+    lies = [told for told in run.summary["compromised"] if told["first_deviation_s"] is not None]
+    if lies:
+        begin_s = min(told["first_deviation_s"] for told in lies)
+        end_s = max(run.times_s[-1] if told["safe_mode_s"] is None else told["safe_mode_s"] for told in lies)
+        words = "it lies" if len(lies) == 1 else "they lie"
+        axes.axvspan(begin_s, end_s, color=VERMILION, alpha=0.15, linewidth=0, label=words)
 
 
 def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
-    goal_m = flock.scenario(run.case, run.seed).goal_m
-    start_m = run.positions_m[0]
+    scenario = flock.scenario(run.case, run.seed)
+    goal_m, start_m = scenario.goal_m, run.positions_m[0]
+    corners_m = draw_obstacles(axes, scenario.obstacles)
     axes.plot(start_m[:, 0], start_m[:, 1], "o", mfc="none", mec=BLUE, ms=3.5, label="at the start")
     for state in (HONEST, LIAR, STOPPED):
         there_m = run.positions_m[-1, run.states[-1] == state]
@@ -242,10 +248,11 @@ def _draw_ground(axes: Axes, flock: Flock, run: FlockRun) -> None:
             axes.plot(there_m[:, 0], there_m[:, 1], "o", color=COLOUR[state], ms=3.5, label=label)
     axes.plot(*goal_m, "x", color=GREEN, ms=9, mew=2.5, label="goal")
     axes.set_aspect("equal")
-    shown_m = np.vstack((run.positions_m.reshape(-1, 2), goal_m))
+    shown_m = np.vstack((run.positions_m.reshape(-1, 2), goal_m, *corners_m))
     (left_m, bottom_m), (right_m, top_m) = shown_m.min(axis=0) - MARGIN_M, shown_m.max(axis=0) + MARGIN_M
     axes.set(xlabel="x (m)", ylabel="y (m)", xlim=(left_m, right_m), ylim=(bottom_m, top_m))
 
 
 def _case_words(run: FlockRun) -> str:
-    return "with a liar" if run.liars.any() else "all honest"
+    liars = int(run.liars.sum())
+    return "all honest" if not liars else "with a liar" if liars == 1 else f"with {liars} liars"

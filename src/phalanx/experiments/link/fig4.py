@@ -37,9 +37,9 @@ from phalanx.link.replay import ReplayCache
 from phalanx.link.topics import full_topic
 
 from .fig4_plot import draw
-from .fig4_table import KINDS, Kind, Row, cells, head, packets, report
+from .fig4_table import KINDS, Kind, Row, cells, compare, head, packets, report
 
-__all__ = ["Config", "draw", "make_packet", "measure", "report"]
+__all__ = ["Config", "compare", "draw", "make_packet", "measure", "report"]
 
 log = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, cast, get_args
 
 from phalanx.errors import UsageError
-from phalanx.experiments.statement import Report
+from phalanx.experiments.statement import Report, Statement
 from phalanx.experiments.table import ELSEWHERE, Head, Table
 
 Kind = Literal["plain", "sealed"]
@@ -130,6 +130,36 @@ def report(table: Table) -> Report:
         told = ("-" if value is None else format(value, each.metadata["form"]) for value in row.values())
         lines.append(f"{each.metadata['words']:28}" + "".join(f"{cell:>10}" for cell in told))
     return Report(rows, lines, {"broker": table.origin["broker"]})
+
+
+def compare(table: Table) -> list[Statement]:
+    """What Qrkey §V says of Fig. 4, and ours."""
+    ours = [summarize(rows) for rows in packets(table).values()]
+    broker = table.origin["broker"]
+
+    def told(name: str, form: str) -> str:
+        values = [getattr(each, name) for each in ours]
+        return "; ".join("-" if value is None else format(value, form) for value in values)
+
+    return [
+        Statement(
+            what="packets lost, plain; sealed",
+            paper=f"{PAPER['lost']} of {PAPER['sent']}",
+            ours=f"{told('lost', 'd')} of {told('sent', 'd')}",
+            agrees=all(each.lost == 0 for each in ours),
+            why="none",
+        ),
+        *(
+            Statement(
+                what=f"{words}, plain; sealed",
+                paper=f"{PAPER[name]:g}",
+                ours=told(name, form),
+                agrees=all((getattr(each, name) or 0) <= PAPER[name] for each in ours),
+                why=f"no more than the paper's, through HiveMQ's public broker; ours through {broker}",
+            )
+            for name, words, form in (("mean_ms", "mean latency, ms", ".2f"), ("slow_pct", "above 200 ms, %", ".3f"))
+        ),
+    ]
 
 
 def is_slow(row: Row) -> bool:

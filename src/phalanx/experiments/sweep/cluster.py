@@ -15,7 +15,7 @@ from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
-from .plan import Job, Sweep
+from .plan import Job, Plan, Planned
 from .store import SWEEP_HINT, Store, outcome
 
 CONNECT_S = 15.0
@@ -25,11 +25,14 @@ AHEAD = 8  # runs that wait for each process, so that none waits for us
 
 
 def run_sweep(
-    sweep: Sweep,
+    sweep: Plan,
     store: Store,
     scheduler: str | None = None,
     workers: int | None = None,
     on_progress: Callable[[int, int], None] = lambda _done, _of: None,
+    *,
+    run: Callable[[Any], dict[str, Any]] | None = None,
+    prepare: Callable[[Any], object] | None = None,
 ) -> list[str]:
     """All runs that the store does not have are made and added to it.
 
@@ -37,6 +40,8 @@ def run_sweep(
         scheduler: address of a dask scheduler; None for processes of this machine, which nobody else can reach.
         workers: how many of these; None for one a processor.
         on_progress: is told how many runs are there, and of how many.
+        run: makes a job's row, in whichever process; None for a `Sweep`'s.
+        prepare: called with the first job, here, before there are other processes; likewise.
     Returns: a line for each run that failed; the others are there.
     Raises: UsageError: of the sweep. Unavailable: dask is not installed; no scheduler there, or it went away; a disk
         is full. Ctrl-C: KeyboardInterrupt. Whatever it is, what came until then is in the store.
@@ -47,7 +52,7 @@ def run_sweep(
     if not todo:
         return []
     if scheduler is None:
-        _compile(todo[0])
+        (prepare or _compile)(todo[0])
     failed: list[str] = []
     with _client(scheduler, workers) as (dask, client):
         ahead = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
@@ -55,7 +60,7 @@ def run_sweep(
 
         def submit(count: int) -> list[Any]:
             given = [job for _, job in zip(range(count), waiting, strict=False)]
-            return [client.submit(run_job, job, key=job.key, pure=False) for job in given]
+            return [client.submit(run or run_job, job, key=job.key, pure=False) for job in given]
 
         going = dask.as_completed(submit(ahead), loop=client.loop)
         left = len(todo)
@@ -90,8 +95,8 @@ def _compile(job: Job) -> None:
         Run(*find_controller(job.controller, job.scenario))
 
 
-def _named(job: Job) -> str:
-    return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.scenario.seed)))
+def _named(job: Planned) -> str:
+    return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.seed)))
 
 
 def _said(error: BaseException | None) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
@@ -20,6 +20,36 @@ from phalanx.sim.scenarios.own import find_attack, is_file, no_controller
 from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
 
 Cell = str | int | float
+
+
+class Planned(Protocol):
+    """One run that is to be made, as far as dealing it out and keeping its row need to know it."""
+
+    @property
+    def key(self) -> str:
+        """Two with the same come to the same row."""
+
+    @property
+    def point(self) -> tuple[tuple[str, Cell], ...]:
+        """The axes' names, and where on each it is."""
+
+    @property
+    def seed(self) -> int:
+        """Of its dice."""
+
+
+class Plan(Protocol):
+    """Runs that are to be made: a `Sweep` is one."""
+
+    @property
+    def axes(self) -> Mapping[str, tuple[Cell, ...]]:
+        """What is varied, with a value of each at least."""
+
+    @property
+    def jobs(self) -> tuple[Any, ...]:
+        """All runs, each `Planned`."""
+
+
 MOST_BYTES = 1 << 16
 MOST_RUNS = 1_000_000
 HINT = "docs/sweeps.md has an example"
@@ -40,6 +70,11 @@ class Job:
     scenario: Scenario
     attack: str | None  # None for the scenario's own
     controller: str | None  # None for the scenario's own
+
+    @property
+    def seed(self) -> int:
+        """The scenario's."""
+        return self.scenario.seed
 
 
 @dataclass(frozen=True)
@@ -72,8 +107,7 @@ class Sweep:
             for seed in self.seeds:
                 chosen = replace(scenario, seed=seed)
                 said = (repr(chosen), attack, controller, *map(self._content, (attack, controller)))
-                key = hashlib.sha256(repr(said).encode()).hexdigest()[:24]
-                yield Job(key, point, chosen, attack, controller)
+                yield Job(key_of(*said), point, chosen, attack, controller)
 
     def _at(self, point: dict[str, Any]) -> tuple[Scenario, str | None, str | None]:
         scenario = find_scenario(self._path(point.pop("scenario")))
@@ -103,14 +137,20 @@ class Sweep:
         return str((self.folder / words).resolve()) if words and is_file(words) else words
 
     def _content(self, words: str | None) -> str:
-        return self._digests.setdefault(words, _digest(words)) if words and is_file(words) else ""
+        return self._digests.setdefault(words, content_of(words)) if words and is_file(words) else ""
 
     @cached_property
     def _digests(self) -> dict[str, str]:
         return {}
 
 
-def _digest(words: str) -> str:
+def key_of(*said: object) -> str:
+    """Of a run that this is all of."""
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
+
+
+def content_of(words: str) -> str:
+    """Of the file in "FILE.py:CLASS", a digest. Raises: UsageError: no such file. Unavailable: it cannot be read."""
     path = Path(words.partition(":")[0])
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -17,7 +17,7 @@ from typing import Any, Self
 
 from phalanx.errors import Unavailable, UsageError
 
-from .plan import Cell, Job, Sweep
+from .plan import Cell, Plan, Planned, Sweep
 
 SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
 ELSEWHERE = "choose another folder with --out, or move this one away"
@@ -65,11 +65,13 @@ def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
 class Store:
     """A folder that rows are added to. Use as `with`: then it is ours alone.
 
-    `done` has the keys of all rows there. Raises: on entering, UsageError: it is another sweep's, or another process
-    writes to it; Unavailable: pyarrow is not installed, or a file cannot be read or written, then or later.
+    `columns` are what a run comes to, with Arrow's types. `done` has the keys of all rows there.
+
+    Raises: on entering, UsageError: it is another sweep's, or another process writes to it; Unavailable: pyarrow is
+        not installed, or a file cannot be read or written, then or later.
     """
 
-    def __init__(self, folder: Path, sweep: Sweep, version: str) -> None:
+    def __init__(self, folder: Path, sweep: Plan, version: str, columns: Mapping[str, str] = OUTCOME) -> None:
         try:
             pa: Any = import_module("pyarrow")
             pq: Any = import_module("pyarrow.parquet")
@@ -82,7 +84,7 @@ class Store:
             "version": version,
             "axes": {name: _type(values) for name, values in sweep.axes.items()},
         }
-        types = {"key": "string"} | self._head["axes"] | {"seed": "int64"} | OUTCOME
+        types = {"key": "string"} | self._head["axes"] | {"seed": "int64"} | dict(columns)
         self._schema = pa.schema([(name, pa.type_for_alias(kind)) for name, kind in types.items()])
         self._rows: list[dict[str, Any]] = []
         self._written_s = time.monotonic()
@@ -127,12 +129,12 @@ class Store:
                 os.close(self._lock)
                 self._lock = -1
 
-    def add(self, job: Job, row: Mapping[str, Any]) -> None:
+    def add(self, job: Planned, row: Mapping[str, Any]) -> None:
         """A run's row, unless it is there. It is on disk a second before the next one, or when this ends."""
         if job.key in self.done:
             return
         self.done.add(job.key)
-        self._rows.append({"key": job.key, **dict(job.point), "seed": job.scenario.seed, **row})
+        self._rows.append({"key": job.key, **dict(job.point), "seed": job.seed, **row})
         if len(self._rows) >= WRITE_ROWS or time.monotonic() - self._written_s >= WRITE_S:
             self.write()
 

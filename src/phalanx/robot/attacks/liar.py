@@ -139,7 +139,7 @@ class Liar(CNode):
             self._honest.on_recv(now_ms, frame)
             if len(frame) == STATE.size and frame[0] == KIND_STATE:
                 _, rob_id, _, *motion = MOTION.unpack(frame)
-                self.seen[rob_id] = Motion(*motion)
+                self.saw(rob_id, Motion(*motion))
         return self.heard(now_ms, frame) if self.lies(now_ms) else super().on_message(now_ms, frame)
 
     def on_round(self, now_ms: int) -> list[Action]:
@@ -151,6 +151,10 @@ class Liar(CNode):
         return []
 
     # --- what subclasses override -------------------------------------------------------------------------------------
+
+    def saw(self, rob_id: int, motion: Motion) -> None:
+        """Somebody said in this robot's name where it is."""
+        self.seen[rob_id] = motion
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """What the sensor itself says, before the s-node has it."""

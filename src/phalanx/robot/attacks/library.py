@@ -21,7 +21,8 @@ team = partial(Attack, scene="team", against="peers")
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What it says and does": (
-        Attack("spoof", "spoof.Spoof", STOPPED, ASTRAY, 5, options={"strong": Option((0, 1), ("none",))},
+        Attack("spoof", "spoof.Spoof", STOPPED, ASTRAY, 5,
+               options={"strong": Option((0, 1), ("none",)), "every": Option()},
                does="claims on behalf of other robots that they stand between a victim and the goal",
                stopped_by="replay never sends such a state: no auditor issues a token, and the tokens it has run out"),
         Attack("masquerade", "claims.Masquerade", STOPPED, ASTRAY, 1,

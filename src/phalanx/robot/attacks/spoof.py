@@ -9,10 +9,12 @@ from phalanx.bti.fleet import PLAIN
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.wire.table import KIND_STATE
 
-from .liar import MOTION, Liar
+from .liar import MOTION, Liar, Motion
 
-# Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes".
-LIES_PERIOD_MS = 250
+# Each victim hears a lie in each control period: the adversary broadcasts "faster than correct c-nodes". Several liars
+# may share the work: ten of them at that pace fill the channel by themselves.
+LIES_PERIOD_S = 0.25
+LIES_MPS, TOLD_APART_MPS = 1.0, 1e-6
 
 
 def spoofed_state(
@@ -38,8 +40,8 @@ def spoofed_state(
 class Spoof(Liar):
     """Claims, in the name of a random other robot and for one victim after the other, to be in the victim's way.
 
-    With `strong=1`, where no a-node makes a broadcast of each frame, every other robot is claimed to be in the way of
-    each victim, which alone hears of it.
+    Each victim is lied to each `every` seconds. With `strong=1`, where no a-node makes a broadcast of each frame, every
+    other robot is claimed to be in the way of each victim, which alone hears of it.
     Source: RoboRebound §5.3; the choice of whose name is ours (docs/spec/rebound.md).
     """
 
@@ -48,12 +50,18 @@ class Spoof(Liar):
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
+        self._period_ms = max(1, round(1000 * float(self.plan.options.get("every", LIES_PERIOD_S))))
         self._strong = bool(self.plan.options.get("strong")) and self.profile == PLAIN
+
+    def saw(self, rob_id: int, motion: Motion) -> None:
+        """Accomplices know each other's lies by their pace, and do not fall for them."""
+        if not (self.plan.accomplices and abs(math.hypot(motion.vx_mps, motion.vy_mps) - LIES_MPS) < TOLD_APART_MPS):
+            super().saw(rob_id, motion)
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """The lies that are due."""
         victims = sorted(self.seen)
-        due = (now_ms - self.plan.start_ms) * len(victims) // LIES_PERIOD_MS
+        due = (now_ms - self.plan.start_ms) * len(victims) // self._period_ms
         self._turn = max(self._turn, due - len(victims))
         actions: list[Action] = []
         while self._turn < due:

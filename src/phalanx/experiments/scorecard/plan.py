@@ -1,0 +1,157 @@
+"""Who is tried against what: each attack under each defence in each protocol, as runs that a sweep can deal out.
+
+A protocol is what honest robots do. Bundled controllers that scenarios run are there by themselves, in a scenario that
+comes with them if there is one; so are missions, of one robot and of a team; and a controller of one's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from phalanx.config import BtiConfig
+from phalanx.config.defence import DEFENCES, Defence
+from phalanx.errors import UsageError, did_you_mean
+from phalanx.experiments.sweep.plan import Cell, content_of, key_of
+from phalanx.robot.attacks.attack import Scene
+from phalanx.robot.attacks.library import ATTACKS
+from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.own import find_attack, is_file
+from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
+
+# When liars begin, and for how long they are watched: T_val and more than a round of audits beside it.
+AT_S, WATCHED_S = 12.0, 24.0
+MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
+# Near enough to each other that neighbours push, and near the goal, so that lies about the way there matter.
+SMALL = Scenario(
+    name="scorecard",
+    robots=12,
+    grid_step_m=16.0,
+    goal_m=(150.0, 150.0),
+    duration_s=AT_S + WATCHED_S,
+    bti=BtiConfig(f_max=3),
+)
+COMMON = ("flock", "guard")  # controllers that many scenarios have: SMALL is theirs
+
+
+@dataclass(frozen=True, slots=True)
+class Bout:
+    """One run of an attack, beside the same without it. It can be sent elsewhere: own files go by their words."""
+
+    key: str
+    point: tuple[tuple[str, Cell], ...]
+    seed: int
+    attack: str  # as typed
+    defence: Defence
+    scene: Scene
+    scenario: Scenario | None  # honest, of the seed and with the defence; None on a mission
+    controller: str | None  # FILE.py:CLASS; None for the scenario's own
+
+
+@dataclass(frozen=True)
+class Card:
+    """All runs of a scorecard.
+
+    Args:
+        attacks: names, with options or not, and FILE.py:CLASS with the whole path; none for all of the library.
+        protocols: names, and likewise FILE.py:CLASS of a controller; none for all there are.
+        seeds: from 0 on.
+    Raises: UsageError: no such protocol or attack, or attacks that none of the protocols has a place for.
+    """
+
+    attacks: tuple[str, ...]
+    protocols: tuple[str, ...]
+    seeds: int
+
+    def __post_init__(self) -> None:
+        for name in self.protocols:
+            if not is_file(name) and name not in known_protocols():
+                known = known_protocols()
+                raise UsageError(
+                    f"no protocol {name!r}", f"{did_you_mean(name, known)}{', '.join(known)}, or FILE.py:CLASS"
+                )
+        if not self._tried:
+            raise UsageError("nothing to try", "these attacks are none on these protocols")
+
+    @property
+    def axes(self) -> Mapping[str, tuple[Cell, ...]]:
+        """As in each run's point."""
+        return {"protocol": tuple(self._grounds), "attack": tuple(self._scenes), "defence": DEFENCES}
+
+    @cached_property
+    def jobs(self) -> tuple[Bout, ...]:
+        """All runs, seed by seed: whatever there is when it is stopped is a smaller scorecard."""
+        return tuple(
+            self._bout(protocol, attack, defence, seed)
+            for seed in range(self.seeds)
+            for protocol, attack in self._tried
+            for defence in DEFENCES
+        )
+
+    @cached_property
+    def _grounds(self) -> dict[str, tuple[Scenario | None, str | None]]:
+        return {_short(name): _ground(name) for name in self.protocols or known_protocols()}
+
+    @cached_property
+    def _scenes(self) -> dict[str, Scene]:
+        """Where each attack is tried, by its words."""
+        found: dict[str, Scene] = {}
+        for words in self.attacks or tuple(ATTACKS):
+            spec = find_attack(words)
+            if not spec.own and spec.name not in ATTACKS:
+                raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, ATTACKS)}phalanx attack list")
+            found[words] = spec.attack.scene
+        return found
+
+    @cached_property
+    def _tried(self) -> list[tuple[str, str]]:
+        return [
+            (protocol, attack)
+            for protocol in self._grounds
+            for attack, scene in self._scenes.items()
+            if scene in MISSIONS.get(protocol, ("flock",))
+        ]
+
+    @cached_property
+    def _contents(self) -> dict[str, str]:
+        files = [words for words in (*self.protocols, *self._scenes) if is_file(words)]
+        return {words: content_of(words) for words in files}
+
+    def _bout(self, protocol: str, attack: str, defence: Defence, seed: int) -> Bout:
+        scenario, controller = self._grounds[protocol]
+        if scenario:
+            scenario = replace(scenario, seed=seed, defence=defence)
+        said = (protocol, attack, defence, seed, repr(scenario), *map(self._contents.get, (attack, str(controller))))
+        point = (("protocol", protocol), ("attack", _short(attack)), ("defence", defence))
+        return Bout(key_of(*said), point, seed, attack, defence, self._scenes[attack], scenario, controller)
+
+
+def known_protocols() -> list[str]:
+    """Names of all that come with phalanx."""
+    return [*in_scenarios(), *MISSIONS]
+
+
+def _ground(name: str) -> tuple[Scenario | None, str | None]:
+    """Where a protocol is tried, and the controller's file if it has one."""
+    if name in MISSIONS:
+        return None, None
+    if is_file(name):
+        return SMALL, name
+    own = () if name in COMMON else map(find_scenario, built_in("scenarios"))
+    made = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
+    return replace(made, attacks=(), duration_s=max(made.duration_s, AT_S + WATCHED_S)), None
+
+
+def absolute(words: str) -> str:
+    """A file of one's own by its whole path: other processes may run elsewhere. Any other word as it is."""
+    path, colon, name = words.partition(":")
+    return f"{Path(path).resolve()}{colon}{name}" if is_file(words) else words
+
+
+def _short(words: str) -> str:
+    """How a file of one's own is called in the table."""
+    path, colon, name = words.partition(":")
+    return f"{Path(path).name}{colon}{name}" if is_file(words) else words
