@@ -14,6 +14,8 @@ HERE = Path(__file__).parent
 SHARED = ["bucket", "node", "snode", "anode"]
 # In their place: what a simulator computes all day, as fast as the processor can (port/host/host.h).
 HOST = ["hash", "mac"]
+# What checks orders' signatures, once for both profiles (port/order.h).
+ORDERS = ["order", "monocypher/monocypher", "monocypher/monocypher-ed25519"]
 # Without a word of where they were compiled: the same sources give the same bytes.
 FLAGS = ["-O2", "-std=c99", "-Wall", "-Wextra", "-fvisibility=hidden", "-g0", f"-ffile-prefix-map={Path.cwd()}=."]
 
@@ -30,8 +32,8 @@ def declarations(header: Path) -> str:
     return "\n".join(found)
 
 
-def profile(name: str, headers: list[str]) -> FFI:
-    """The builder of `phalanx._firmware_<name>`."""
+def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI:
+    """The builder of `phalanx._firmware_<name>`, with `more` sources of port/."""
     ffi = FFI()
     ffi.cdef("typedef struct { ...; } phx_snode;\ntypedef struct { ...; } phx_anode;\n")
     paths = [HERE / "include" / "phx.h", *(HERE / header for header in headers)]
@@ -43,7 +45,7 @@ def profile(name: str, headers: list[str]) -> FFI:
         # Relative to setup.py: absolute paths would end up in what is built.
         sources=[f"firmware/src/{source}.c" for source in [*SHARED, name]]
         + [f"firmware/port/host/{source}.c" for source in HOST]
-        + ["firmware/port/fleet.c"],
+        + [f"firmware/port/{source}.c" for source in ["fleet", *(more or [])]],
         include_dirs=["firmware/include", "firmware/src", "firmware/port", "firmware/port/host"],
         depends=[str(path.relative_to(HERE.parent)) for path in sorted([*HERE.rglob("*.h"), *HERE.glob("src/*.c")])],
         extra_compile_args=FLAGS,
@@ -53,7 +55,7 @@ def profile(name: str, headers: list[str]) -> FFI:
 
 def bound() -> FFI:
     """The default."""
-    return profile("bound", ["port/fleet.h", "port/host/host.h"])
+    return profile("bound", ["port/fleet.h", "port/host/host.h", "port/order.h"], ORDERS)
 
 
 def paper() -> FFI:

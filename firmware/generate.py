@@ -1,7 +1,7 @@
 """Writes what is made from wire/table.py: `python firmware/generate.py`.
 
 That is include/phx_wire.h, include/phx_line_wire.h, web/client/wire.ts, and the tables in docs/spec/ (rebound-nodes.md,
-rebound.md, serial.md, mission.md and vocabulary.md) between `<!-- NAME:begin -->` and `<!-- NAME:end -->`;
+rebound.md, serial.md, mission.md, orders.md and vocabulary.md) between `<!-- NAME:begin -->` and `<!-- NAME:end -->`;
 tests/test_wire.py checks that what is committed is what this writes.
 """
 
@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from phalanx.wire import Record, lines, missions, table
+from phalanx.wire import Record, driven, lines, missions, table
 
 HERE = Path(__file__).parent
 HEADER = HERE / "include" / "phx_wire.h"
@@ -122,6 +122,7 @@ BLOCKS = {
         "claim": markdown([missions.CLAIM, missions.SENSED, missions.SEEN_CODE]),
         "walked": markdown(missions.WALKED),
     },
+    "orders.md": {"orders": markdown(driven.ORDERS)},
     "vocabulary.md": {"places": markdown([table.ROBOT_PLACE])},
 }
 

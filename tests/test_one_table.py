@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ordered
 from phalanx.config import bti
-from phalanx.robot.controllers import orders
+from phalanx.config import wheels as config_wheels
 from phalanx.robot.controllers.bundled import wheels
-from phalanx.wire import table
+from phalanx.wire import driven, table
 
 
 def test_the_sizes_that_config_repeats_are_the_tables():
@@ -71,6 +72,15 @@ def test_what_is_copied_from_one_record_to_another_lies_in_both_alike():
     assert table.REQUEST.at("treq_mac") - table.REQUEST.at("t") == table.TOKEN_REQUEST.at("mac")
 
 
-def test_an_order_is_the_tables_record():
-    told = table.ORDER.decode(orders.wheels_order(7, 3, -100, 50))
-    assert told == {"id": 7, "number": 3, "action": table.TELL_WHEELS, "body": b"\x9c\x32"}
+def test_an_order_is_the_tables_record_and_ends_in_its_signature():
+    frame = ordered.signer().wheels(3, 1234, -100, 50)
+    told = driven.ORDER.decode(frame)
+    assert told.pop("body") == b"\x9c\x32" + frame[-driven.SIGNATURE_BYTES :]
+    whose = {"mission": ordered.MISSION, "signer": driven.GATEWAY}
+    assert told == {**whose, "number": 1, "said": 1234, "id": 3, "action": driven.TELL_WHEELS}
+
+
+def test_a_driven_robot_remembers_a_signer_for_each_key_that_its_mission_names():
+    (signers,) = (field for field in driven.WHEELS_MEMORY.fields if field.name == "signers")
+    assert signers.size == driven.SIGNERS * driven.SIGNER.size
+    assert driven.SIGNER.fields[0].size == driven.SIGNER_KEY_BYTES == config_wheels.KEY_BYTES

@@ -219,6 +219,27 @@ class TestShields:
         assert places(swarm)[liar] == at, "it stands"
         assert next(s for s in swarm.shields() if s.address == liar).vouchers == ()
 
+    @pytest.mark.parametrize("stolen", [False, True])
+    def test_who_gives_orders_in_the_gateways_name_needs_its_key(self, stolen):
+        """With the key it locks the gateway out of all, which is what numbers alone did: the attack bites."""
+        swarm = a_swarm()
+        liar, *others = places(swarm)
+        run(swarm, 5)
+        swarm.compromise(liar, "seize-orders")
+        if stolen:
+            swarm._liars[0].key = swarm._station.gateway._key
+        run(swarm, 6)
+        before = places(swarm)
+        drive_all = lambda: [swarm.drive(other, 60, 50) for other in others]
+        run(swarm, 3, drive_all)
+        moved = [other for other in others if apart(places(swarm)[other], before[other]) > 20]
+        assert moved == ([] if stolen else others)
+        swarm.hold()
+        run(swarm, 1)
+        before = places(swarm)
+        run(swarm, 1, drive_all)
+        assert all(places(swarm)[other] == before[other] for other in others), "the operator has a key of its own"
+
     def test_the_others_live_on_without_f_max_of_them(self):
         swarm = a_swarm(8)
         addresses = list(places(swarm))

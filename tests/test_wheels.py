@@ -12,20 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import uncompiled
+from ordered import LONG_MS, MISSION, PUBLIC, led_order, order, robot, route_order, signed, signer, wheels_order
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.bundled.wheels import wheels_params
-from phalanx.robot.controllers.orders import led_order, route_order, wheels_order
-from phalanx.robot.controllers.python_controller import Act, Send, compiled, pack_outputs, unpack_outputs
+from phalanx.robot.controllers.orders import NEVER
+from phalanx.robot.controllers.python_controller import Act, Send, pack_outputs, unpack_outputs
 from phalanx.robot.follow import wheels_towards
+from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_NOTHING, TELL_ROUTE, TELL_WHEELS, WHEELS_MEMORY
 
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
-RUN_SHA256 = "e7ccee56e6b9acaf766cd08a0941fa26e86fb6e6a4454bfb501d327cf678bf54"
-
-
-def robot(rob=1, config=None):
-    return compiled(dispatch.NUMBERS["wheels"], wheels_params(config or WheelsConfig()))(rob)
+RUN_SHA256 = "661c3c3c34e3c56a84c63e17a0f0962c794bf3f8812a05ebf8e683443b0335ef"
+STANDS_BYTES = WHEELS_MEMORY.size
+AT = WHEELS_MEMORY.at
 
 
 def reading(rob, x, y, direction, t=0):
@@ -58,15 +56,15 @@ class TestOrders:
 
     def test_each_obeys_only_what_is_for_it_and_newer_than_the_last(self):
         this = robot(7)
-        for order in (
+        for frame in (
             wheels_order(8, 5, 1, 1),
             wheels_order(7, 5, 50, 50),
             wheels_order(7, 5, 2, 2),
             wheels_order(7, 4, 3, 3),
         ):
-            this.on_recv(0, order)
+            this.on_recv(0, frame)
         assert wheels(this, 0) == (50, 50)
-        this.on_recv(0, wheels_order(7, 2**32 - 1, 4, 4))
+        this.on_recv(0, wheels_order(7, 2**63 - 1, 4, 4, said=9 * LONG_MS))
         assert wheels(this, 0) == (4, 4)
 
     def test_the_led_shows_what_was_ordered_and_the_wheels_go_on(self):
@@ -88,7 +86,7 @@ class TestOrders:
         this = robot()
         this.on_recv(0, route_order(1, 1, 60, [(500, 500), (510, 500), (500, 900)]))
         assert wheels(this, 0, 500, 500, 0) == (100, 100)
-        assert struct.unpack_from("<HB2H", this.encode(), 29) == (60, 1, 500, 900)
+        assert struct.unpack_from("<HB2H", this.encode(), AT("threshold_mm")) == (60, 1, 500, 900)
 
     @pytest.mark.parametrize("stop", [route_order(1, 9, 60, []), wheels_order(1, 9, 0, 0)])
     def test_an_empty_route_or_a_joystick_ends_a_route(self, stop):
@@ -96,23 +94,32 @@ class TestOrders:
         this.on_recv(0, route_order(1, 1, 60, [(500, 900)]))
         this.on_recv(0, stop)
         assert wheels(this, 0) == (0, 0)
-        assert len(this.encode()) == 32
+        assert len(this.encode()) == STANDS_BYTES
 
     @pytest.mark.parametrize(
         "order",
         [
             wheels_order(1, 1, 5, 5)[:-1],
             wheels_order(1, 1, 5, 5) + b"\0",
-            led_order(1, 1, 1, 1, 1)[:-1],
-            b"\x07" + wheels_order(1, 1, 5, 5)[1:],
-            struct.pack("<BHIB2b", 4, 1, 1, 4, 5, 5),
-            struct.pack("<BHIB2b", 4, 1, 0, 1, 5, 5),
-            struct.pack("<BHIBHB", 4, 1, 1, 3, 0, 0),
-            struct.pack("<BHIBHB", 4, 1, 1, 3, 1001, 0),
-            struct.pack("<BHIBHB", 4, 1, 1, 3, 60, 1),
-            struct.pack("<BHIBH", 4, 1, 1, 3, 60),
-            struct.pack("<BHIBHB", 4, 1, 1, 3, 60, 33) + bytes(33 * 4),
-            struct.pack("<BHIB", 4, 1, 1, 1),
+            signed(wheels_order(1, 1, 5, 5)[:-65]),
+            signed(wheels_order(1, 1, 5, 5)[:-64] + b"\0"),
+            signed(led_order(1, 1, 1, 1, 1)[:-65]),
+            signed(b"\x07" + wheels_order(1, 1, 5, 5)[1:-64]),
+            order(1, 1, 6, b"\5\5"),
+            order(1, 0, TELL_WHEELS, b"\5\5", said=5),
+            order(1, 1, TELL_WHEELS, b"\5\5", who=2, key=GATEWAY),
+            order(1, 1, TELL_NOTHING, b"\0"),
+            *(
+                order(1, 1, TELL_ROUTE, body)
+                for body in (
+                    struct.pack("<HB", 0, 0),
+                    struct.pack("<HB", 1001, 0),
+                    struct.pack("<HB", 60, 1),
+                    struct.pack("<H", 60),
+                    struct.pack("<HB", 60, 33) + bytes(33 * 4),
+                )
+            ),
+            order(1, 1, TELL_WHEELS),
             b"",
         ],
     )
@@ -124,16 +131,18 @@ class TestOrders:
     @pytest.mark.parametrize(
         "make",
         [
-            lambda: wheels_order(0, 1, 0, 0),
-            lambda: wheels_order(1, 0, 0, 0),
-            lambda: wheels_order(65536, 1, 0, 0),
-            lambda: wheels_order(1, 2**32, 0, 0),
-            lambda: wheels_order(1, 1, 128, 0),
-            lambda: led_order(1, 1, 256, 0, 0),
-            lambda: route_order(1, 1, 60, [(0, 0)] * 33),
-            lambda: route_order(1, 1, 0, []),
-            lambda: route_order(1, 1, 60, [(-1, 0)]),
+            lambda: signer().wheels(-1, 0, 0, 0),
+            lambda: signer().wheels(65536, 0, 0, 0),
+            lambda: signer().wheels(1, 2**64, 0, 0),
+            lambda: signer().wheels(1, 0, 128, 0),
+            lambda: signer().led(1, 0, 256, 0, 0),
+            lambda: signer().route(1, 0, 60, [(0, 0)] * 33),
+            lambda: signer().route(1, 0, 0, []),
+            lambda: signer().route(1, 0, 60, [(-1, 0)]),
+            lambda: signer(mission=2**32).beacon(0),
             lambda: WheelsConfig(good_ms=0),
+            lambda: WheelsConfig(mission=0),
+            lambda: WheelsConfig(operator_key=bytes(31)),
             lambda: robot(0),
         ],
     )
@@ -169,7 +178,7 @@ class TestOrders:
         points = [(1500, 400), (1500, 1500), (300, 300)]
         this.on_recv(0, route_order(1, 1, 60, points))
         nearest = [math.inf] * len(points)
-        while len(this.encode()) > 32 and step < 1000:
+        while len(this.encode()) > STANDS_BYTES and step < 1000:
             left, right = (3.0 * side for side in wheels(this, step * 50, x, y, math.degrees(angle), step))
             x -= (left + right) / 2 * 0.05 * math.sin(angle)
             y += (left + right) / 2 * 0.05 * math.cos(angle)
@@ -183,13 +192,17 @@ class TestOrders:
 class TestBytes:
     def test_the_state_is_the_documented_bytes(self):
         this = robot(3)
-        assert this.encode() == bytes(32)
-        this.on_recv(5000, wheels_order(3, 6, -1, 2))
-        this.on_recv(5001, led_order(3, 7, 8, 9, 10))
+        never = struct.pack("<QQqQ", 0, 0, NEVER, 0)
+        assert this.encode() == bytes(27) + PUBLIC[GATEWAY] + never + PUBLIC[OPERATOR] + never + bytes(3)
+        this.on_recv(5000, wheels_order(3, 6, -1, 2, said=3000))
+        this.on_recv(5001, led_order(3, 7, 8, 9, 10, said=3010))
+        assert this.encode()[: AT("signers")] == struct.pack("<3f2bQ3B2B", 0, 0, 0, -1, 2, 5000, 8, 9, 10, 0, 2)
         this.on_input(0, 5002, reading(3, 1, 2, -3))
-        assert this.encode() == struct.pack("<3f2bQ3BIHB", 1, 2, -3, -1, 2, 5000, 8, 9, 10, 7, 0, 0)
-        this.on_recv(5003, route_order(3, 8, 70, [(11, 12), (13, 14)]))
-        assert this.encode()[25:] == struct.pack("<IHB4H", 8, 70, 2, 11, 12, 13, 14)
+        assert this.encode()[: AT("signers")] == struct.pack("<3f2bQ3B2B", 1, 2, -3, -1, 2, 5000, 8, 9, 10, 0, 0)
+        heard = PUBLIC[GATEWAY] + struct.pack("<QQqQ", 7, 3010, 1991, 5001)
+        assert this.encode()[AT("signers") :] == heard + PUBLIC[OPERATOR] + never + bytes(3)
+        this.on_recv(5003, route_order(3, 8, 70, [(11, 12), (13, 14)], said=3020))
+        assert this.encode()[AT("threshold_mm") :] == struct.pack("<HB4H", 70, 2, 11, 12, 13, 14)
 
     def test_the_command_comes_first_and_then_the_broadcast_when_it_is_due(self):
         this = robot(4)
@@ -207,6 +220,7 @@ class TestBytes:
     def test_a_reading_that_makes_no_sense_stops_the_robot_in_silence(self, wrong):
         this = robot()
         this.on_recv(0, wheels_order(1, 1, 50, 50))
+        this.on_input(5, 8, wrong)  # from then on signatures are looked at again
         before = this.encode()
         assert this.on_input(5, 9, wrong) == [Act(struct.pack("<BHQ2b3B", 5, 1, 9, 0, 0, 0, 0, 0))]
         assert this.encode() == before
@@ -217,6 +231,8 @@ class TestBytes:
 
 
 COLOUR = st.integers(0, 255)
+# How each order of the mission begins: who signed it is looked at.
+OURS = b"\x04" + MISSION.to_bytes(4, "little")
 ORDERS = st.one_of(
     st.builds(wheels_order, st.integers(1, 2), st.integers(1, 50), st.integers(-128, 127), st.integers(-128, 127)),
     st.builds(led_order, st.integers(1, 2), st.integers(1, 50), COLOUR, COLOUR, COLOUR),
@@ -228,7 +244,7 @@ ORDERS = st.one_of(
         st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 2000)), max_size=32),
     ),
     st.binary(max_size=150),
-    st.binary(max_size=140).map(lambda rest: b"\x04\x01\0" + rest),
+    st.binary(max_size=140).map(lambda rest: OURS + rest),
 )
 NUMBERS = st.floats(-3000, 3000, width=32)
 READINGS = st.one_of(st.builds(reading, st.just(1), NUMBERS, NUMBERS, NUMBERS), st.binary(max_size=24))
@@ -262,7 +278,7 @@ def run_digest():
             led_order(3, number, a + 128, b + 128, 5),
             rng.bytes(10),
             route_order(3, number, 300, points),
-            b"\x04\x03\0" + rng.bytes(12),
+            OURS + rng.bytes(90),
         ][int(rng.integers(0, 5))]
         if rng.integers(0, 3) == 0:
             this.on_recv(t, said)
@@ -302,7 +318,7 @@ class TestReplay:
             assert all(abs(side) <= 100 for side in (command(outputs)[:2] if outputs else ()))
 
     @settings(deadline=None)
-    @given(ENTRIES, st.binary(max_size=150).filter(lambda noise: noise[:3] != b"\x04\x01\0"))
+    @given(ENTRIES, st.binary(max_size=150).filter(lambda noise: noise[:5] != OURS))
     def test_noise_changes_nothing(self, entries, noise):
         this, other = robot(), robot()
         for entry in entries:
@@ -310,10 +326,13 @@ class TestReplay:
             assert play(this, [entry]) == play(other, [entry])
 
     @settings(deadline=None)
-    @given(st.one_of(st.binary(max_size=200), st.binary(min_size=31, max_size=31).map(lambda head: head + b"\0")))
+    @given(st.one_of(st.binary(max_size=300), st.tuples(st.integers(0, STANDS_BYTES - 1), st.integers(0, 255))))
     def test_a_foreign_checkpoint_is_taken_whole_or_refused(self, encoding):
         this = robot()
         before = this.encode()
+        if isinstance(encoding, tuple):  # its own, but for a byte
+            at, byte = encoding
+            encoding = before[:at] + bytes([byte]) + before[at + 1 :]
         try:
             this.decode(encoding)
         except PeerError:
@@ -330,11 +349,18 @@ class TestReplay:
             (12, b"\x05"),  # driven, and on a route
             (13, b"\x80"),
             (21, b"\x80"),  # heard before the clock began
-            (29, b"\0\0"),  # a point that is never near enough
-            (29, b"\xff\xff"),
-            (31, b"\0"),
-            (31, b"\2"),
-            (31, b"\x21"),
+            (AT("held"), b"\4"),  # by nobody
+            (AT("held"), b"\1"),  # and on a route
+            (AT("checks"), b"\x11"),
+            (AT("signers"), b"\0"),  # whom it obeys
+            (AT("signers") + 64, b"\0"),
+            *((AT("signers") + at, b"\x80") for at in (39, 47, 63)),
+            (AT("signers") + 55, b"\x7f"),  # heard later than any clock shows
+            (AT("threshold_mm"), b"\0\0"),  # a point that is never near enough
+            (AT("threshold_mm"), b"\xff\xff"),
+            (AT("count"), b"\0"),
+            (AT("count"), b"\2"),
+            (AT("count"), b"\x21"),
         ],
     )
     def test_a_checkpoint_that_no_run_leads_to_is_refused(self, at, wrong):

@@ -22,6 +22,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 REFUSED_FOR = {
     "spoof": Refusal.OUTPUT_UNCALLED,
     "false-state": Refusal.OUTPUT_UNCALLED,
+    "seize-orders": Refusal.OUTPUT_UNCALLED,
     "omit-sends": Refusal.OUTPUT_LATE,
     "hijack": Refusal.OUTPUT_WRONG,
     "drop-entries": Refusal.A_CHAIN,

@@ -23,7 +23,7 @@ from phalanx._firmware_bound import lib as bound_lib
 from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
 from phalanx.kernel import written
-from phalanx.wire import table
+from phalanx.wire import driven, table
 from phalanx.wire.fields import U32_BYTES, Row
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -49,6 +49,7 @@ CHECKS = {
     "nonce": f"nonce.size >= {table.NONCE_BYTES}",
     "auth": f"auth.size >= {AUTH_BYTES}",
     "treq": f"treq.size >= {TREQ_BYTES}",
+    "signer": f"signer.size >= {driven.SIGNER_KEY_BYTES}",
 }
 
 
@@ -247,4 +248,13 @@ def chain_extend(top: Row, data: Row, length: int) -> int:
 @_in_c
 def lightmac(key: Row, data: Row, length: int, mac: Row) -> int:
     """`mac` is that of `data[:length]`, at most 1791 bytes, under K1 ‖ K2. Source: Luykx et al., FSE 2016."""
+    raise NotImplementedError
+
+
+@_in_c
+def order_check(signer: Row, data: Row, length: int) -> int:
+    """0 if `data[:length]` ends in a signature of all before it, 64 bytes, under the signer's key, 32 bytes.
+
+    A pure function of these bytes, so that auditors find what the robot found. Source: RFC 8032 (Ed25519).
+    """
     raise NotImplementedError

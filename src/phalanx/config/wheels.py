@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from phalanx.errors import UsageError
+
 from .parameter import check_limits, within
+
+KEY_BYTES = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -12,11 +16,17 @@ class WheelsConfig:
     """Parameters of robots on two wheels that visitors drive.
 
     Raises: UsageError: a value is out of range.
-    Source: docs/spec/vocabulary.md (300 ms); RoboRebound §4 (the periods).
+    Source: docs/spec/vocabulary.md (300 ms); RoboRebound §4 (the periods); docs/spec/orders.md (whom they obey).
     """
 
     good_ms: int = within(300, 1, 60_000)  # a joystick's word is obeyed for so long, then the wheels stop
     state_every: int = within(6, 1, 1000)  # broadcast at each so manieth control step
+    mission: int = within(1, 1, 2**32 - 1)  # its number, as the mission key has it: orders of another are not obeyed
+    gateway_key: bytes = b""  # Ed25519, public: who may give orders; empty for nobody
+    operator_key: bytes = b""  # the same
 
     def __post_init__(self) -> None:
         check_limits(self)
+        for name in ("gateway_key", "operator_key"):
+            if len(getattr(self, name)) not in (0, KEY_BYTES):
+                raise UsageError(f"{name} has {len(getattr(self, name))} bytes", f"an Ed25519 public key, {KEY_BYTES}")

@@ -1,4 +1,4 @@
-"""THE byte table: the only place that knows a width, an order or a tag; missions.py and lines.py are pages of it.
+"""THE byte table: the only place that knows a width, an order or a tag; the modules beside it are its pages.
 
 `firmware/generate.py` makes firmware/include/phx_wire.h and the tables of docs/spec/rebound*.md from it. Kernels take
 offsets from it as constants of their modules (`AT_MAC = AUDIT_TOKEN.at("mac")`), which compile to literals.
@@ -8,7 +8,7 @@ Source: RoboRebound Alg. 2-4 (what is hashed and MACed) and §5.2 (27 and 19 byt
 
 from __future__ import annotations
 
-from . import guarded, lines, missions
+from . import driven, guarded, lines, missions
 from .record import Field, Record
 
 HASH_BYTES = 20  # SHA-1
@@ -58,7 +58,6 @@ EVIDENCE = Record(
 KIND_STATE = 0x01
 KIND_SENSOR = 0x02
 KIND_ACCELERATION = 0x03
-KIND_ORDER = 0x04
 KIND_WHEELS_COMMAND = 0x05
 KIND_WHEELS_SENSOR = 0x06
 KIND_WHEELS_STATE = 0x07
@@ -85,41 +84,15 @@ ACCELERATION = Record(
 )
 
 # Robots that visitors drive (docs/spec/vocabulary.md): x to the right, y down.
-TELL_WHEELS, TELL_LED, TELL_ROUTE = 1, 2, 3  # actions of an order
-ORDER = Record(
-    "order",
-    (
-        Field("id", "u16", "of the robot that is told"),
-        Field("number", "u32", "above that of the last order to it"),
-        Field("action", "u8", "1 wheels, 2 LED, 3 route"),
-        Field("body", "rest", "as the action has it"),
-    ),
-    "what a gateway tells a robot",
-    KIND_ORDER,
+WHEELS_COMMAND = Record(
+    "wheels_command", (*_SAID, *driven.WHEELS, *driven.LED), "command to wheels and LED", KIND_WHEELS_COMMAND
 )
-_LED = (Field("red", "u8", ""), Field("green", "u8", ""), Field("blue", "u8", ""))
-_WHEELS = (Field("left", "i8", "percent"), Field("right", "i8", "percent"))
-ORDER_WHEELS = Record("order_wheels", _WHEELS, "body of an order: turn the wheels for a moment")
-ORDER_LED = Record("order_led", _LED, "body of an order: show a colour")
-ORDER_ROUTE = Record(
-    "order_route",
-    (
-        Field("threshold_mm", "u16", "how near counts as reached"),
-        Field("count", "u8", "of points; 0 stops"),
-        Field("points", "rest", "as many waypoints"),
-    ),
-    "body of an order: visit these points",
-)
-WAYPOINT = Record("waypoint", (Field("x_mm", "u16", ""), Field("y_mm", "u16", "")), "a point of a route")
-_POSE = (
-    Field("x_mm", "f32", "position"),
-    Field("y_mm", "f32", ""),
-    Field("direction_deg", "f32", "the nose points along (-sin, cos)"),
-)
-WHEELS_COMMAND = Record("wheels_command", (*_SAID, *_WHEELS, *_LED), "command to wheels and LED", KIND_WHEELS_COMMAND)
-WHEELS_SENSOR = Record("wheels_sensor", (*_SAID, *_POSE), "reading of the pose sensor", KIND_WHEELS_SENSOR)
+WHEELS_SENSOR = Record("wheels_sensor", (*_SAID, *driven.POSE), "reading of the pose sensor", KIND_WHEELS_SENSOR)
 WHEELS_STATE = Record(
-    "wheels_state", (*_SAID, *_POSE, *_LED), "broadcast: where a driven robot is and how it shines", KIND_WHEELS_STATE
+    "wheels_state",
+    (*_SAID, *driven.POSE, *driven.LED),
+    "broadcast: where a driven robot is and how it shines",
+    KIND_WHEELS_STATE,
 )
 
 # Robots on encoded missions (docs/spec/mission.md).
@@ -312,21 +285,6 @@ NEIGHBOUR = Record(
     (Field("id", "u16", "robot id"), Field("heard", "u64", "ms, own a-node's clock"), *_MOTION),
     "a robot that was heard",
 )
-WHEELS_MEMORY = Record(
-    "wheels_memory",
-    (
-        *_POSE,
-        Field("left", "i8", "percent, the last joystick's word"),
-        Field("right", "i8", "the same"),
-        Field("heard", "u64", "ms, when that came"),
-        *_LED,
-        Field("number", "u32", "of the last order"),
-        Field("threshold_mm", "u16", "how near counts as reached"),
-        Field("count", "u8", "of points left of the route"),
-        Field("route", "rest", "as many waypoints"),
-    ),
-    "what a driven robot's controller remembers",
-)
 MISSION_MEMORY = Record(
     "mission_memory",
     (
@@ -385,13 +343,12 @@ ROBOT_PLACE = Record(
 # --- spaces in which a first byte is one record's ------------------------------------------------------------------
 
 LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE, guarded.ADVICE)  # beside ENTRY, whose first byte is its type
-ORDERS = (ORDER, ORDER_WHEELS, ORDER_LED, ORDER_ROUTE, WAYPOINT)
-DRIVEN = (*ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
+DRIVEN = (*driven.ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
 ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, guarded.WISH, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
-REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, guarded.GUARD_MEMORY, WHEELS_MEMORY, MISSION_MEMORY, CRUMB)
+REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, guarded.GUARD_MEMORY, *driven.REMEMBERED, MISSION_MEMORY, CRUMB)
 OF_NODES = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT)
 RECORDS = (*OF_NODES, *SHOWN, *REMEMBERED, ROBOT_PLACE, *missions.RECORDS, *lines.RECORDS)

@@ -52,6 +52,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="says that invented robots race outwards past those farthest out: who keeps pace is out of range",
                stopped_by="replay sends no such state; and in `bound` all that neighbours say pushes no harder than "
                           "four of them can (docs/adr/0026)"),
+        Attack("seize-orders", "seize.SeizeOrders", by_defence("harmless", "stopped", "stopped"), ASTRAY, 0.5,
+               on_wheels=True,
+               does="gives orders to all in the gateway's name, with the highest number, stops, and old ones again",
+               stopped_by="robots check who signed an order, its number and its age; and replay sends none"),
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).

@@ -1,56 +1,127 @@
-"""What a gateway tells robots that visitors drive, as radio frames.
+"""Which orders a robot obeys: whole, for it, of its mission, new, in time, and signed by whom the mission names.
 
-The record `order` of phalanx.wire.table, whose body is an `order_wheels`, an `order_led` or an `order_route`. A robot
-obeys a frame with its id and a number above the last that it obeyed, so that a frame heard twice counts once.
+What costs nothing is asked first: only an order that could be obeyed has its signature checked, and of these no more
+than MOST_CHECKS from one reading to the next, so that a liar cannot have others compute all day. All of it is in the
+log and in the state, so auditors come to the same answers.
+
+Clocks agree on nothing. A robot learns by how much its own is ahead of a signer's word, at least, from whatever that
+signer says; what comes LATE_MS later than that was held back. The least may grow by a part in DRIFT, as clocks drift.
+
+`at` is where a signer's record lies in the state. Source: docs/spec/orders.md; docs/adr/0031.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from phalanx.bti import trusted
+from phalanx.kernel import kernel
+from phalanx.wire.driven import (
+    EVERYBODY,
+    KIND_ORDER,
+    ORDER,
+    ORDER_LED,
+    ORDER_ROUTE,
+    ORDER_WHEELS,
+    SIGNATURE_BYTES,
+    SIGNER,
+    SIGNER_KEY_BYTES,
+    SIGNERS,
+    TELL_GO,
+    TELL_LED,
+    TELL_NOTHING,
+    TELL_ROUTE,
+    TELL_STOP,
+    TELL_WHEELS,
+    WAYPOINT,
+)
+from phalanx.wire.fields import Row, get_u16, get_u32, get_u64, put_u64, whole
 
-from phalanx.errors import UsageError
-from phalanx.wire.record import Record, Value
-from phalanx.wire.table import ORDER, ORDER_LED, ORDER_ROUTE, ORDER_WHEELS, TELL_LED, TELL_ROUTE, TELL_WHEELS, WAYPOINT
-
-ID, NUMBER, ACTION, BODY = map(ORDER.at, ("id", "number", "action", "body"))
-COUNT, POINTS = (BODY + ORDER_ROUTE.at(name) for name in ("count", "points"))
-WHEELS_BYTES = ORDER_WHEELS.size
+MISSION, WHO, NUMBER, SAID = map(ORDER.at, ("mission", "signer", "number", "said"))
+ID, ACTION, BODY = map(ORDER.at, ("id", "action", "body"))
+THRESHOLD, COUNT, POINTS = (BODY + ORDER_ROUTE.at(name) for name in ("threshold_mm", "count", "points"))
+HIGHEST, LATEST, LEAST, LEARNT = map(SIGNER.at, ("number", "said", "least", "learnt"))
+EACH_BYTES = SIGNER.size
+WHEELS_BYTES, LED_BYTES, ROUTE_BYTES, POINT_BYTES = ORDER_WHEELS.size, ORDER_LED.size, ORDER_ROUTE.size, WAYPOINT.size
 POINT_X, POINT_Y = map(WAYPOINT.at, ("x_mm", "y_mm"))
-POINT_BYTES = WAYPOINT.size
 WAYPOINTS_MAX = 32
 THRESHOLD_MAX_MM = 1000
+LATE_MS = 1000
+# Of two clocks, the one may gain a part in so many on the other: 500 ppm.
+DRIFT = 2000
+# No clock gets there: a signer that was never heard.
+NEVER = 1 << 62
+# True ones are one or two. Of false ones a liar's a-node lets out two at once, and then not two a second (`bound`).
+MOST_CHECKS = 16
 
 
-def wheels_order(robot: int, number: int, left_pct: int, right_pct: int) -> bytes:
-    """Turn the wheels for a moment, -100..100; ends waypoint following. `number` is above the last one sent to `robot`.
+@kernel
+def is_order(mission: int, rob_id: int, frame: Row, length: int) -> bool:
+    """Whether the frame has an order's form, and is for this robot on this mission; nothing of it is believed yet."""
+    size = length - BODY - SIGNATURE_BYTES
+    if size < 0 or frame[0] != KIND_ORDER or get_u32(frame, MISSION) != mission or frame[WHO] >= SIGNERS:
+        return False
+    told, action = get_u16(frame, ID), frame[ACTION]
+    if told not in (EVERYBODY, rob_id):
+        return False
+    if action == TELL_WHEELS:
+        return size == WHEELS_BYTES
+    if action == TELL_LED:
+        return size == LED_BYTES
+    if action == TELL_ROUTE:
+        return size >= ROUTE_BYTES and _is_route(frame, size)
+    return size == 0 and action in (TELL_NOTHING, TELL_STOP, TELL_GO)
 
-    Raises: UsageError: a value is out of range. Source: docs/spec/vocabulary.md.
-    """
-    return _order(robot, number, TELL_WHEELS, ORDER_WHEELS, left=left_pct, right=right_pct)
 
-
-def led_order(robot: int, number: int, red: int, green: int, blue: int) -> bytes:
-    """Show a colour, 0..255 each; otherwise like `wheels_order`. Source: docs/spec/vocabulary.md."""
-    return _order(robot, number, TELL_LED, ORDER_LED, red=red, green=green, blue=blue)
-
-
-def route_order(robot: int, number: int, threshold_mm: int, points_mm: Sequence[tuple[int, int]]) -> bytes:
-    """Visit at most 32 points in order, each reached within 1..1000 mm; otherwise like `wheels_order`.
-
-    Source: docs/spec/vocabulary.md.
-    """
-    if len(points_mm) > WAYPOINTS_MAX or not 1 <= threshold_mm <= THRESHOLD_MAX_MM:
-        raise UsageError(
-            f"a route of {len(points_mm)} points within {threshold_mm} mm",
-            f"at most {WAYPOINTS_MAX} points, 1 to {THRESHOLD_MAX_MM} mm",
-        )
-    points = b"".join(WAYPOINT.encode(x_mm=x_mm, y_mm=y_mm) for x_mm, y_mm in points_mm)
-    return _order(
-        robot, number, TELL_ROUTE, ORDER_ROUTE, threshold_mm=threshold_mm, count=len(points_mm), points=points
+@kernel
+def _is_route(frame: Row, size: int) -> bool:
+    count = whole(frame[COUNT])
+    return (
+        1 <= get_u16(frame, THRESHOLD) <= THRESHOLD_MAX_MM
+        and count <= WAYPOINTS_MAX
+        and size == ROUTE_BYTES + POINT_BYTES * count
     )
 
 
-def _order(robot: int, number: int, action: int, body: Record, **values: Value) -> bytes:
-    if robot < 1 or number < 1:
-        raise UsageError(f"order {number} for robot {robot}", "both count from 1")
-    return ORDER.encode(id=robot, number=number, action=action, body=body.encode(**values))
+@kernel
+def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
+    """Whether the order, if its signer said it, is one that the robot has not heard and that nobody held back.
+
+    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since.
+    """
+    number, said = get_u64(frame, NUMBER), get_u64(frame, SAID)
+    if frame[ACTION] == TELL_STOP:
+        if number != 0 or said <= get_u64(state, at + LATEST):
+            return False
+    elif number <= get_u64(state, at + HIGHEST) or said < 0:
+        return False
+    return t_ms - said <= _least_ms(t_ms, state, at) + LATE_MS
+
+
+@kernel
+def is_signed(frame: Row, length: int, state: Row, at: int) -> bool:
+    """Whether it was said by whom the mission names."""
+    return trusted.order_check(state[at : at + SIGNER_KEY_BYTES], frame, length) == 0
+
+
+@kernel
+def learn(t_ms: int, frame: Row, state: Row, at: int) -> None:
+    """Its signer said this; from now on that is old."""
+    said = get_u64(frame, SAID)
+    if t_ms - said < _least_ms(t_ms, state, at):
+        put_u64(state, at + LEAST, t_ms - said)
+        put_u64(state, at + LEARNT, t_ms)
+    if frame[ACTION] != TELL_STOP:
+        put_u64(state, at + HIGHEST, get_u64(frame, NUMBER))
+    put_u64(state, at + LATEST, max(said, get_u64(state, at + LATEST)))
+
+
+@kernel
+def _least_ms(t_ms: int, state: Row, at: int) -> int:
+    since_ms = max(0, t_ms - get_u64(state, at + LEARNT))
+    return int(get_u64(state, at + LEAST) + since_ms // DRIFT)
+
+
+@kernel
+def is_signer(state: Row, at: int) -> bool:
+    """Whether what is remembered of a signer can be; to be asked of every foreign checkpoint."""
+    fine = get_u64(state, at + HIGHEST) >= 0 and get_u64(state, at + LATEST) >= 0 and get_u64(state, at + LEARNT) >= 0
+    return fine and get_u64(state, at + LEAST) <= NEVER

@@ -6,14 +6,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.python_controller import Controller, Output, compiled
+from phalanx.robot.signer import Signer
 from phalanx.sim.scenarios.own import find_class, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
-from phalanx.wire import table
+from phalanx.wire import driven, table
 from phalanx.wire.fields import put_u16, put_u64
 
 from .watch import watched
@@ -52,7 +54,8 @@ def maker(words: str) -> Make:
     Raises: as `find_class`. UsageError: no such name.
     """
     if words in BUNDLED:
-        return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config()))
+        keys = {"gateway_key": _gateway().public} if _is_driven(words) else {}
+        return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config(**keys)))
     if not is_file(words):
         raise no_controller(words, BUNDLED)
     own: Make = find_class(words, Controller)
@@ -65,9 +68,17 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    driven = words in BUNDLED and BUNDLED[words].reads is table.WHEELS_SENSOR
-    life = list(_driven(chance)) if driven else _lived(make, seed)
+    life = list(_driven(chance)) if _is_driven(words) else _lived(make, seed)
     return [*life, *_odd(life, chance)]
+
+
+def _is_driven(words: str) -> bool:
+    return words in BUNDLED and BUNDLED[words].reads is table.WHEELS_SENSOR
+
+
+def _gateway() -> Signer:
+    """Of a key that anybody can make: nobody's robots obey it."""
+    return Signer(Ed25519PrivateKey.from_private_bytes(bytes(driven.SIGNER_KEY_BYTES)), 1, driven.GATEWAY)
 
 
 class _Listener(Controller):
@@ -106,25 +117,22 @@ def _lived(make: Make, seed: int) -> list[Call]:
 
 def _driven(chance: np.random.Generator) -> Iterator[Call]:
     """A driven robot: readings of a pose that wanders, orders to it and to others, and what others broadcast."""
+    gateway = _gateway()
     x_mm, y_mm, direction_deg = 500.0, 500.0, 0.0
     for step in range(int(1000 * LIFE_S) // CONTROL_MS):
         t_ms = 1000 + step * CONTROL_MS
         if step % 7 == 3:
             left, right = (int(pct) for pct in chance.integers(-100, 101, 2))
-            yield _order(t_ms - 20, step, 1, table.ORDER_WHEELS.encode(left=left, right=right))
+            yield Call(-1, t_ms - 20, gateway.wheels(ROBOT, t_ms, left, right))
         if step % 20 == 11:
-            ways = (table.WAYPOINT.encode(x_mm=int(x), y_mm=int(y)) for x, y in chance.integers(0, 2000, (3, 2)))
-            yield _order(t_ms - 10, step, 3, table.ORDER_ROUTE.encode(threshold_mm=60, count=3, points=b"".join(ways)))
+            way = [(int(x), int(y)) for x, y in chance.integers(0, 2000, (3, 2))]
+            yield Call(-1, t_ms - 10, gateway.route(ROBOT, t_ms, 60, way))
         pose = {"t": t_ms, "x_mm": x_mm, "y_mm": y_mm, "direction_deg": direction_deg}
         yield Call(-1, t_ms - 5, table.WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
         yield Call(step, t_ms, table.WHEELS_SENSOR.encode(id=ROBOT, **pose))
         x_mm += float(chance.normal(0, 20))
         y_mm += float(chance.normal(0, 20))
         direction_deg = (direction_deg + float(chance.normal(0, 10))) % 360
-
-
-def _order(t_ms: int, number: int, action: int, body: bytes) -> Call:
-    return Call(-1, t_ms, table.ORDER.encode(id=ROBOT, number=number, action=action, body=body))
 
 
 def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:

@@ -1,8 +1,7 @@
 """The demo's swarm, protected: robots on wheels that audit each other, driven by orders over their radio.
 
-A station stands in the middle and sends visitors' orders, each to one robot. What a robot does with them is logged,
-replayed and audited like everything else. It speaks no faster than the channel and a robot's log have room for,
-whatever visitors do: of several orders of one kind that wait for one robot only the newest is sent.
+A station stands in the middle and says what visitors and the operator order (station.py). What a robot does with that
+is logged, replayed and audited like everything else.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti.audit import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
@@ -32,10 +30,12 @@ from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.audited.world import PYTHON, clock_ms
 from phalanx.sim.scenarios.run import FOREVER_MS
-from phalanx.wire.fields import get_u32
+from phalanx.wire.driven import GATEWAY
+from phalanx.wire.fields import get_u64
 
 from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
 from .roster import HISTORY_STEP_MM, Roster, member
+from .station import COLOUR, MOTION, ORDERS_AS_NEIGHBOURS, Station
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
 MOST_ROBOTS = 100
@@ -47,15 +47,11 @@ APART_MM = 200.0
 TRIES = 64
 # The first that an operator is offered: anybody can see what it does.
 PLAIN_TO_SEE = "hijack"
-# A robot's log has room for so many bytes of orders a second, which is what this many neighbours would say.
-ORDERS_AS_NEIGHBOURS = 20
-ORDER_BYTES_PER_S = 450
-# All robots' together: a tenth of the channel.
-ORDERS_PER_S = 500
 FULL_TURN_DEG = 360.0
-SAVED_UP_S = 0.05
-HOLD_EVERY_S = 1.0  # an order may be lost on the air
-MOTION, COLOUR = 0, 1  # kinds of orders that wait
+# Sets the station's keys apart from whatever else comes from the same seed.
+STATION = 0x0DE5
+MISSION = 1  # the number of the key that robots are powered up with
+HEARD_AT = wheels.SIGNERS + orders.EACH_BYTES * GATEWAY + orders.HIGHEST
 
 
 def least_robots(f_max: int) -> int:
@@ -107,14 +103,23 @@ class ProtectedSwarm(Roster):
         places_mm = draw_places(count, chance)
         for i, robot in here.items():
             places_mm[i] = robot.at.x_mm, robot.at.y_mm
-        station = np.array([AREA_MM]) / 2000
+        keys = np.random.SeedSequence([seed, STATION])
+        self._station = Station(MISSION, np.random.Generator(np.random.PCG64(keys)))
+        middle_m = np.array([AREA_MM]) / 2000
         self.world = make_world(
             Setup(
                 robots=count,
-                starts_m=np.vstack((places_mm / 1000, station)),
+                starts_m=np.vstack((places_mm / 1000, middle_m)),
                 profile=PROFILES[defence],
                 controller=dispatch.NUMBERS["wheels"],
-                params=wheels.CONTROLLER.params(WheelsConfig(state_every=self._config.steps_per_state)),
+                params=wheels.CONTROLLER.params(
+                    WheelsConfig(
+                        state_every=self._config.steps_per_state,
+                        mission=MISSION,
+                        gateway_key=self._station.gateway.public,
+                        operator_key=self._station.operator.public,
+                    )
+                ),
                 body=driven_by(wheels.CONTROLLER),
                 seed=seed,
                 contact_m=0.08,
@@ -125,16 +130,9 @@ class ProtectedSwarm(Roster):
             chance,
         )
         self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
-        self._station = count
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
-        self._numbers = [0] * count
-        # By robot and kind, the longest waiting first: what makes the order's frame.
-        self._waiting: dict[tuple[int, int], Callable[[int, int], bytes]] = {}
-        self._may_order_at_s = [0.0] * count
-        self._may_speak_at_s = 0.0
         # Said by another thread, heard at the next step.
-        self._held, self._to_stop = False, set[int]()
-        self._hold_again_at_s = 0.0
+        self._to_stop = set[int]()
         self._liars: dict[int, CNode] = {}
         self._verdicts = VerdictReader(self.world)
         self._now_s = 0.0
@@ -178,19 +176,19 @@ class ProtectedSwarm(Roster):
         i = self._find(address)
         self._members[i].route = ()
         left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
-        self._waiting[i, MOTION] = partial(orders.wheels_order, left_pct=left, right_pct=right)
+        self._station.tell(i, MOTION, partial(self._station.gateway.wheels, left_pct=left, right_pct=right))
 
     def stop(self, address: str) -> None:
         """Stand still until told otherwise."""
         self._to_stop.add(self._find(address))
 
     def hold(self) -> None:
-        """All that do not lie stand still until `release`: the station says so to each, before all else, and again."""
-        self._held = True
+        """All that do not lie stand still until `release`: the operator says so to all, before all else, and again."""
+        self._station.held = True
 
     def release(self) -> None:
         """They may be driven again."""
-        self._held = False
+        self._station.held = False
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
@@ -206,21 +204,22 @@ class ProtectedSwarm(Roster):
             raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
         points = [(round(point.x_mm), round(point.y_mm)) for point in route]
         near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
-        self._waiting[i, MOTION] = partial(orders.route_order, threshold_mm=near, points_mm=points)
+        self._station.tell(i, MOTION, partial(self._station.gateway.route, threshold_mm=near, points_mm=points))
         here = Point(*(self.world.pos[i] * 1000).tolist())
         self._members[i].route = (here, *route) if route else ()
         self._members[i].threshold_mm = threshold_mm
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
-        self._now_s += dt_s
         self._hear_stops()
-        self._send_orders()
-        until_us = round(self._now_s * 1e6)
-        while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-            pybot.handle(self.world, self._liars)
+        end_s = self._now_s + dt_s
+        while self._now_s < end_s:
+            self._now_s = min(end_s, self._station.speak(self.world, len(self._members), self._now_s))
+            until_us = round(self._now_s * 1e6)
+            while loop.run(self.world, until_us) == loop.FOR_PYTHON:
+                pybot.handle(self.world, self._liars)
         assert refused(self.world.queue) == 0, "the queue of events was too short"
-        effort = np.abs(self.world.acc[: self._station]).mean(axis=1)
+        effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
         drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
         # An empty robot is given a fresh battery where it stands: who audits must not leave.
         self._battery_mv = np.where(drained <= BATTERY_EMPTY_MV, BATTERY_FULL_MV, drained)
@@ -238,7 +237,7 @@ class ProtectedSwarm(Roster):
 
     def shields(self) -> Sequence[Shield]:
         """One for every robot."""
-        return [self._shield(i) for i in range(self._station)]
+        return [self._shield(i) for i in range(len(self._members))]
 
     def _shield(self, i: int) -> Shield:
         liar = self._liars.get(i)
@@ -276,7 +275,7 @@ class ProtectedSwarm(Roster):
             raise Unknown(f"{self._members[i].name} is compromised or stopped already")
         now_ms = clock_ms(self.world, i)
         plan = Plan(
-            ids=tuple(range(1, self._station + 1)),
+            ids=tuple(range(1, len(self._members) + 1)),
             goal_m=(0.0, 0.0),
             accomplices=tuple(other + 1 for other in self._liars),
             start_ms=now_ms,
@@ -291,37 +290,16 @@ class ProtectedSwarm(Roster):
     # --- inside -------------------------------------------------------------------------------------------------------
 
     def _show(self, i: int, led: Led) -> None:
-        self._waiting[i, COLOUR] = partial(orders.led_order, red=led.red, green=led.green, blue=led.blue)
+        make = partial(self._station.gateway.led, red=led.red, green=led.green, blue=led.blue)
+        self._station.tell(i, COLOUR, make)
 
     def _hear_stops(self) -> None:
         while self._to_stop:
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
-        if not self._held:
-            self._hold_again_at_s = self._now_s
-        elif self._now_s >= self._hold_again_at_s:
-            self._hold_again_at_s += HOLD_EVERY_S
-            before, self._waiting = self._waiting, {}
-            for address in self._rows:
-                self.drive(address, 0, 0)
-            self._waiting |= {key: make for key, make in before.items() if key[1] != MOTION}
-            # What a long route has used up of a robot's log is made good when it stands.
-            self._may_order_at_s = [min(at_s, self._now_s) for at_s in self._may_order_at_s]
-
-    def _send_orders(self) -> None:
-        """Those that the station, the channel and the robot's log have room for."""
-        for (i, kind), make in list(self._waiting.items()):
-            if self.world.safe[i]:
-                del self._waiting[i, kind]
-            elif self._now_s >= max(self._may_speak_at_s, self._may_order_at_s[i]):
-                frame = np.frombuffer(bytearray(make(i + 1, self._numbers[i] + 1)), np.uint8)
-                if loop.transmit(self.world, self._station, frame, len(frame), i) == 0:
-                    del self._waiting[i, kind]
-                    self._numbers[i] += 1
-                    self._may_order_at_s[i] = self._now_s + (ENTRY_HEAD_BYTES + len(frame)) / ORDER_BYTES_PER_S
-                    # From step to step a few are saved up: the step is longer than an order's share of the time.
-                    self._may_speak_at_s = max(self._may_speak_at_s, self._now_s - SAVED_UP_S) + 1 / ORDERS_PER_S
+        if self._station.held:
+            for each in self._members:
+                each.route = ()
 
     def _arrived(self, i: int) -> bool:
-        state = self.world.fleet.state[i]
-        heard = int(get_u32(state, wheels.NUMBER)) >= self._numbers[i] and (i, MOTION) not in self._waiting
-        return heard and not state[wheels.COUNT]
+        state, told = self.world.fleet.state[i], self._station.told(i)
+        return told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]

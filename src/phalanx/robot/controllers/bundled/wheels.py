@@ -1,11 +1,12 @@
 """Robots that visitors drive: two wheels and an LED, by joystick or along a route.
 
-Reads the sensor's record `wheels_sensor` (mm, degrees), hears `order`, broadcasts `wheels_state`, commands
-`wheels_command`; its own state is a `wheels_memory` and its route (phalanx.wire.table): 32 + 4 n bytes.
+Reads the sensor's record `wheels_sensor` (mm, degrees), obeys an `order` that it can check (orders.py), broadcasts
+`wheels_state`, commands `wheels_command`; its own state is a `wheels_memory` and its route (phalanx.wire.driven):
+158 + 4 n bytes. Whom it obeys, by their keys, is in that state from the first on, so that nobody obeys another.
 
 Lengths and directions are those of docs/spec/vocabulary.md: x to the right, y down, the nose along (-sin, cos). The
-state's left, right and heard are the last joystick's word, `number` is that of the last order, and the n points are
-what is left of the route: a point that is reached is taken out.
+state's left, right and heard are the last joystick's word, and the n points are what is left of the route: a point that
+is reached is taken out. While somebody holds it, it stands.
 
 A reading that makes no sense changes nothing: the wheels stop, and the robot says nothing.
 
@@ -25,7 +26,7 @@ from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
-from phalanx.wire import table
+from phalanx.wire import driven, table
 from phalanx.wire.fields import (
     F32_BYTES,
     Row,
@@ -34,26 +35,26 @@ from phalanx.wire.fields import (
     get_f32,
     get_i8,
     get_u16,
-    get_u32,
     get_u64,
     put_u16,
     put_u64,
     whole,
 )
 
-GOOD_MS, STATE_EVERY = 0, 1  # places in the parameters
+GOOD_MS, STATE_EVERY, MISSION, KEYS = 0, 1, 2, 3  # places in the parameters; of the keys a byte each
 
 
 def wheels_params(config: WheelsConfig) -> Params:
     """The mission's parameters as kernels read them."""
-    return np.array([config.good_ms, config.state_every], dtype=np.float64)
+    keys = [key or bytes(driven.SIGNER_KEY_BYTES) for key in (config.gateway_key, config.operator_key)]
+    return np.array([config.good_ms, config.state_every, config.mission, *b"".join(keys)], dtype=np.float64)
 
 
 CONTROLLER = Declaration(
     reads=table.WHEELS_SENSOR,
     commands=table.WHEELS_COMMAND,
     says=table.WHEELS_STATE,
-    remembers=(table.WHEELS_MEMORY, table.WAYPOINT),
+    remembers=(driven.WHEELS_MEMORY, driven.WAYPOINT),
     config=WheelsConfig,
     params=wheels_params,
 )
@@ -64,13 +65,13 @@ ID = table.WHEELS_STATE.at("id")  # as in the other two
 BODY = table.WHEELS_STATE.at("x_mm")  # the pose, as in the reading; in the command the wheels
 POSE_BYTES = table.WHEELS_STATE.at("red") - BODY
 POSE_NUMBERS = POSE_BYTES // F32_BYTES
-LED_BYTES = table.ORDER_LED.size
+LED_BYTES = orders.LED_BYTES
 
-X, Y, DIRECTION, LEFT, RIGHT = map(table.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
-HEARD, LED, NUMBER, THRESHOLD = map(table.WHEELS_MEMORY.at, ("heard", "red", "number", "threshold_mm"))
-COUNT, ROUTE = map(table.WHEELS_MEMORY.at, ("count", "route"))
-NUMBER_BYTES = THRESHOLD - NUMBER
-TOLD_RIGHT = table.ORDER_WHEELS.at("right")
+X, Y, DIRECTION, LEFT, RIGHT = map(driven.WHEELS_MEMORY.at, ("x_mm", "y_mm", "direction_deg", "left", "right"))
+HEARD, LED, HELD, CHECKS = map(driven.WHEELS_MEMORY.at, ("heard", "red", "held", "checks"))
+SIGNERS, THRESHOLD, COUNT, ROUTE = map(driven.WHEELS_MEMORY.at, ("signers", "threshold_mm", "count", "route"))
+HELD_BY_ALL = (1 << driven.SIGNERS) - 1
+TOLD_RIGHT = driven.ORDER_WHEELS.at("right")
 COMMAND_RIGHT, COMMAND_LED = (table.WHEELS_COMMAND.at(name) - BODY for name in ("right", "red"))
 CAPACITY_BYTES = ROUTE + orders.POINT_BYTES * orders.WAYPOINTS_MAX
 
@@ -88,14 +89,19 @@ def size(state: Row) -> int:
 
 
 @kernel
-def begin(_params: Params, _rob_id: int, state: Row) -> int:
-    """The boot state is in `state`: nothing heard, the LED dark; its length."""
+def begin(params: Params, _rob_id: int, state: Row) -> int:
+    """The boot state is in `state`: whom it obeys, nothing heard, the LED dark; its length."""
     state[:ROUTE] = 0
+    for who in range(driven.SIGNERS):
+        at = SIGNERS + orders.EACH_BYTES * who
+        for k in range(driven.SIGNER_KEY_BYTES):
+            state[at + k] = whole(params[KEYS + driven.SIGNER_KEY_BYTES * who + k])
+        put_u64(state, at + orders.LEAST, orders.NEVER)
     return size(state)
 
 
 @kernel
-def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
+def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
     """Whether the first `length` bytes are a state that a robot can be in; to be asked of every foreign checkpoint.
 
     The other kernels believe their state: a count too high would have them read and write past its row.
@@ -105,6 +111,10 @@ def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
     if abs(left) > FULL_PCT or abs(right) > FULL_PCT or get_u64(state, HEARD) < 0:
         return False
+    if state[HELD] > HELD_BY_ALL or state[CHECKS] > orders.MOST_CHECKS or not _are_signers(params, state):
+        return False
+    if state[HELD] > 0 and (left != 0 or right != 0 or state[COUNT] > 0):
+        return False
     threshold = get_u16(state, THRESHOLD)
     if state[COUNT] > 0:
         return left == 0 and right == 0 and 1 <= threshold <= orders.THRESHOLD_MAX_MM
@@ -112,41 +122,60 @@ def is_encoding(_params: Params, _rob_id: int, state: Row, length: int) -> bool:
 
 
 @kernel
-def on_recv(_params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
-    """A new order to this robot is taken, anything else ignored; the new length of the encoding.
+def _are_signers(params: Params, state: Row) -> bool:
+    for who in range(driven.SIGNERS):
+        at = SIGNERS + orders.EACH_BYTES * who
+        for k in range(driven.SIGNER_KEY_BYTES):
+            if state[at + k] != whole(params[KEYS + driven.SIGNER_KEY_BYTES * who + k]):
+                return False
+        if not orders.is_signer(state, at):
+            return False
+    return True
 
-    Source: docs/spec/vocabulary.md.
+
+@kernel
+def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, state: Row) -> int:
+    """An order that this robot has to obey is obeyed, anything else ignored; the new length of the encoding.
+
+    Source: docs/spec/orders.md.
     """
-    if length <= orders.BODY or frame[0] != table.KIND_ORDER or get_u16(frame, orders.ID) != rob_id:
+    if not orders.is_order(whole(params[MISSION]), rob_id, frame, length):
         return size(state)
-    action, body = frame[orders.ACTION], orders.BODY
-    if get_u32(frame, orders.NUMBER) <= get_u32(state, NUMBER):
+    who = whole(frame[orders.WHO])
+    at = SIGNERS + orders.EACH_BYTES * who
+    if not orders.is_news(t_ms, frame, state, at) or state[CHECKS] == orders.MOST_CHECKS:
         return size(state)
-    if action == table.TELL_WHEELS and length == body + orders.WHEELS_BYTES:
-        state[LEFT] = percent(get_i8(frame, body)) & 255
-        state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
-        put_u64(state, HEARD, t_ms)
-        state[COUNT] = 0
-    elif action == table.TELL_LED and length == body + LED_BYTES:
-        copy(state, LED, frame, body, LED_BYTES)
-    elif action == table.TELL_ROUTE and _is_route(frame, length):
-        state[LEFT] = 0
-        state[RIGHT] = 0
-        put_u16(state, THRESHOLD, get_u16(frame, body))
-        state[COUNT] = frame[orders.COUNT]
-        copy(state, ROUTE, frame, orders.POINTS, length - orders.POINTS)
-    else:
-        return size(state)
-    copy(state, NUMBER, frame, orders.NUMBER, NUMBER_BYTES)
+    state[CHECKS] += 1
+    if orders.is_signed(frame, length, state, at):
+        orders.learn(t_ms, frame, state, at)
+        _obey(who, t_ms, frame, length - driven.SIGNATURE_BYTES, state)
     return size(state)
 
 
 @kernel
-def _is_route(frame: Row, length: int) -> bool:
-    if length < orders.POINTS or not 1 <= get_u16(frame, orders.BODY) <= orders.THRESHOLD_MAX_MM:
-        return False
-    count = whole(frame[orders.COUNT])
-    return count <= orders.WAYPOINTS_MAX and length == orders.POINTS + orders.POINT_BYTES * count
+def _obey(who: int, t_ms: int, frame: Row, end: int, state: Row) -> None:
+    """What the order says is done, but no motion while somebody holds the robot. Source: docs/spec/vocabulary.md."""
+    action, body = frame[orders.ACTION], orders.BODY
+    if action == driven.TELL_STOP:
+        state[HELD] |= 1 << who
+        state[LEFT] = 0
+        state[RIGHT] = 0
+        state[COUNT] = 0
+    elif action == driven.TELL_GO:
+        state[HELD] &= HELD_BY_ALL - (1 << who)
+    elif action == driven.TELL_LED:
+        copy(state, LED, frame, body, LED_BYTES)
+    elif action == driven.TELL_WHEELS and state[HELD] == 0:
+        state[LEFT] = percent(get_i8(frame, body)) & 255
+        state[RIGHT] = percent(get_i8(frame, body + TOLD_RIGHT)) & 255
+        put_u64(state, HEARD, t_ms)
+        state[COUNT] = 0
+    elif action == driven.TELL_ROUTE and state[HELD] == 0:
+        state[LEFT] = 0
+        state[RIGHT] = 0
+        put_u16(state, THRESHOLD, get_u16(frame, orders.THRESHOLD))
+        state[COUNT] = frame[orders.COUNT]
+        copy(state, ROUTE, frame, orders.POINTS, end - orders.POINTS)
 
 
 @kernel
@@ -156,6 +185,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     Source: docs/spec/vocabulary.md; RoboRebound §4 (when to broadcast).
     """
     left, right = whole(0), whole(0)
+    state[CHECKS] = 0
     known = length == READING_BYTES and reading[0] == table.KIND_WHEELS_SENSOR and get_u16(reading, ID) == rob_id
     known = known and are_fine(reading, BODY, POSE_NUMBERS)
     if known:

@@ -1,0 +1,229 @@
+"""Orders that a robot can check: by whom, for whom, new, in time; and what a liar can do with them."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ordered import MISSION, PUBLIC, order, robot, route_order, signer, stop_order, wheels_order
+from phalanx.bti import trusted
+from phalanx.robot.controllers.orders import DRIFT, LATE_MS, MOST_CHECKS
+from phalanx.wire.driven import GATEWAY, OPERATOR, SIGNATURE_BYTES, TELL_GO, TELL_NOTHING, WHEELS_MEMORY
+from phalanx.wire.fields import row
+from test_wheels import reading, wheels
+
+VECTORS = Path(__file__).parent.parent / "vectors"
+TOLD = json.loads((VECTORS / "orders.json").read_text())
+SOON = settings(deadline=None, max_examples=50)
+CHECKS = WHEELS_MEMORY.at("checks")
+
+
+def heard(frame: bytes, this=None) -> bytes:
+    """What a robot remembers then, but for how often it has looked at signatures."""
+    this = this or robot()
+    this.on_recv(0, frame)
+    return remembered(this)
+
+
+def remembered(this) -> bytes:
+    state = this.encode()
+    return state[:CHECKS] + state[CHECKS + 1 :]
+
+
+def checked(this) -> int:
+    return this.encode()[CHECKS]
+
+
+def test_the_committed_vectors_are_what_is_written():
+    spec = importlib.util.spec_from_file_location("make_orders", VECTORS / "make_orders.py")
+    make = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make)
+    assert make.document() == TOLD
+
+
+@pytest.mark.parametrize("case", TOLD["cases"], ids=[case["name"] for case in TOLD["cases"]])
+def test_a_robot_obeys_what_the_vectors_say(case):
+    keys = {f"{name}_key": bytes.fromhex(TOLD[name]) for name in ("gateway", "operator")}
+    this = robot(TOLD["robot"], mission=TOLD["mission"], **keys)
+    before = remembered(this)
+    assert (heard(bytes.fromhex(case["frame"]), this) != before) == (case["expect"] == "obeyed")
+
+
+class TestSignature:
+    @SOON
+    @given(st.binary(max_size=300), st.binary(min_size=32, max_size=32), st.data())
+    def test_it_is_the_peers_and_any_flipped_bit_is_refused(self, message, secret, data):
+        key = Ed25519PrivateKey.from_private_bytes(secret)
+        public = key.public_key().public_bytes_raw()
+        whole = bytearray(message + key.sign(message))
+        # Twice: what was found is remembered.
+        assert [trusted.order_check(row(public), row(bytes(whole)), len(whole)) for _ in range(2)] == [0, 0]
+        bit = data.draw(st.integers(0, 8 * len(whole) - 1))
+        whole[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(InvalidSignature):
+            Ed25519PublicKey.from_public_bytes(public).verify(bytes(whole[-64:]), bytes(whole[:-64]))
+        assert [trusted.order_check(row(public), row(bytes(whole)), len(whole)) for _ in range(2)] == [-1, -1]
+
+    def test_a_key_of_zeros_is_nobodys_and_sizes_are_looked_at(self):
+        nobody, frame = row(bytes(32)), row(bytes(100))
+        # Of small order: a third of all forgeries would be believed.
+        assert {trusted.order_check(nobody, row(bytes([n]) + bytes(99)), 100) for n in range(32)} == {-1}
+        assert trusted.order_check(row(bytes(31)), frame, 100) == trusted.E_ARG
+        assert trusted.order_check(nobody, frame, 101) == trusted.E_ARG
+        assert trusted.order_check(row(PUBLIC[GATEWAY]), frame, SIGNATURE_BYTES - 1) == -1
+
+    @SOON
+    @given(st.data())
+    def test_a_robot_ignores_an_order_of_which_a_bit_is_flipped(self, data):
+        frame = bytearray(data.draw(st.sampled_from([wheels_order(1, 1, 5, 6), route_order(1, 1, 9, [(1, 2)])])))
+        assert heard(bytes(frame)) != remembered(robot())
+        bit = data.draw(st.integers(0, 8 * len(frame) - 1))
+        frame[bit // 8] ^= 1 << bit % 8
+        assert heard(bytes(frame)) == remembered(robot())
+
+    def test_nobody_obeys_whom_the_mission_does_not_name(self):
+        this = robot(gateway_key=b"", operator_key=b"")
+        before = remembered(this)
+        for who in (GATEWAY, OPERATOR):
+            assert heard(wheels_order(1, 1, 5, 5, who=who), this) == before
+
+
+class TestNews:
+    @SOON
+    @given(st.lists(st.tuples(st.sampled_from([GATEWAY, OPERATOR]), st.integers(1, 9)), min_size=1, max_size=12))
+    def test_what_was_obeyed_once_is_never_obeyed_again(self, told):
+        this = robot()
+        frames = [wheels_order(1, number, number, who, who=who, said=number) for who, number in told]
+        for frame in frames:
+            this.on_recv(10, frame)
+            this.on_input(0, 10, b"")
+        after = remembered(this)
+        for frame in frames:
+            this.on_recv(11, frame)
+            assert checked(this) == 0, "nor looked at"
+        assert remembered(this) == after
+
+    @SOON
+    @given(st.integers(1, 2**32 - 1).filter(lambda mission: mission != MISSION), st.integers(1, 2**63 - 1))
+    def test_another_missions_orders_cost_no_look_at_their_signature(self, mission, number):
+        this = robot()
+        this.on_recv(0, wheels_order(1, number, 5, 5, mission=mission, said=1))
+        assert this.encode() == robot().encode()
+
+    def test_each_signer_has_numbers_of_its_own(self):
+        this = robot()
+        this.on_recv(0, wheels_order(1, 2**63 - 1, 5, 5, who=OPERATOR, said=0))
+        this.on_recv(0, wheels_order(1, 1, 7, 7, said=0))
+        assert wheels(this, 0) == (7, 7)
+
+    @pytest.mark.parametrize("who", [GATEWAY, OPERATOR])
+    def test_what_was_held_back_for_a_second_is_late_by_the_signers_beacon(self, who):
+        for late_ms, obeyed in ((LATE_MS, (9, 9)), (LATE_MS + 1, (0, 0))):
+            this = robot()
+            this.on_recv(50_000, order(0, 1, TELL_NOTHING, said=7000, who=who))
+            this.on_recv(50_500 + late_ms, wheels_order(1, 2, 9, 9, said=7500, who=who))
+            assert wheels(this, 50_500 + late_ms) == obeyed
+
+    def test_who_comes_sooner_teaches_what_is_late(self):
+        this = robot()
+        this.on_recv(50_900, order(0, 1, TELL_NOTHING, said=7000))
+        this.on_recv(51_000, order(0, 2, TELL_NOTHING, said=8000))
+        for late_ms, obeyed in ((LATE_MS + 2, (0, 0)), (LATE_MS, (9, 9))):  # the drift of 2 s is one of these
+            this.on_recv(52_000 + late_ms, wheels_order(1, 3, 9, 9, said=9000))
+            assert wheels(this, 52_000 + late_ms) == obeyed
+
+    @pytest.mark.parametrize("ppm", [-200, 200, 400])
+    def test_clocks_that_drift_apart_for_a_day_make_nobody_late(self, ppm):
+        this = robot()
+        for minute in range(24 * 60):
+            t_ms = 60_000 * minute * (1_000_000 + ppm) // 1_000_000 + 5000
+            this.on_recv(t_ms, order(0, minute + 1, TELL_NOTHING, said=60_000 * minute))
+            this.on_input(minute, t_ms, b"")
+        this.on_recv(t_ms, wheels_order(1, minute + 2, 9, 9, said=60_000 * minute))
+        assert wheels(this, t_ms) == (9, 9)
+
+    def test_who_holds_back_ever_more_gains_no_more_than_the_drift(self):
+        this = robot()
+        this.on_recv(0, order(0, 1, TELL_NOTHING, said=0))
+        t_ms = 100_000
+        most_ms = LATE_MS + t_ms // DRIFT
+        for late_ms, obeyed in ((most_ms + 1, (0, 0)), (most_ms, (9, 9))):
+            this.on_recv(t_ms, wheels_order(1, 2, 9, 9, said=t_ms - late_ms))
+            assert wheels(this, t_ms) == obeyed
+
+
+class TestStop:
+    def test_it_needs_no_number_and_holds_until_the_same_signer_lets_go(self):
+        this = robot()
+        this.on_recv(0, route_order(1, 2**63 - 1, 60, [(500, 900)], said=10))
+        this.on_recv(1, stop_order(0, 11))
+        this.on_recv(1, stop_order(1, 11, who=OPERATOR))
+        assert wheels(this, 1) == (0, 0)
+        assert len(this.encode()) == WHEELS_MEMORY.size, "the route is gone"
+        # The gateway has no number left, the operator may speak.
+        this.on_recv(2, wheels_order(1, 1, 9, 9, who=OPERATOR, said=12))
+        this.on_recv(2, order(0, 2, TELL_GO, who=OPERATOR, said=13))
+        this.on_recv(2, wheels_order(1, 3, 9, 9, who=OPERATOR, said=14))
+        assert wheels(this, 2) == (0, 0), "the gateway holds it too"
+
+    def test_after_go_motion_is_obeyed_and_the_old_stop_is_not(self):
+        this, gateway = robot(), signer()
+        old = gateway.stop(5)
+        for frame in (old, gateway.go(6), gateway.wheels(1, 7, 9, 9), old):
+            this.on_recv(0, frame)
+        assert wheels(this, 0) == (9, 9)
+
+    def test_a_stop_comes_through_though_numbers_were_used_up(self):
+        this = robot()
+        this.on_recv(0, wheels_order(1, 2**63 - 1, 9, 9, said=5))
+        this.on_recv(0, stop_order(0, 6))
+        assert wheels(this, 0) == (0, 0)
+
+    def test_a_stop_that_was_held_back_is_late_too(self):
+        this = robot()
+        this.on_recv(0, wheels_order(1, 1, 9, 9, said=5))
+        this.on_recv(LATE_MS, stop_order(0, 4))
+        this.on_recv(LATE_MS + 10, stop_order(0, 6))
+        assert wheels(this, 0) == (9, 9)
+
+
+class TestLiar:
+    def test_forgeries_have_so_many_looks_from_one_reading_to_the_next(self):
+        this = robot()
+        forged = [wheels_order(1, n, 1, 1, key=OPERATOR) for n in range(1, 3 * MOST_CHECKS)]
+        for frame in forged:
+            this.on_recv(0, frame)
+        assert checked(this) == MOST_CHECKS
+        this.on_recv(0, wheels_order(1, 1, 9, 9))
+        assert wheels(this, 0) == (0, 0), "the price: until the next reading true ones are not looked at either"
+        this.on_recv(0, wheels_order(1, 1, 9, 9))
+        assert (wheels(this, 0), checked(this)) == ((9, 9), 0)
+
+    def test_what_cannot_be_obeyed_is_not_looked_at(self):
+        this = robot()
+        this.on_recv(5000, wheels_order(1, 5, 9, 9, said=5000))
+        this.on_input(0, 5000, reading(1, 0, 0, 0))
+        for frame in (
+            wheels_order(1, 5, 1, 1, key=OPERATOR, said=5000),
+            wheels_order(2, 6, 1, 1, key=OPERATOR, said=5000),
+            wheels_order(1, 6, 1, 1, key=OPERATOR, said=5000 - LATE_MS - 1),
+            wheels_order(1, 6, 1, 1, key=OPERATOR, said=5000)[:-1],
+            stop_order(0, 5000, key=OPERATOR),
+        ):
+            this.on_recv(5000, frame)
+        assert checked(this) == 0
+
+
+def test_a_signers_clock_that_stands_or_goes_back_makes_no_order_old():
+    this, gateway = robot(), signer()
+    for frame in (gateway.wheels(1, 50, 1, 1), gateway.stop(50), gateway.go(40), gateway.wheels(1, 40, 9, 9)):
+        this.on_recv(0, frame)
+    assert wheels(this, 0) == (9, 9)
+    assert gateway.number == 3
