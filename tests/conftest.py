@@ -60,7 +60,8 @@ async def a_broker(kind: str = "mosquitto"):
 
 def a_server(broker, **more) -> Server:
     """A server that keeps what it hears, and answers request 0."""
-    server = Server(broker.gateway, broker_for_visitors=broker.websocket, mqtt=broker.mqtt, **more)
+    how = {"broker_for_visitors": broker.websocket, "mqtt": broker.mqtt, "heard": broker.heard} | more
+    server = Server(broker.gateway, **how)
     server.heard = []
 
     @server.on_command(ANY)

@@ -41,7 +41,7 @@ class TestOperator:
                 choose(visitor, "Ada")
                 visitor.get_by_test_id("joystick").focus()
                 visitor.keyboard.down("KeyW")
-                page.get_by_test_id("visitors").get_by_text("phalanx_").wait_for()
+                page.get_by_test_id("visitors").get_by_text("phalanx…").wait_for()
                 wait_until(
                     lambda: int(re.search(r"\d+", page.locator("[data-counter=commands]").inner_text()).group()) > 5
                 )

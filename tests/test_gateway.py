@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import time
 
 import pytest
@@ -79,6 +80,13 @@ class TestVisitors:
         assert not visitors.present(1.0)
         visitors.asked("a", True, 2.0)
         assert [v.client_id for v in visitors.present(3.0)] == ["a"]
+
+    def test_what_the_operators_page_calls_a_visitor_is_too_little_to_ask_in_its_place(self):
+        visitors, published = Visitors(), "mqttjs_1a2b3c4d"
+        assert visitors.shown("phalanx_0123456789abcdef") == "phalanx…abcdef"
+        assert re.fullmatch("visitor [0-9a-f]{6}", visitors.shown(published))
+        assert visitors.shown(published) == visitors.shown(published) != visitors.shown("mqttjs_1a2b3c4e")
+        assert visitors.shown(published) != Visitors().shown(published), "nobody finds it by trying names"
 
     def test_drivers_are_told_twice_a_second_while_they_drive_and_so_many_only(self):
         drivers = Drivers()

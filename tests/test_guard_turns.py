@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.io.guard import IN_LINE, PATIENCE, House
+from phalanx.io.guard import IN_LINE, PATIENCE, WAITING_IN_ALL_BYTES, House
 from phalanx.io.heads import Standing
 from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats
@@ -373,6 +373,20 @@ class TestWhoIsHungUpOn:
         visitor.hear(PUBLISHED * 20)
         await turns_of_the_loop(3)
         assert not broker.written
+
+    async def test_of_half_packets_no_more_is_kept_than_of_what_nobody_reads(self):
+        house, half = House("", 1000), LONG[:READ_BYTES]
+        crowd, (phone, _) = [visitor_of(house)[0] for _ in range(900)], visitor_of(house)
+        phone.hear(LONG[:100])
+        most = 0
+        for n, one in enumerate(crowd * 2):
+            if not one._transport.aborted:
+                one.hear(half)
+            if n % 60 == 0:
+                most = max(most, sum(each.kept_bytes() for each in house))
+        assert most <= WAITING_IN_ALL_BYTES
+        assert 0 < sum(one._transport.aborted for one in crowd) < 900
+        assert not phone._transport.aborted
 
     async def test_nobody_is_hung_up_on_twice(self):
         visitor, broker = visitor_of(House("", 10))

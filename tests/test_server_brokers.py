@@ -265,7 +265,7 @@ class TestBrokersThatComeAndGo:
     async def test_a_port_that_was_asked_for_and_is_taken_is_told(self, kind):
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]
-            with pytest.raises(Unavailable, match=f"{kind} does not start"):
+            with pytest.raises(Unavailable, match=f"does not start.*{port}"):
                 async with open_broker(kind, tcp_port=port, ws_port=free_port()):
                     pass
 
@@ -314,7 +314,7 @@ class TestBrokersThatComeAndGo:
                 with pytest.raises(TimeoutError):
                     await asyncio.wait_for(anext(client.messages), 0.5)
 
-    async def test_amqtt_hangs_up_on_a_reader_that_stalls(self):
+    async def test_a_reader_that_stalls_is_hung_up_on_before_amqtt_too(self):
         async with a_broker("amqtt") as broker:
             reader, writer = await asyncio.open_connection(broker.url.host, broker.url.port)
             writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
@@ -323,15 +323,12 @@ class TestBrokersThatComeAndGo:
             await reader.readexactly(5)
             writer.transport.pause_reading()
             async with as_the_gateway(broker) as flood:
-                for _ in range(400):
+                for _ in range(200):
                     await flood.publish("/qrkey/any/notify", b"x" * 50_000)
-                    if writer.transport.is_closing():
-                        break
                     await asyncio.sleep(0.005)
-                await asyncio.sleep(5)
                 writer.transport.resume_reading()
                 with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
-                    await asyncio.wait_for(reader.readexactly(400 * 50_000), 10)
+                    await asyncio.wait_for(reader.readexactly(200 * 50_000), 30)
 
     async def test_without_any_broker_one_line_says_how_to_get_either(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "amqtt", None)
@@ -350,9 +347,9 @@ class TestBrokersThatComeAndGo:
         async with a_broker("auto") as broker:
             assert broker.name == "amqtt"
         (line,) = caplog.messages
-        assert "no guard" in line
+        assert "come late" in line
         assert "apt-get install mosquitto" in line
-        assert "no guard" in doctor._broker().found
+        assert "come late" in doctor._broker().found
         async with a_broker("amqtt"):  # who asked for it knows
             assert len(caplog.messages) == 1
 

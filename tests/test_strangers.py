@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
+import aiomqtt
 import pytest
 
-from conftest import Turns, a_gateway, a_server, bare_mosquitto, eventually
+from conftest import Turns, a_broker, a_gateway, a_server, as_the_gateway, bare_mosquitto, eventually
 from phalanx.cli.terminal import EventLines
 from phalanx.gateway.gateway import Gateway
 from phalanx.gateway.joystick import Told
@@ -241,6 +242,15 @@ class TestOurBroker:
             assert b"command" not in heard
             assert b"request" not in heard
 
+    async def test_nobody_comes_to_amqtts_gateways_door_without_its_login_nor_by_the_visitors_with_its_name(self):
+        async with a_broker("amqtt") as broker:
+            for port, how in ((broker.gateway.port, {}), (broker.url.port, broker.gateway.login)):
+                login = {"username": how.username, "password": how.password} if how else {}
+                with pytest.raises(aiomqtt.MqttError):
+                    await aiomqtt.Client("127.0.0.1", port, **login).__aenter__()
+            async with as_the_gateway(broker):
+                pass
+
     async def test_the_gateways_login_is_needed_and_nobody_elses_to_read(self, broker):
         with pytest.raises(AssertionError, match="refused"):
             async with Stranger(broker.gateway.port, 4):
@@ -255,7 +265,7 @@ class TestOurBroker:
         assert stat.S_IMODE((folder / "watched").stat().st_mode) == 0o600, "where we see whether the guard serves"
         assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}, "nobody else"
         assert not folder.stat().st_mode & 0o066
-        assert password not in "".join(path.read_text() for path in files)
+        assert password.encode() not in b"".join(path.read_bytes() for path in files)
 
     async def test_nothing_is_kept_for_who_is_away(self, any_broker):
         async with a_server(any_broker) as server:

@@ -214,6 +214,7 @@ def serve(
                 broker_for_visitors=running.websocket,
                 login_for_visitors=visitors,
                 mqtt=running.mqtt,
+                heard=running.heard,
             )
             _echo(server)
 

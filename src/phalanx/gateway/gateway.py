@@ -10,7 +10,7 @@ from typing import Any
 
 from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
-from phalanx.link import Command, Request
+from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.shield import Shielded, Unprotected
@@ -63,7 +63,7 @@ class Gateway:
         self.brakes = Brakes(swarm)
         self._serve(swarm)
         self.missions = MissionWatch(swarm, say) if isinstance(swarm, OnMission) else None
-        self._lists: dict[bool, tuple[float, list[dict[str, Any]]]] = {}
+        self._lately: dict[str, tuple[float, SharedAnswer]] = {}
         self._next_update = 0
         self._reloaded_at_s = 0.0
         for name, handler in (
@@ -76,8 +76,8 @@ class Gateway:
         server.on_request(vocabulary.REQUEST_ROBOTS)(self._tell_robots)
         server.on_request(vocabulary.REQUEST_AREA)(self._tell_area)
         if missions := self.missions:
-            server.on_request(vocabulary.REQUEST_WALLS)(lambda _: missions.walls())
-            server.on_request(vocabulary.REQUEST_LIT)(lambda _: missions.lit())
+            server.on_request(vocabulary.REQUEST_WALLS)(lambda _: self._shared("walls", missions.walls))
+            server.on_request(vocabulary.REQUEST_LIT)(lambda _: self._shared("lit", missions.lit))
 
     def _serve(self, swarm: Swarm) -> None:
         self.swarm = swarm
@@ -88,7 +88,7 @@ class Gateway:
         """Serve this swarm of the same robots from now on; visitors are told to ask for everything."""
         self._serve(swarm)
         self.brakes.adopt(swarm)
-        self._lists.clear()
+        self._lately.clear()
         for tell in self._watchers:
             self._tell_all(tell)
         await self._tell_one(Notice.RELOAD)
@@ -158,13 +158,16 @@ class Gateway:
         self._refuse_late(command)
         self.swarm.clear_history(address)
 
-    def _tell_robots(self, request: Request) -> list[dict[str, Any]]:
+    def _tell_robots(self, request: Request) -> SharedAnswer:
         reads_frames = self._asked(request)
+        return self._shared("frames" if reads_frames else "robots", lambda: self._list(reads_frames))
+
+    def _shared(self, what: str, make: Callable[[], Any]) -> SharedAnswer:
         # Whoever asks thousands of times shall not make us build thousands of lists: the stop of a joystick waits too.
-        made_at_s, told = self._lists.get(reads_frames, (-LIST_FOR_S, []))
+        made_at_s, told = self._lately.get(what, (-LIST_FOR_S, SharedAnswer(None)))
         if time.monotonic() - made_at_s >= LIST_FOR_S:
-            told = self._list(reads_frames)
-            self._lists[reads_frames] = (time.monotonic(), told)
+            told = SharedAnswer(make())
+            self._lately[what] = (time.monotonic(), told)
         return told
 
     def _list(self, reads_frames: bool) -> list[dict[str, Any]]:
@@ -221,7 +224,7 @@ class Gateway:
 
     async def _tell_tick(self) -> None:
         # A list that was made before this tick must not be handed out after its frames.
-        self._lists.clear()
+        self._lately.clear()
         robots = self.swarm.robots()
         watches = [watch for watch in (self.shields, self.missions, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}

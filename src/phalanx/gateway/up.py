@@ -144,7 +144,7 @@ class Running:
         now_s, uptime_s = time.time(), time.monotonic()
         config, server = self._server.config, self._server
         link = {vocabulary.Status.ACTIVE: "ok", vocabulary.Status.INACTIVE: "quiet", vocabulary.Status.LOST: "lost"}
-        robots = self.gateway.swarm.robots()
+        robots, here = self.gateway.swarm.robots(), self.gateway.visitors
         names = {robot.address: robot.name for robot in robots}
         return {
             "mode": "qrkey",
@@ -165,8 +165,8 @@ class Running:
                 "phones": self._no_phone,
             },
             "visitors": [
-                {"id": v.client_id, "last_seen_s": round(uptime_s - v.seen_at_s, 1), "requests": v.requests}
-                for v in self.gateway.visitors.present(uptime_s)
+                {"id": here.shown(v.client_id), "last_seen_s": round(uptime_s - v.seen_at_s, 1), "requests": v.requests}
+                for v in here.present(uptime_s)
             ],
             "robots": [
                 {
@@ -348,6 +348,7 @@ async def up(
             broker_for_visitors=on_host(broker.websocket, advertised),
             login_for_visitors=broker.visitors_login,
             mqtt=broker.mqtt,
+            heard=broker.heard,
         )
         robots = swarm()
         running = Running(options, broker, page_url, server, robots, say)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hmac
+import os
+import re
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +17,8 @@ LIMIT = 1000
 DRIVES_FOR_S = 0.5  # a joystick speaks ten times a second
 TELL_DRIVERS_EVERY_S = 0.5
 MOST_DRIVERS = 8  # of a robot: a visitor may invent names without end
+OURS = re.compile("phalanx_[0-9a-f]{16}")
+SHOWN = 6
 
 
 @dataclass(slots=True)
@@ -32,6 +37,17 @@ class Visitors:
     def __init__(self) -> None:
         self._seen: OrderedDict[str, Visitor] = OrderedDict()
         self._older_until_s = 0.0
+        self._secret = os.urandom(16)
+
+    def shown(self, client_id: str) -> str:
+        """What the operator's page calls a visitor: too little to ask for its answers, for whoever reads it there.
+
+        Of ours the end, by which it is named where it drives too: forty bits more have to be guessed. Those of published
+        clients are short, and are shown by another name.
+        """
+        if OURS.fullmatch(client_id):
+            return f"phalanx…{client_id[-SHOWN:]}"
+        return f"visitor {hmac.new(self._secret, client_id.encode(), 'sha256').hexdigest()[:SHOWN]}"
 
     def asked(self, client_id: str, reads_frames: bool, uptime_s: float) -> None:
         """A request was heard."""

@@ -28,6 +28,10 @@ class Answers:
         self._bytes = 0
         self._asked = asyncio.Event()
 
+    def __len__(self) -> int:
+        """How many wait."""
+        return len(self._waiting)
+
     def ask(self, request: Request) -> None:
         """It is answered in its turn. Raises: Overrun: too many wait."""
         whose = request.client_id, request.number

@@ -14,6 +14,7 @@ from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.link.qrurl import Login
 
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
+from .heard import Heard
 from .listeners import Listeners
 from .mosquitto import find_mosquitto, mosquitto
 from .ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port
@@ -23,7 +24,7 @@ log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
-AMQTT_LACKS = "which is slower and has no guard: a stranger can fill it, and take all its connections"
+AMQTT_LACKS = "which is slower, and works in the gateway's own time: of fifty who drive at once some come late"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,7 @@ class RunningBroker:
     websocket: str  # for browsers, as seen from this machine
     mqtt: int  # protocol version to begin with
     visitors_login: Login | None = None  # for browsers, of a broker elsewhere
+    heard: Heard | None = None  # what the gateway shall tell the guard, where the broker is ours
 
 
 def has_amqtt() -> bool:
@@ -86,10 +88,10 @@ async def open_broker(
             "mosquitto is not installed: the broker is amqtt, %s; hint: %s", AMQTT_LACKS, "apt-get install mosquitto"
         )
     async with contextlib.AsyncExitStack() as stack:
-        at = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, _own_login(), root))
+        at, heard = await _start(stack, name, Listeners(tcp_port, 0, ws_host, ws_port, _own_login(), root))
         visitors = BrokerUrl("mqtt", LOOPBACK, at.visitors_port)
         ws = str(BrokerUrl("ws", LOOPBACK if ws_host in EVERYWHERE else ws_host, at.ws_port, "/mqtt"))
-        yield RunningBroker(name, visitors, at.gateway, ws, 4 if name == "amqtt" else 5)
+        yield RunningBroker(name, visitors, at.gateway, ws, 4 if name == "amqtt" else 5, heard=heard)
 
 
 def for_browsers(websocket: str) -> str:
@@ -106,8 +108,8 @@ def _own_login() -> Login:
     return Login("gateway", secrets.token_hex(16))
 
 
-async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> Listeners:
-    """Where it listens; a port 0 that was asked for is a free one.
+async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> tuple[Listeners, Heard]:
+    """Where it listens, a port 0 that was asked for is a free one; and what the gateway shall tell its guard.
 
     A port that was free can be taken by the time the broker listens, by a gateway that starts beside this one, say.
     """
@@ -117,17 +119,14 @@ async def _start(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) 
     return await _start_once(stack, name, asked)
 
 
-async def _start_once(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> Listeners:
+async def _start_once(stack: contextlib.AsyncExitStack, name: str, asked: Listeners) -> tuple[Listeners, Heard]:
     port = asked.visitors_port or free_port(1883)
-    # amqtt tells the gateway by its login, on any listener.
-    gateway_port = port if name == "amqtt" else free_port()
     ws_port = asked.ws_port or free_port(9001, asked.ws_host)
-    at = replace(asked, visitors_port=port, gateway_port=gateway_port, ws_port=ws_port)
-    await stack.enter_async_context(_run(name, at))
-    return at
+    at = replace(asked, visitors_port=port, gateway_port=free_port(), ws_port=ws_port)
+    return at, await stack.enter_async_context(_run(name, at))
 
 
-def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[None]:
+def _run(name: str, at: Listeners) -> AbstractAsyncContextManager[Heard]:
     if name == "mosquitto":
         return mosquitto(at)
     from .amqtt_broker import amqtt  # noqa: PLC0415 - an extra

@@ -6,8 +6,9 @@ us they get in turns (`turns.py`), head by head who has proved the pin and place
 once that this loop is never late; whoever is not to be contented is hung up on. The control loop lives in another
 process, and is held up by nothing of it.
 
-Started by `guarding.py`: `python -m phalanx.io.guard SOCKET DOOR…`, the path of the broker's socket and the numbers of
-sockets that listen: for whoever watches us, for programs, and for browsers.
+Started by `guarding.py`: `python -m phalanx.io.guard SOCKET HEARD DOOR…`, the paths of the broker's socket and of what
+the gateway tells (`heard.py`), and the numbers of sockets that listen: for whoever watches us, for programs, and for
+browsers.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ import socket
 import sys
 import time
 from collections import Counter
+from pathlib import Path
 
 from .files import allow_files
 from .heads import Heads, Standing
-from .pace import Pace
+from .heard import Heard
+from .pace import HousePace
+from .questions import Questions
 from .seats import Seats, place_of
 from .turns import Turns
 from .visitor import READ_BYTES, Visitor
@@ -30,10 +34,10 @@ VISITORS = 1000
 FILES_EACH, FILES_APART = 2, 64
 MANY_FILES = 4096
 OUT_OF_FILES_S = 1.0
-WAITING_IN_ALL_BYTES = 64 * 1024 * 1024  # for slow readers: many of `visitor.WAITING_BYTES`
+# For slow readers, many of `visitor.WAITING_BYTES`; and of who says packets that are not whole, and no more of them.
+WAITING_IN_ALL_BYTES = 64 * 1024 * 1024
 IN_LINE = 8  # between their CONNECT and its answer, place by place: the broker's own line knows no places
 AT_ONCE_S = 0.002  # before we look who else said something, and who comes
-HOUSE_PACE = (2500.0, 1250.0)  # words a second, and at once: what a gateway hears beside its other work
 FEW_PACKETS_S = 0.002
 CHECK_S = 0.25
 # We are busy if we pass on all that we may, or use so much of a processor's time; not if it is others who do.
@@ -44,11 +48,12 @@ PATIENCE = 12  # checks
 class House(Seats[Visitor]):
     """Who is here, who has a turn, and what waits for them."""
 
-    def __init__(self, broker: str, most: int) -> None:
+    def __init__(self, broker: str, most: int, heard: Heard | None = None) -> None:
         super().__init__(most)
         self.broker = broker
         self.buffer = memoryview(bytearray(READ_BYTES))
-        self._pace = Pace(*HOUSE_PACE)
+        self.questions: Questions[Visitor] = Questions(heard)
+        self._pace = HousePace(heard)
         self.waiting_bytes = 0
         self._turns: Turns[Visitor] = Turns()
         self._line: Turns[Visitor] = Turns()
@@ -83,6 +88,10 @@ class House(Seats[Visitor]):
         """So much of what somebody says in its turn."""
         self._pace.said(self._turns.passed_on(words))
 
+    def passes_aside(self, words: int) -> None:
+        """So much of what was held aside, in nobody's turn."""
+        self._pace.said(words)
+
     @property
     def words(self) -> int:
         """That a turn is worth just now."""
@@ -99,6 +108,7 @@ class House(Seats[Visitor]):
             visitor.standing = Standing.HEARS
         if self._turns.gone(visitor):  # it waits among those who have shown less
             self._turns.wait(visitor, much=visitor.says_much(time.monotonic()))
+        self.questions.shows(visitor)
 
     def asks(self, visitor: Visitor) -> None:
         """It asks the broker to let it in, when it is its turn."""
@@ -136,8 +146,8 @@ class House(Seats[Visitor]):
         if visitor.standing is Standing.PROVED:
             visitor.standing = Standing.STRANGER
             self._heads.one_less(visitor.place)
-        self._turns.gone(visitor)
-        self._line.gone(visitor)
+        for row in (self._turns, self._line, self.questions):
+            row.gone(visitor)
 
     def quiet(self, now_s: float) -> None:
         """Hang up on half of those who say too much again and again, or while we are busy much or without an end.
@@ -157,20 +167,20 @@ class House(Seats[Visitor]):
             visitor.leave()
 
     def waits(self, more: int) -> None:
-        """So many bytes more, or less, wait for visitors."""
+        """So many bytes more, or less, wait for visitors or for us."""
         self.waiting_bytes += more
         if self.waiting_bytes > WAITING_IN_ALL_BYTES:
             self.make_room()
 
     def make_room(self) -> None:
-        """Hang up on those who let the most lie unread, until what waits is a part of what may."""
-        waits = sorted(self, key=Visitor.waiting_bytes, reverse=True)
-        self.waiting_bytes = sum(map(Visitor.waiting_bytes, waits))
+        """Hang up on those for whom and of whom we keep the most, until what we keep is a part of what may be."""
+        kept = sorted(self, key=Visitor.kept_bytes, reverse=True)
+        self.waiting_bytes = sum(map(Visitor.kept_bytes, kept))
         if self.waiting_bytes > WAITING_IN_ALL_BYTES:
-            for visitor in waits:
+            for visitor in kept:
                 if self.waiting_bytes <= WAITING_IN_ALL_BYTES // 2:
                     return
-                self.waiting_bytes -= visitor.waiting_bytes()
+                self.waiting_bytes -= visitor.kept_bytes()
                 visitor.leave()
 
     async def watch(self) -> None:
@@ -215,9 +225,9 @@ class Door:
             Visitor(self._house, connection, place, browser=self._browser)
 
 
-async def guard(broker: str, *doors: socket.socket) -> None:
+async def guard(broker: str, heard: Heard, *doors: socket.socket) -> None:
     """Let visitors in until SIGTERM."""
-    house = House(broker, min(VISITORS, (allow_files(MANY_FILES) - FILES_APART) // FILES_EACH))
+    house = House(broker, min(VISITORS, (allow_files(MANY_FILES) - FILES_APART) // FILES_EACH), heard)
     over = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, over.set)
     for listening in doors:
@@ -229,4 +239,5 @@ async def guard(broker: str, *doors: socket.socket) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us when the last word is out
-    asyncio.run(guard(sys.argv[1], *(socket.socket(fileno=int(number)) for number in sys.argv[2:])))
+    broker, heard, *doors = sys.argv[1:]
+    asyncio.run(guard(broker, Heard(Path(heard)), *(socket.socket(fileno=int(number)) for number in doors)))

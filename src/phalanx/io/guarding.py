@@ -13,6 +13,7 @@ from pathlib import Path
 from phalanx.errors import Unavailable
 
 from .children import a_child, answer, kept
+from .heard import Heard
 from .listeners import Listeners
 from .ports import LOOPBACK, PortTaken
 
@@ -20,14 +21,15 @@ HELLO, WELCOME = b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x0a\x00\x00", b"\x20\x02\x00
 
 
 @contextlib.asynccontextmanager
-async def guarded(at: Listeners, broker: Path, watched: Path) -> AsyncIterator[None]:
+async def guarded(at: Listeners, broker: Path, folder: Path) -> AsyncIterator[Heard]:
     """Visitors are let in where `at` says, and passed on to the broker's socket, for as long as the context lasts.
 
-    We ourselves come to see whether it serves at the path `watched`: a place that we share with nobody, for a guard
-    that has much to do with others still serves.
+    Yields what the gateway shall tell the guard. We ourselves come to see whether it serves at a path in `folder`: a
+    place that we share with nobody, for a guard that has much to do with others still serves.
 
     Raises: PortTaken. Unavailable: it cannot listen there.
     """
+    heard, watched = Heard(folder / "heard"), folder / "watched"
     # We listen, not the guard: who comes while it starts again waits for a moment, and nobody takes its ports.
     with (
         _listening_to_us(watched) as us,
@@ -35,9 +37,9 @@ async def guarded(at: Listeners, broker: Path, watched: Path) -> AsyncIterator[N
         _listening(at.ws_host, at.ws_port) as websockets,
     ):
         numbers = [each.fileno() for each in (us, tcp, websockets)]
-        words = (sys.executable, "-m", "phalanx.io.guard", str(broker), *map(str, numbers))
+        words = (sys.executable, "-m", "phalanx.io.guard", str(broker), str(heard.path), *map(str, numbers))
         async with kept("the guard", partial(a_child, *words, pass_fds=numbers), partial(_serves, watched)):
-            yield
+            yield heard
 
 
 @contextlib.contextmanager
@@ -47,7 +49,7 @@ def _listening(host: str, port: int) -> Iterator[socket.socket]:
         listening = socket.create_server((host, port), family=family, backlog=1024, dualstack_ipv6=host == "::")
     except OSError as error:
         failure = PortTaken if error.errno == errno.EADDRINUSE else Unavailable
-        raise failure(f"mosquitto does not start: {host} port {port}: {error.strerror}", "phalanx doctor") from error
+        raise failure(f"the broker does not start: {host} port {port}: {error.strerror}", "phalanx doctor") from error
     with listening:
         yield listening
 

@@ -20,6 +20,7 @@ from phalanx.link.qrurl import Login
 from .broker_url import BrokerUrl
 from .children import a_child, answer, kept
 from .guarding import guarded
+from .heard import Heard
 from .listeners import READ, WRITE, Listeners
 from .ports import LOOPBACK, PortTaken
 from .private_folder import CONFIG, private_folder
@@ -32,7 +33,7 @@ EMBEDDED_PACKET_BYTES = 512 * 1024
 MEMORY_BYTES = 256 * 1024 * 1024
 QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overlap
 ROUNDS = 101
-SOCKET, WATCHED = "run/visitors", "watched"
+SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
 START_TIMEOUT_S = 5.0
 
@@ -98,8 +99,8 @@ def _whose() -> str | None:
 
 
 @contextlib.asynccontextmanager
-async def mosquitto(at: Listeners) -> AsyncIterator[None]:
-    """A running mosquitto, for as long as the context lasts.
+async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
+    """A running mosquitto, for as long as the context lasts; yields what the gateway shall tell the guard before it.
 
     Raises: Unavailable: not installed, or it does not start (a port taken, say).
     """
@@ -112,9 +113,9 @@ async def mosquitto(at: Listeners) -> AsyncIterator[None]:
         begins = partial(_until_it_serves, url=at.gateway)
         async with (
             kept("mosquitto", child, partial(serves, at.gateway), begins),
-            guarded(at, folder / SOCKET, folder / WATCHED),
+            guarded(at, folder / SOCKET, folder) as heard,
         ):
-            yield
+            yield heard
 
 
 def _write(folder: Path, at: Listeners) -> None:

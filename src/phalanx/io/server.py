@@ -29,6 +29,7 @@ from phalanx.link.server_side import ServerSide
 from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
 from .connection import STALE_S, Connection
+from .heard import TELL_S, Heard
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +53,7 @@ class Server:
         login_for_visitors: goes into the link, for a broker that asks for one: it should allow visitors' topics only.
         pin: the first pin; a fresh one unless given.
         mqtt: protocol version to try first, 5 or 4.
+        heard: what the guard before a broker of ours is told, for it passes on what we keep up with.
         clock: seconds since 1970; for tests.
     Raises: UsageError: a bad URL. On entering or waiting, Unavailable: the broker refused the login.
     Source: Qrkey §III.
@@ -67,6 +69,7 @@ class Server:
         login_for_visitors: Login | None = None,
         pin: Pin | None = None,
         mqtt: int = 5,
+        heard: Heard | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.config = config or LinkConfig()
@@ -82,6 +85,7 @@ class Server:
         self._link: Connection | None = None
         self._answers = Answers(self._deal_with)
         self._mqtt = mqtt
+        self._heard = heard
         self._tasks: list[asyncio.Task[None]] = []
         self._reached = asyncio.Event()
         self._sooner = asyncio.Event()
@@ -100,7 +104,7 @@ class Server:
     def on_request(self, number: int | Literal["*"]) -> Callable[[RequestHandler], RequestHandler]:
         """Decorate the handler of request `number`, or of every other one with `ANY`.
 
-        It takes a `Request` and returns the answer's data.
+        It takes a `Request` and returns the answer's data, or a `SharedAnswer` for all who ask at about this time.
         """
         if not (isinstance(number, int) or number == ANY):
             raise UsageError("on_request takes the request's number", "@server.on_request(0)")
@@ -164,7 +168,9 @@ class Server:
             self._on_dropped,
             STALE_S,
         )
-        others = (self._rotate(), self._answers.run())
+        others = [self._rotate(), self._answers.run()]
+        if self._heard:
+            others.append(self._tell_the_guard(self._heard))
         self._tasks = [self._link.start(), *map(asyncio.create_task, others)]
         return self
 
@@ -175,6 +181,8 @@ class Server:
             task.cancel()
         # A broker that hangs must not hold up the end.
         await asyncio.wait(self._tasks, timeout=CLOSE_TIMEOUT_S)
+        if self._heard:
+            self._heard.forget()
 
     async def wait_connected(self, timeout_s: float | None = None) -> None:
         """Wait for the broker, for ever unless told otherwise.
@@ -231,6 +239,13 @@ class Server:
                 async with asyncio.timeout(max(0.01, self._side.next_due_s() - time.monotonic())):
                     await self._sooner.wait()
             await self._advance(self._side.advance)
+
+    async def _tell_the_guard(self, heard: Heard) -> None:
+        """How far behind we are; what holds this loop up holds that up too, which says as much."""
+        while True:
+            now_s = time.monotonic()
+            heard.tell(now_s, self._link.unread_since_s(now_s) if self._link else now_s, len(self._answers))
+            await asyncio.sleep(TELL_S)
 
     async def _advance(self, step: Callable[[float], tuple[Ask, ...]]) -> bool:
         before = self._side.epoch

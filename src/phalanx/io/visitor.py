@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, cast
 
 from phalanx.errors import PeerError
 
+from .broker_end import Broker, connected
 from .heads import NEW_WORDS, Proof, Standing
 from .pace import Pace
+from .questions import Held
 from .turns import TURN
 from .visitor_packets import PINGREQ, PUBLISH, SUBSCRIBE, UNSUBSCRIBE, VisitorPackets, is_question
 from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
@@ -42,7 +44,6 @@ ASKING = 4  # words that a SUBSCRIBE is, or an UNSUBSCRIBE: the broker has more 
 PINGS_APART_S = 0.5  # more PINGREQs are dropped: nobody's keepalive is below 1 s
 LET_IN_S = 0.0002  # processor time, after its turn
 FULL_BYTES = 64 * 1024  # what waits for the broker
-ASK_AGAIN_S = 0.01
 
 
 class Visitor(asyncio.BufferedProtocol):
@@ -63,6 +64,7 @@ class Visitor(asyncio.BufferedProtocol):
         self._websocket = Websocket() if browser else None
         self._packets = VisitorPackets(os.urandom(8).hex().encode())
         self._proof, self._new_words = Proof(), NEW_WORDS
+        self.held = Held()
         self._said = self._hello = b""
         self._broker: asyncio.WriteTransport | None = None
         self._task: asyncio.Task[None] | None = None
@@ -111,6 +113,7 @@ class Visitor(asyncio.BufferedProtocol):
         """It said something, and waits for a turn."""
         self.heard_at_s = time.monotonic()
         self._said += data
+        self._house.waits(len(data))
         if len(self._said) > MORE_BYTES and self._paused_at_s is None:
             self._paused_at_s = self.heard_at_s
             self._transport.pause_reading()
@@ -212,7 +215,10 @@ class Visitor(asyncio.BufferedProtocol):
         if self.standing is Standing.NEW and self._new_words < 0:
             self.standing = Standing.STRANGER
         if kind & 0xF0 == PUBLISH:
-            if self.is_behind(now_s) and not is_question(packet):
+            if is_question(packet):
+                self._house.questions.hold(self, packet)
+                return False
+            if self.is_behind(now_s):
                 return False
             self._house.passes_on(words)
         elif kind == PINGREQ:
@@ -222,6 +228,13 @@ class Visitor(asyncio.BufferedProtocol):
         self._broker.write(packet)
         self._house.heard(self, speaks=kind & 0xF0 == PUBLISH)
         return True
+
+    def ask_swarm(self, question: bytes) -> None:
+        """A question of its own that was held aside is passed on, if the broker keeps up."""
+        if self._broker and not (self._is_held_up or self._broker.is_closing()):
+            self._house.passes_aside(words_of(question))
+            self._broker.write(question)
+            self._house.heard(self, speaks=True)
 
     def _heard_out(self) -> None:
         self._waits = False
@@ -245,7 +258,7 @@ class Visitor(asyncio.BufferedProtocol):
 
     async def _ask(self) -> None:
         try:
-            connection = await _connected(self._house.broker)
+            connection = await connected(self._house.broker)
             loop = asyncio.get_running_loop()
             self._broker, _ = await loop.create_unix_connection(lambda: Broker(self), sock=connection)
         except OSError:  # it starts again, say
@@ -296,6 +309,11 @@ class Visitor(asyncio.BufferedProtocol):
     def waiting_bytes(self) -> int:
         """What it has not read yet."""
         return self._transport.get_write_buffer_size() if self._is_here else 0
+
+    def kept_bytes(self) -> int:
+        """What we keep of it and for it: what it has not read, and what we have not heard or cannot hear yet."""
+        frames = self._websocket.unread_bytes if self._websocket else 0
+        return self.waiting_bytes() + frames + len(self._said) + len(self._packets)
 
     def is_overdue(self, now_s: float) -> bool:
         """Whether it should have said or read something by now."""
@@ -348,51 +366,8 @@ def words_of(packet: bytes) -> int:
     return ASKING if packet[0] in (SUBSCRIBE, UNSUBSCRIBE) else 1 + len(packet) // WORD_BYTES
 
 
-async def _connected(path: str) -> socket.socket:
-    """A connection to the socket at `path`; asyncio takes one for connected that the other end had no room for.
-
-    Raises: OSError.
-    """
-    connection = socket.socket(socket.AF_UNIX)
-    connection.setblocking(False)
-    try:
-        while True:
-            try:
-                connection.connect(path)
-            except BlockingIOError:
-                await asyncio.sleep(ASK_AGAIN_S)
-            else:
-                return connection
-    except BaseException:
-        connection.close()
-        raise
-
-
 def _has_gone(connection: socket.socket) -> bool:
     """Whether it has hung up, even if there is something of it to read."""
     asking = select.poll()
     asking.register(connection, select.POLLRDHUP)
     return bool(asking.poll(0))
-
-
-class Broker(asyncio.Protocol):
-    """The broker's end of a visitor's connection."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor = visitor
-
-    def data_received(self, data: bytes) -> None:
-        """For the visitor."""
-        self._visitor.tell(data)
-
-    def pause_writing(self) -> None:
-        """It does not keep up."""
-        self._visitor.hold_up()
-
-    def resume_writing(self) -> None:
-        """It does again."""
-        self._visitor.go_on()
-
-    def connection_lost(self, error: Exception | None) -> None:  # noqa: ARG002
-        """It has hung up."""
-        self._visitor.say_goodbye()

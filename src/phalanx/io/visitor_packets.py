@@ -69,6 +69,10 @@ class VisitorPackets:
         body = NOT_ITS_OWN + (NONE if self._mqtt == 5 else b"") + len(name).to_bytes(2, "big") + name
         return bytes([UNSUBSCRIBE]) + _as_varint(len(body)) + body
 
+    def __len__(self) -> int:
+        """Bytes of the stream that are kept: of packets that nobody asked for yet, and of one that is not whole."""
+        return len(self._came)
+
     def add(self, data: bytes) -> None:
         """More of the stream."""
         self._came += data

@@ -54,6 +54,11 @@ class Websocket:
         """Whether something that came is not read yet: frames above `FRAMES_AT_ONCE`."""
         return bool(self._unread) and not self.closed
 
+    @property
+    def unread_bytes(self) -> int:
+        """How much that is."""
+        return len(self._unread)
+
     def read(self, data: bytes = b"") -> bytes:
         """What `data` carries of the stream that the other end sends, after what was left of it before.
 

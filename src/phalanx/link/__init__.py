@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .client_side import ClientSide
 from .keys import Epoch, derive_epoch
-from .messages import Command, Request
+from .messages import Command, Request, SharedAnswer
 from .pin import BadPin, Pin, new_pin
 from .qrurl import BadQrUrl, QrUrl, parse_qr_url
 from .server_side import ServerSide
@@ -27,6 +27,7 @@ __all__ = [
     "Request",
     "Server",
     "ServerSide",
+    "SharedAnswer",
     "derive_epoch",
     "new_pin",
     "parse_qr_url",

@@ -73,6 +73,18 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
+class SharedAnswer:
+    """Data with which all are answered who ask at about one time, and which does not change any more.
+
+    What is sealed for them has the time of the first: it is good for as long as clocks may differ, 30 s.
+    """
+
+    data: Any = field(repr=False)
+    # By number, and whether in parts. Only the server's side writes here.
+    plaintexts: dict[tuple[int, bool], tuple[bytes, ...]] = field(default_factory=dict, repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
 class Knock:
     """An authentic request under the last epoch: a phone that slept through a rotation. Source: docs/adr/0004."""
 

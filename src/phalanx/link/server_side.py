@@ -18,7 +18,7 @@ from phalanx.errors import BadPayload, PeerError, UsageError, WrongTopic
 
 from .envelope import Envelope, encode_pin_message, encode_to_send, open_envelope, seal
 from .keys import Epoch, derive_epoch
-from .messages import Ask, Command, Knock, Publish, Rejected, Request, Subscribe, Unsubscribe
+from .messages import Ask, Command, Knock, Publish, Rejected, Request, SharedAnswer, Subscribe, Unsubscribe
 from .parts import split_list
 from .pin import Pin, new_pin
 from .replay import ReplayCache
@@ -85,35 +85,36 @@ class ServerSide:
 
         Raises: UsageError: the payload is not JSON, or more than a client reads.
         """
-        return self._publish("notify", payload, now_s)
+        return self._sealed("notify", self._plaintext(payload, now_s))
 
     def reply(self, request: Request, data: Any, now_s: float) -> tuple[Publish, ...]:
         """The answer to `request`, on every live epoch: the visitor may be moving from one to the next.
 
-        A list goes in parts to a client that reads parts.
+        A list goes in parts to a client that reads parts. What is shared by many is made JSON once.
 
         Raises: UsageError: the data is not JSON, or more than a client reads.
         Source: docs/spec/link.md; docs/adr/0009.
         """
-        to, number = ReplyTopic(request.client_id), request.number
+        shared = data if isinstance(data, SharedAnswer) else SharedAnswer(data)
+        how = request.number, request.words.get("parts") is True
+        plaintexts = shared.plaintexts.get(how)
+        if plaintexts is None:
+            plaintexts = shared.plaintexts[how] = self._answer(*how, shared.data, now_s)
+        to = ReplyTopic(request.client_id)
+        return tuple(publish for plaintext in plaintexts for publish in self._sealed(to, plaintext))
+
+    def _answer(self, number: int, in_parts: bool, data: Any, now_s: float) -> tuple[bytes, ...]:
         pieces = [data]
-        if request.words.get("parts") is True and isinstance(data, list):
+        if in_parts and isinstance(data, list):
             try:
                 pieces = split_list(data, self.config.part_plaintext_bytes)
             except (TypeError, ValueError, RecursionError) as error:
                 raise UsageError(f"answer is not JSON: {error}") from error
         if len(pieces) == 1:
-            return self._publish(to, {"request": number, "data": data}, now_s)
+            return (self._plaintext({"request": number, "data": data}, now_s),)
         self._answers += 1
-        return tuple(
-            publish
-            for i, piece in enumerate(pieces)
-            for publish in self._publish(
-                to,
-                {"request": number, "data": piece, "answer": self._answers, "part": i, "parts": len(pieces)},
-                now_s,
-            )
-        )
+        words = {"request": number, "answer": self._answers, "parts": len(pieces)}
+        return tuple(self._plaintext(words | {"data": piece, "part": i}, now_s) for i, piece in enumerate(pieces))
 
     def advance(self, uptime_s: float) -> tuple[Ask, ...]:
         """Rotate, or end an overlap, if it is due."""
@@ -200,8 +201,10 @@ class ServerSide:
         root = self.config.root
         return command_filter(root, epoch.topic), full_topic(root, epoch.topic, "request")
 
-    def _publish(self, sub: SubTopic, payload: Any, now_s: float) -> tuple[Publish, ...]:
-        plaintext = encode_to_send(payload, now_s, self.config.max_to_client_bytes, "clients")
+    def _plaintext(self, payload: Any, now_s: float) -> bytes:
+        return encode_to_send(payload, now_s, self.config.max_to_client_bytes, "clients")
+
+    def _sealed(self, sub: SubTopic, plaintext: bytes) -> tuple[Publish, ...]:
         return tuple(
             Publish(
                 full_topic(self.config.root, epoch.topic, sub), seal(plaintext, epoch, self._random_bytes(IV_BYTES))
