@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import os
 import selectors
+import signal
 import socket
-import threading
 import time
+from collections.abc import Callable, Iterator
 from typing import Self
 
 import pytest
 
 from conftest import a_broker, a_server, eventually
 from phalanx.io import Client
+from phalanx.io.children import die_with_parent
 from phalanx.io.guard import Door, House
 from test_guard import frame, hello, many_files, the_guard
 from test_strangers import Stranger, connect, with_length
@@ -39,8 +42,36 @@ def a_browser(port: int, place: str = "127.0.0.1") -> socket.socket:
     return browser
 
 
+@contextlib.contextmanager
+def aside(work: Callable[[], None]) -> Iterator[Callable[[], bool]]:
+    """`work` is done in a process of its own, on what others leave of the processor, until the context is left.
+
+    In this one it would hold up the gateway, and whoever computes beside it. Yields whether it still works.
+    """
+    pid, ended = os.fork(), []
+    if not pid:
+        try:
+            die_with_parent()
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+            work()
+        finally:
+            os._exit(0)
+
+    def works() -> bool:
+        if not ended and os.waitpid(pid, os.WNOHANG) != (0, 0):
+            ended.append(True)
+        return not ended
+
+    try:
+        yield works
+    finally:
+        if works():
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+
+
 class Flood:
-    """Connections that each say the same again and again, from a thread, as long as the context lasts.
+    """Connections that each say the same again and again, as long as the context lasts.
 
     Args:
         per_s: how often, of each; else as often as it is read.
@@ -48,23 +79,26 @@ class Flood:
 
     def __init__(self, said: bytes, per_s: float = 0.0) -> None:
         self._said, self._every_s = said, 1 / per_s if per_s else 0.0
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._flood)
-        self._crowd = selectors.DefaultSelector()
+        self._crowd: list[socket.socket] = []
+        self._here = contextlib.ExitStack()
+        self._works = lambda: True
 
     def add(self, one: socket.socket) -> None:
         one.setblocking(False)
-        self._crowd.register(one, selectors.EVENT_WRITE, (time.monotonic(), b""))
+        self._crowd.append(one)
 
     @property
     def is_there(self) -> bool:
         """Whether not all of them were hung up on."""
-        return bool(self._crowd.get_map())
+        return self._works()
 
     def _flood(self) -> None:
-        while self.is_there and not self._over.is_set():
+        crowd = selectors.DefaultSelector()
+        for one in self._crowd:
+            crowd.register(one, selectors.EVENT_WRITE, (time.monotonic(), b""))
+        while crowd.get_map():
             now_s = time.monotonic()
-            for key, _ in self._crowd.select(0.1):
+            for key, _ in crowd.select(0.1):
                 due_s, rest = key.data
                 if not rest and due_s > now_s:
                     continue
@@ -72,22 +106,22 @@ class Flood:
                     rest = rest or self._said
                     rest = rest[key.fileobj.send(rest) :]
                     due_s = now_s if rest else now_s + self._every_s
-                    self._crowd.modify(key.fileobj, selectors.EVENT_WRITE, (due_s, rest))
+                    crowd.modify(key.fileobj, selectors.EVENT_WRITE, (due_s, rest))
                 except BlockingIOError:
                     pass
                 except OSError:
-                    self._crowd.unregister(key.fileobj)
-                    key.fileobj.close()
+                    crowd.unregister(key.fileobj)
+            if self._every_s:
+                time.sleep(0.002)  # or it would spin where none is due
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._works = self._here.enter_context(aside(self._flood))
+        for one in self._crowd:
+            one.close()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-        for key in list(self._crowd.get_map().values()):
-            key.fileobj.close()
+        self._here.close()
 
 
 async def test_small_frames_without_end_hold_up_no_answer_and_no_route_and_end_no_guard():
@@ -97,7 +131,7 @@ async def test_small_frames_without_end_hold_up_no_answer_and_no_route_and_end_n
             guard, port = the_guard(broker), port_of(broker)
             flood = Flood(frame(b"", 9) * 400)
             async with Client(server.qr()) as client:
-                for _ in range(300):
+                for _ in range(150):
                     flood.add(await asyncio.to_thread(a_browser, port))
                 with flood:
                     await asyncio.sleep(1)
@@ -111,13 +145,13 @@ async def test_small_frames_without_end_hold_up_no_answer_and_no_route_and_end_n
             assert the_guard(broker) == guard
 
 
-async def test_two_hundred_of_one_address_who_stay_below_what_one_may_say_lose_nobody_else_a_word():
+async def test_eighty_of_one_address_who_stay_below_what_one_may_say_lose_nobody_else_a_word():
     with many_files():
         async with a_broker() as broker, a_server(broker) as server:
             await server.wait_connected(10)
             flood = Flood(PUBLISHED * 10, 38)
             async with Client(server.qr()) as client:
-                for name in range(200):
+                for name in range(80):
                     one = await Stranger(broker.url.port, 4, name=b"flood%d" % name).__aenter__()
                     one.socket.sendall(PUBLISHED)
                     flood.add(one.socket)
@@ -135,23 +169,19 @@ async def test_two_hundred_of_one_address_who_stay_below_what_one_may_say_lose_n
 async def test_thousands_who_say_hello_and_go_keep_nobody_out_and_end_no_guard():
     def come_and_go() -> None:
         began_s = time.monotonic()
-        for n in range(10_000):
-            while not over.is_set() and n > (time.monotonic() - began_s) * 3600:
+        for n in itertools.count():
+            while n > (time.monotonic() - began_s) * 3600:
                 time.sleep(0.001)
-            if over.is_set():
-                return
             with contextlib.suppress(OSError), socket.socket() as one:
                 one.setsockopt(socket.IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, 1)
                 one.bind(("127.0.0.7", 0))
                 one.connect(("127.0.0.1", broker.url.port))
                 one.sendall(connect(4, b"x"))
 
-    over = threading.Event()
     async with a_broker() as broker, a_server(broker) as server:
         await server.wait_connected(10)
         guard = the_guard(broker)
-        coming = asyncio.create_task(asyncio.to_thread(come_and_go))
-        try:
+        with aside(come_and_go):
             await asyncio.sleep(1)
             async with Client(server.qr()) as client:
                 for n in range(10):
@@ -165,17 +195,14 @@ async def test_thousands_who_say_hello_and_go_keep_nobody_out_and_end_no_guard()
                     assert await client.request(0, timeout_s=5)
             assert len(server.heard) == 10
             assert the_guard(broker) == guard
-        finally:
-            over.set()
-            await coming
 
 
-async def test_four_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers():
+async def test_a_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers():
     flood = Flood(with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20)
     with many_files():
         async with a_broker() as broker, a_server(broker) as server:
             await server.wait_connected(10)
-            for name in range(400):
+            for name in range(100):
                 flood.add((await Stranger(broker.url.port, 4, name=b"flood%d" % name).__aenter__()).socket)
             with flood:
                 async with Client(server.qr()) as client:

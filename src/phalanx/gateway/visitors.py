@@ -42,8 +42,8 @@ class Visitors:
     def shown(self, client_id: str) -> str:
         """What the operator's page calls a visitor: too little to ask for its answers, for whoever reads it there.
 
-        Of ours the end, by which it is named where it drives too: forty bits more have to be guessed. Those of published
-        clients are short, and are shown by another name.
+        Of ours the end, by which it is named where it drives too: forty bits more have to be guessed. Published clients
+        have short ones, and are shown by another name.
         """
         if OURS.fullmatch(client_id):
             return f"phalanx…{client_id[-SHOWN:]}"
