@@ -91,7 +91,6 @@ $(NEEDED):
 	@$(call PINNED,requirements.lock)
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null || $(call PINNED,requirements-amqtt.lock)
 	@$(PIP) --no-deps --no-build-isolation -e .
-	@$(MAKE) --silent -C firmware build/node
 	@touch $@
 
 # Robots' code is compiled when it is first called; here, so that neither a demo nor a test waits for it.
@@ -204,7 +203,7 @@ release: $(NEEDED) .venv/release/installed
 	@touch $@
 
 clean:
-	rm -rf build firmware/build src/*.egg-info src/phalanx/*.so
+	rm -rf build firmware/build src/*.egg-info src/phalanx/*.so src/phalanx/trusted_node
 	rm -rf .venv site out .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache .hypothesis $(PAGES)
 	rm -rf web/node_modules $(PEER)/node_modules $(PEER)/dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

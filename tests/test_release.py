@@ -119,7 +119,8 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     with ZipFile(made) as archive:
         inside = {entry.filename: archive.read(entry) for entry in archive.infolist()}
         assert {entry.date_time for entry in archive.infolist()} == {(2026, 1, 1, 0, 0, 0)}
-        assert {entry.external_attr >> 16 & 0o777 for entry in archive.infolist()} <= {0o644, 0o755, 0o664}
+        modes = {entry.filename: entry.external_attr >> 16 & 0o777 for entry in archive.infolist()}
+    assert set(modes.values()) <= {0o644, 0o755, 0o664}
     info = made.name.split("-cp311")[0] + ".dist-info"
     assert {f"phalanx/gateway/pages/{page}/index.html" for page in ("visitor", "operator")} <= inside.keys()
     assert {f"phalanx/_firmware_{name}.abi3.so" for name in ("bound", "paper")} <= inside.keys()
@@ -128,4 +129,6 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     assert metadata["Description-Content-Type"] == "text/markdown"
     assert not any(str(tmp_path).encode() in data or str(ROOT).encode() in data for data in inside.values())
     shared = {name: data for name, data in inside.items() if name.endswith(".so")}
-    assert not any(b"/root/" in data or b"/home/" in data for data in shared.values())
+    nodes = inside["phalanx/trusted_node"]
+    assert not any(b"/root/" in data or b"/home/" in data for data in [nodes, *shared.values()])
+    assert modes["phalanx/trusted_node"] == 0o755

@@ -38,7 +38,7 @@ from .rehearsal import rehearse
 from .run import run_robot
 from .settings import RobotSettings, read_robot
 from .state import told
-from .trusted import PROGRAM
+from .trusted import program
 
 if TYPE_CHECKING:
     from phalanx.sim.scenarios.recording import Recording
@@ -330,8 +330,7 @@ def play_in_arena(
 
     Raises: UsageError: no program for trusted nodes, an attack that no arena plays; Unavailable.
     """
-    if not PROGRAM.exists():
-        raise UsageError(f"no program for trusted nodes: {PROGRAM} is not there", "make -C firmware build/node")
+    program()
     with contextlib.suppress(PermissionError):
         os.nice(NICER)  # a processor that others keep busy would make robots late, and liars of them
     rehearse(scenario, limits_of(scenario.bti, scenario.radio))

@@ -18,8 +18,8 @@ from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY
 
 from .settings import RobotSettings
 
-# The program is made from firmware/, which is not in a wheel.
-PROGRAM = Path(__file__).parents[3] / "firmware" / "build" / "node"
+# Compiled when the package is installed (release/commands.py).
+PROGRAM = Path(__file__).parents[1] / "trusted_node"
 AT_T = ENTRY.at("t")
 # Of nobody, to nobody: chained by no a-node and read by no c-node, but the answer has the time.
 WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
@@ -58,6 +58,13 @@ def _ours_ms() -> float:
     return time.monotonic_ns() / 1e6
 
 
+def program() -> Path:
+    """Trusted nodes as a program, for robots without a board. Raises: UsageError: it was never compiled."""
+    if not PROGRAM.exists():
+        raise UsageError(f"no program for trusted nodes: {PROGRAM} is not there", "make setup, or pip install again")
+    return PROGRAM
+
+
 def open_nodes(settings: RobotSettings) -> SerialNode:
     """The nodes that the file names, after a handshake.
 
@@ -65,15 +72,10 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
     """
     kind, _, where = settings.said.trusted.partition(":")
     if kind == "process":
-        if not PROGRAM.exists():
-            raise UsageError(
-                f"no program for trusted nodes in a process: {PROGRAM} is not there",
-                "make -C firmware build/node, in a checkout; or a board: trusted: serial:DEVICE",
-            )
         said = settings.said
         wheels = str(settings.path(said.wheels)) if said.wheels else "-"
         clock = f"{said.clock_ppm},{said.clock_ahead_ms}"
-        line = open_line(f"process:{PROGRAM},{settings.path(where)}", wheels, clock)
+        line = open_line(f"process:{program()},{settings.path(where)}", wheels, clock)
     elif settings.said.wheels:
         raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
     else:
