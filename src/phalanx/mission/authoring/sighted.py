@@ -7,8 +7,10 @@ each landmark is looked at from places around it, with the lidar and the extract
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -53,14 +55,14 @@ def sighted(
 
     Codes are left as they are: a lidar does not show them.
     """
-    eye = Looks(plan, lidar)
+    from_pose = _looks(plan, lidar or LidarConfig())
     kept, beside = [], []
     for site in sites:
         if site.type == "qr":
             kept.append(site)
             continue
         places = _places(plan, site)
-        looks = [eye.from_pose(pose) for pose in places]
+        looks = [from_pose(pose) for pose in places]
         aliases = [_as_seen(alias, looks) for alias in site.aliases]
         seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
         found = tuple(alias for alias in aliases if alias is not None)
@@ -68,6 +70,12 @@ def sighted(
             kept.append(replace(site, aliases=found))
         beside += _beside(site, looks)
     return kept, beside
+
+
+@lru_cache(maxsize=1)
+def _looks(plan: FloorPlan, lidar: LidarConfig) -> Callable[[Pose], tuple[Landmark, ...]]:
+    """`Looks.from_pose`, from each pose once: whoever judges a mission made from a plan asks the same of it again."""
+    return cache(Looks(plan, lidar).from_pose)
 
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:
@@ -80,12 +88,25 @@ def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:
         ]
         for look in looks
     ]
-    return [
-        found
-        for i, look in enumerate(others)
-        for found in look
-        if any(_is(found, other) for before in others[:i] for other in before)
-    ]
+    before: dict[tuple[str, int, int], list[Landmark]] = {}
+    beside = []
+    for look in others:
+        beside += [found for found in look if any(_is(found, other) for other in _around(before, found))]
+        for found in look:
+            before.setdefault(_square_of(found), []).append(found)
+    return beside
+
+
+def _square_of(landmark: Landmark) -> tuple[str, int, int]:
+    # A little wider than what is near: no rounding has it two squares away.
+    return landmark.type, math.floor(landmark.x_m / (1.01 * NEAR_M)), math.floor(landmark.y_m / (1.01 * NEAR_M))
+
+
+def _around(known: dict[tuple[str, int, int], list[Landmark]], found: Landmark) -> Iterator[Landmark]:
+    """Those of the same type in its square and the eight around it."""
+    kind, i, j = _square_of(found)
+    for square in product((kind,), (i - 1, i, i + 1), (j - 1, j, j + 1)):
+        yield from known.get(square, ())
 
 
 def _away(one: Landmark, other: Landmark) -> float:

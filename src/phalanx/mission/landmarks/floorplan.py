@@ -80,20 +80,11 @@ class FloorPlan:
 
     def sees(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
         """Whether no wall lies between two places; walls that only reach up to one of them do not count."""
-        p, q = np.array(a), np.array(b)
-        way = q - p
-        length = math.hypot(*way)
+        x, y = float(b[0]) - float(a[0]), float(b[1]) - float(a[1])
+        length = math.hypot(x, y)
         if length < 1e-9:
             return True
-        margin = min(0.01 / length, 0.25)
-        ends, along = self.walls[:, :2], self.walls[:, 2:] - self.walls[:, :2]
-        cross = way[0] * along[:, 1] - way[1] * along[:, 0]
-        to = ends - p
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at_way = (to[:, 0] * along[:, 1] - to[:, 1] * along[:, 0]) / cross
-            at_wall = (to[:, 0] * way[1] - to[:, 1] * way[0]) / cross
-        between = (at_way > margin) & (at_way < 1 - margin) & (at_wall >= 0) & (at_wall <= 1)
-        return not bool(np.any(between))
+        return not _is_crossed(self.walls, float(a[0]), float(a[1]), x, y, min(0.01 / length, 0.25))
 
     def is_clear(
         self, a: tuple[float, float], b: tuple[float, float], side_m: float, near_m: float, far_m: float
@@ -131,6 +122,22 @@ def _clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
         to_x, to_y = to_x - at * along_x, to_y - at * along_y
         nearest = min(nearest, to_x * to_x + to_y * to_y)
     return math.sqrt(nearest)
+
+
+@kernel
+def _is_crossed(walls: NDArray[np.float64], x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
+    """Whether a wall meets the way from x, y, but for such a share of it at both ends."""
+    for i in range(len(walls)):
+        along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]
+        cross = way_x * along_y - way_y * along_x
+        if cross == 0.0:
+            continue
+        to_x, to_y = walls[i, 0] - x, walls[i, 1] - y
+        at_way = (to_x * along_y - to_y * along_x) / cross
+        at_wall = (to_x * way_y - to_y * way_x) / cross
+        if margin < at_way < 1.0 - margin and 0.0 <= at_wall <= 1.0:
+            return True
+    return False
 
 
 def floorplan_of_yaml(data: bytes, name: str = "map") -> FloorPlan:

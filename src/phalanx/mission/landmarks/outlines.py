@@ -32,10 +32,19 @@ class Outline:
         """Positive around free space, negative around an island of walls."""
         return area_of(self.points)
 
+    @cached_property
+    def _box(self) -> tuple[float, ...]:
+        return (*self.points.min(0).tolist(), *self.points.max(0).tolist())
+
     def has_on_free_side(self, x_m: float, y_m: float) -> bool:
         """Whether a place lies inside an outline around free space, or outside of an island."""
         # A way along walls without thickness encloses nothing.
-        return abs(self.area_m2) < TOUCH_M or _encloses(self.points, (x_m, y_m)) == (self.area_m2 > 0)
+        if abs(self.area_m2) < TOUCH_M:
+            return True
+        # Most places are far from most islands.
+        x0, y0, x1, y1 = self._box
+        is_near = x0 <= x_m <= x1 and y0 <= y_m <= y1
+        return (is_near and _encloses(self.points, (x_m, y_m))) == (self.area_m2 > 0)
 
 
 def outlines_of(
@@ -146,11 +155,12 @@ def area_of(points: NDArray[np.float64]) -> float:
 
 def _encloses(points: NDArray[np.float64], place: Point) -> bool:
     x, y = points[:, 0], points[:, 1]
-    x2, y2 = np.append(x[1:], x[:1]), np.append(y[1:], y[:1])
-    crosses = (y > place[1]) != (y2 > place[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = x + (place[1] - y) / (y2 - y) * (x2 - x)
-    return bool(np.sum(crosses & (place[0] < at)) % 2)
+    above = y > place[1]
+    # The few sides that cross the height of the place; the last one leads to the first point.
+    i = np.flatnonzero(above != np.roll(above, -1))
+    j = (i + 1) % len(y)
+    at = x[i] + (place[1] - y[i]) / (y[j] - y[i]) * (x[j] - x[i])
+    return bool(np.count_nonzero(place[0] < at) % 2)
 
 
 def _face_of(rings: list[NDArray[np.float64]], place: Point) -> NDArray[np.float64] | None:

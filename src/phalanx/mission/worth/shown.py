@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ class Before(NamedTuple):
     sectors: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Shown:
     """All that may be meant, as a floor plan shows it.
 
@@ -63,13 +64,20 @@ class Shown:
     rows: NDArray[np.float64]
     rounded_mm: int
 
+    @cached_property
+    def _kinds(self) -> NDArray[np.int64]:
+        """(3, n) the things' place, and whether they have an orientation and an area, as shapes say it."""
+        shapes = [shape_of((thing,)) for thing in self.things]
+        return np.array([(each.place, each.oriented, each.area) for each in shapes], np.int64).reshape(-1, 3).T
+
     def cells(self, coding: CodingConfig, before: Before | None, shape: Shape, offset: Offset) -> Iterator[Cell]:
         """The cells of an alias in which it may be, each once.
 
         Args:
             shape, offset: the alias's, as its gate tells them.
         """
-        among = np.array([i for i, thing in enumerate(self.things) if _has(thing, shape)], np.int64)
+        place, oriented, area = self._kinds
+        among = np.flatnonzero((place == shape.place) & (oriented >= shape.oriented) & (area >= shape.area))
         rows = self.rows[among]
         misfit = (among != 0).astype(np.float64)  # robots begin at the start, if it may be
         misfit += _off_cells(coding, offset, rows, self.rounded_mm / MM_PER_M / 2)
@@ -123,11 +131,6 @@ def _row(thing: Landmark | Position) -> tuple[float, float, float, float]:
         return thing.x_m, thing.y_m, math.nan, float(APART_MAX)
     apart = math.floor(min(thing.apart_m / APART_M + 1e-9, APART_MAX))
     return thing.x_m, thing.y_m, number_or_nan(thing.orientation_rad), float(apart)
-
-
-def _has(thing: Landmark | Position, shape: Shape) -> bool:
-    has = shape_of((thing,))
-    return has.place == shape.place and has.oriented >= shape.oriented and has.area >= shape.area
 
 
 def _rest(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:
