@@ -66,6 +66,11 @@ class Runtime:
         return min(self._round_ms, self._listened_ms, *self._retries[:1])
 
     @property
+    def listens(self) -> bool:
+        """Whether a round is due and it listens before it."""
+        return self._listened_ms < NEVER_MS
+
+    @property
     def due_ms(self) -> int:
         """The first of all four."""
         return min(self.input_ms, self.audit_ms, self.check_ms, self.wake_ms)
