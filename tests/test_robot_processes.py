@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -36,7 +37,23 @@ WISHED = guarded.WISH.form.pack(guarded.KIND_WISH, 0.0, 1.0)
 T_VAL_S, P_CHECK_S, SCHEDULING_S = 2.5, 0.1, 1.0
 STILL = """
 from phalanx.daemon.driver import Driver
-from phalanx.robot import Planner
+from phalanx.robot import Act, Controller, Planner
+from phalanx.wire.table import ACCELERATION
+
+class Follow(Controller):
+    heard = 0
+
+    def on_recv(self, t_ms, frame):
+        self.heard = (self.heard + 1) % 256
+
+    def on_input(self, step, t_ms, reading):
+        return [Act(ACCELERATION.encode(id=self.rob_id, t=t_ms, ax_mps2=1.0 + self.heard, ay_mps2=0.0))]
+
+    def encode(self):
+        return bytes((self.heard,))
+
+    def decode(self, encoding):
+        self.heard = encoding[0]
 
 class North(Planner):
     def advise(self, t_s, position_m, velocity_mps):
@@ -139,6 +156,24 @@ class Body:
 
 
 @contextlib.contextmanager
+def a_board(tmp_path):
+    """Trusted nodes at a Unix socket, for who connects first."""
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "line"))
+        listening.listen()
+        serving = threading.Thread(target=_serve, args=(listening, tmp_path), daemon=True)
+        serving.start()
+        yield
+    serving.join()
+
+
+def _serve(listening, tmp_path):
+    with listening.accept()[0] as line:
+        words = (boards.built("node"), tmp_path / "trusted.flash", tmp_path / "wheels")
+        subprocess.run(words, stdin=line, check=False)
+
+
+@contextlib.contextmanager
 def running(path):
     process = subprocess.Popen((*PHALANX, "--log-level", "error", "robot", "run", str(path)), stderr=subprocess.PIPE)
     try:
@@ -180,7 +215,7 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
             assert told(state)["pid"] == robot.pid
             os.kill(robot.pid, signal.SIGKILL)
             until_s = time.monotonic() + 60
-            while said := body.told():  # to its motors' socket's end
+            while body.told():  # to its motors' socket's end
                 assert time.monotonic() < until_s
         advice = {
             kept.raw[each.at : each.end] for kept in [read_kept(tmp_path / "robot-2.log")] for each in kept.entries()
@@ -193,10 +228,13 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         assert "Traceback" not in again.stderr
         body.begin()
         assert set(iter(body.told, b"")) <= {b"\0"}, "it moved"
+        # Now over a socket, as to a board, and with a controller of its own.
         (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
-        with running(path):
+        del said["planner"], said["wheels"]
+        path.write_text(json.dumps(said | {"controller": "still.py:Follow", "trusted": "unix:line"}))
+        with a_board(tmp_path), running(path):
             body.begin()
-            assert body.commanded()["id"] == 2
+            assert body.commanded()["ax_mps2"] == 1.0
             # Nobody is there who could vouch for it.
             while body.told() != b"\0":
                 pass

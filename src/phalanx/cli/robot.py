@@ -19,7 +19,7 @@ from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, mistakes_in
+from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
@@ -33,8 +33,8 @@ def run(robot: Path) -> int:
     """One robot, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
     said = settings.said
-    own = [str(settings.path(said.driver.removeprefix("python:"))), said.planner and str(settings.path(said.planner))]
-    with mistakes_in(*own):
+    own = (said.driver.removeprefix("python:"), said.planner, said.controller)
+    with mistakes_in(*(str(settings.path(each)) for each in own if each)):
         run_until_stopped(run_robot(settings))
     return 0
 
@@ -138,10 +138,13 @@ def log(robot: Path, out: Path) -> int:
     return 0
 
 
-def verify(file: Path, as_json: bool) -> int:
+def verify(file: Path, controller: str | None, as_json: bool) -> int:
     """Whether a log is an honest robot's, and where not."""
     kept = read_kept(file)
-    found, entries = kept.first_lie(), len(kept.entries())
+    scenario, own = find_controller(controller, kept.scenario)
+    kept = replace(kept, scenario=scenario)
+    with mistakes_in(controller):
+        found, entries = kept.first_lie(own), len(kept.entries())
     at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
     reason = "" if found is None else found.refusal.name.lower().replace("_", " ")
     if as_json:

@@ -7,7 +7,7 @@ mission is in the metadata `robot`, as in the first line of the kept log.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
 from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario
@@ -61,10 +62,13 @@ class Kept:
     scenario: Scenario
     raw: bytes
 
-    def first_lie(self) -> Finding | None:
-        """Where it stops being an honest robot's log; None if it does not. Source: RoboRebound §3.7."""
-        number = dispatch.NUMBERS[self.scenario.controller]
-        retracer = Retracer(self.scenario.bti, number, params_of(self.scenario), self.scenario.seed)
+    def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
+        """Where it stops being an honest robot's log; None if it does not.
+
+        `controller` makes a researcher's own, if that is what the robot ran. Source: RoboRebound §3.7.
+        """
+        bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario))
+        retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
         return retracer.first_lie(self.raw, self.robot, self.t_key_ms)
 
     def entries(self) -> list[Entry]:

@@ -10,6 +10,7 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from phalanx.io.udp_radio import Radio
 from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
 from phalanx.sim.scenarios.run import params_of, plan_of
@@ -33,6 +35,7 @@ from .trusted import OwnClock
 
 log = logging.getLogger(__name__)
 
+MakeController = Callable[[int], Controller]
 FRAMES = 256  # that wait at most; what comes then is lost, as on the air
 
 
@@ -53,6 +56,7 @@ class Life:
         hardware: Hardware,
         radio: Radio,
         planner: MakePlanner | None = None,
+        controller: MakeController | None = None,
     ) -> None:
         if scenario.defence != "bound":
             raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
@@ -66,14 +70,15 @@ class Life:
             scenario.bti,
             params_of(scenario),
             profile=BOUND,
-            controller=dispatch.NUMBERS[scenario.controller],
+            controller=0 if controller else dispatch.NUMBERS[scenario.controller],
             mission_seed=scenario.seed,
             snode=self._rows,
             anode=self._rows,
         )
         self.fleet.robot["id"] = rob_id
         self._work = make_work(scenario.bti)
-        advised = dispatch.BUNDLED[scenario.controller].advised is not None
+        self._controller = controller
+        advised = dispatch.BUNDLED[scenario.controller].advised is not None and controller is None
         if planner and not advised:
             raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
         make: MakePlanner = planner or ToGoal
@@ -101,11 +106,11 @@ class Life:
 
     def _as_it_is(self, now_ms: int) -> CNode:
         if self.attack is None:
-            return CNode(self.fleet, 0, self._work)
+            return CNode(self.fleet, 0, self._work, self._controller)
         log.warning("robot %d rehearses an attack: %s", self.id, self.attack.name)
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.scenario.seed, self.id])))
         plan = plan_of(self.scenario, self.attack, now_ms, chance)
-        return lying(self.attack.attack, self.fleet, 0, self._work, plan)
+        return lying(self.attack.attack, self.fleet, 0, self._work, plan, self._controller)
 
     async def live(self, kept: KeptLog) -> None:
         """The robot lives, until it is cancelled or its trusted nodes stop it.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 from phalanx.io.udp_radio import UdpRadio
@@ -12,12 +13,12 @@ from phalanx.robot.controllers import dispatch
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
-from phalanx.sim.scenarios.own import find_planner
+from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.scenario import Scenario
 
 from .driver import make_driver
 from .kept_log import KeptLog
-from .life import Life
+from .life import Life, MakeController
 from .rehearsal import rehearse
 from .settings import RobotSettings
 from .state import EVERY_S, state_of, tell
@@ -32,12 +33,24 @@ def mission_of(settings: RobotSettings) -> Scenario:
     return find_scenario(words if words in built_in("scenarios") else str(settings.path(words)))
 
 
+def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, MakeController | None]:
+    """The scenario with room for what the file's own controller remembers, and that one; None for the mission's.
+
+    Raises: UsageError: no such class.
+    """
+    if not settings.said.controller:
+        return scenario, None
+    _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
+    state_bytes = max(scenario.bti.state_bytes, getattr(made, "state_bytes", 0))
+    return replace(scenario, bti=replace(scenario.bti, state_bytes=state_bytes)), made
+
+
 async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None:
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Raises: UsageError: something in its file; Unavailable: nodes, radio, sensors or disk; then its nodes stop it.
     """
-    scenario = mission_of(settings)
+    scenario, controller = controlled(mission_of(settings), settings)
     limits = limits_of(scenario.bti, scenario.radio)
     said = settings.said
     with contextlib.ExitStack() as stack:
@@ -51,10 +64,10 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
         stack.callback(hardware.close)
         planner = find_planner(str(settings.path(said.planner))) if said.planner else None
-        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner)
+        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner, controller)
         stack.callback(life.close)
         if not rehearsed:
-            rehearse(scenario, limits)
+            rehearse(scenario, limits, controller)
         hardware.begin()
         start(node, sealed)
         life.begin()

@@ -41,6 +41,9 @@ class RobotFile:
     wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
     clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
     clock_ahead_ms: int = within(0, 0, 1 << 31, "and began so late")
+    controller: str = field(
+        default="", metadata=told("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
+    )
     planner: str = field(default="", metadata=told("who advises it if a guard drives it: FILE.py:CLASS; else ToGoal"))
     driver: str = field(metadata=told(f"what reads its sensors and drives its motors: {DRIVERS}"))
     radio: RadioFile = field(metadata=told("over UDP"))

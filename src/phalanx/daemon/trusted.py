@@ -79,7 +79,7 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
     elif settings.said.wheels:
         raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
     else:
-        line = open_line(settings.said.trusted)
+        line = open_line(f"unix:{settings.path(where)}" if kind == "unix" else settings.said.trusted)
     node = SerialNode(line)
     if node.about.told_clock:
         node.close()

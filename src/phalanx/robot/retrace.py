@@ -7,7 +7,7 @@ its c-node says that it shows. Source: RoboRebound §3.7.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, ma
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
-from phalanx.robot.controllers.python_controller import compiled, pack_outputs
+from phalanx.robot.controllers.python_controller import Controller, pack_outputs
 from phalanx.wire.fields import get_u16, get_u32, row
 
 # What depends on the entries before it alone, so that a shorter log has it too.
@@ -73,23 +73,23 @@ class Retracer:
     """Goes through logs of one mission.
 
     Args:
-        controller: the bundled one's number, with its `params`.
+        make: what makes a robot's controller.
         mission_seed: of the readings' phases.
     """
 
-    def __init__(self, config: BtiConfig, controller: int, params: NDArray[np.float64], mission_seed: int) -> None:
+    def __init__(self, config: BtiConfig, make: Callable[[int], Controller], mission_seed: int) -> None:
         nowhere = np.zeros((1, 8), np.uint8)
         self._fleet = make_fleet(
             1,
             config,
-            params,
+            np.zeros(1),
             profile=BOUND,
-            controller=controller,
+            controller=0,
             mission_seed=mission_seed,
             snode=nowhere,
             anode=nowhere,
         )
-        self._work, self._make = make_work(config), compiled(controller, params)
+        self._work, self._make = make_work(config), make
         self._t_control, self._seed = config.t_control_ms, mission_seed
 
     def first_lie(self, raw: bytes, rob_id: int, t_key_ms: int) -> Finding | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, json_option, option, record_option
+from phalanx.cli.options import FILE, controller_option, json_option, option, record_option
 
 from .runs import runs
 
@@ -81,6 +81,7 @@ def log() -> None:
 
 @robot.command(epilog="Example: phalanx robot verify robot-3.mcap --json")
 @click.argument("file", type=FILE, metavar="FILE")
+@controller_option
 @json_option
 @runs("robot", "verify")
 def verify() -> None:
