@@ -88,7 +88,7 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
     assert liar["first_deviation_s"] >= 2
     assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S
-    assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+    assert summary["correct_in_safe_mode"] == summary["without_quorum"] == [], summary["processes"]
     refusals = {(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]}
     assert refusals == {(3, "output wrong")}
     assert all(told["tokens_got"] > 0 for told in summary["processes"])

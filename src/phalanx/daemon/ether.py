@@ -80,6 +80,8 @@ class Ether:
         self._ports, self._is_silent = ports, is_silent
         self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}
         self._rates = rates_of(config)
+        self._airtime_us(bytes(request.AUDIT_HEAD_BYTES), 0)  # called once, as it may compile
+        self._airtime_us(bytes(request.AUDIT_HEAD_BYTES), self._addressee(bytes(request.AUDIT_HEAD_BYTES)) + 1)
         self._waiting: list[tuple[float, int, int, bytes]] = []
         self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -128,18 +130,17 @@ class Ether:
         reach = self._world.reach
         near = reach.ids[reach.start[i] : reach.start[i + 1]].tolist()
         is_audit = bool(frame[0] & request.AUDIT)
-        addressed = is_audit and len(frame) >= request.AUDIT_HEAD_BYTES
-        dst = int(get_u16(row(frame), request.AT_DST)) if addressed else 0
+        dst = self._addressee(frame) if is_audit and len(frame) >= request.AUDIT_HEAD_BYTES else 0
         lost, counts = self._config.loss, self._world.air.counts[i]
         if dst:
             near = [j for j in near if j == dst - 1]
             tries = next((k for k in range(1, self._config.tries) if self._dice.random() >= lost), self._config.tries)
-            kind, took_us = AUDIT_UNICAST, tries * int(unicast_us(self._rates, len(frame)))
+            kind, took_us = AUDIT_UNICAST, tries * self._airtime_us(frame, dst)
             # Only the last try may fail as well.
             lost = lost if tries == self._config.tries else 0.0
         else:
             kind = AUDIT_BROADCAST if is_audit else APP_BROADCAST
-            took_us = int(broadcast_us(self._rates, len(frame)))
+            took_us = self._airtime_us(frame, dst)
         told = counts[kind]
         told[SENT] += 1
         told[BYTES] += len(frame)
@@ -150,6 +151,12 @@ class Ether:
                 told[ARRIVED] += 1
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
                     self._put(j, frame)
+
+    def _addressee(self, frame: bytes) -> int:
+        return int(get_u16(row(frame), request.AT_DST))
+
+    def _airtime_us(self, frame: bytes, dst: int) -> int:
+        return int(unicast_us(self._rates, len(frame)) if dst else broadcast_us(self._rates, len(frame)))
 
     def _put(self, to: int, frame: bytes) -> None:
         late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000

@@ -27,6 +27,12 @@ class Field(Run):
         super().__init__(scenario)
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
+        # All is called once before robots count on an answer in time: the first call of each may compile.
+        self.advance(0.0)
+        self.sensed(0, 0)
+        self.drive(0, b"\1")
+        self.drive(0, STOP)
+        self.world.safe[0], self.world.safe_us[0] = 0, -1
 
     def advance(self, until_s: float) -> None:
         """The bodies are where they are by now; called each 50 ms or so."""
