@@ -205,7 +205,7 @@ class Child:
         assert all(abs(event.pop("at_s") - time.time()) < 3600 for event in told)
         return [event for event in told if event["event"] == kind]
 
-    def wait_for(self, kind: str, count: int = 1, timeout_s: float = 20.0) -> dict:
+    def wait_for(self, kind: str, count: int = 1, timeout_s: float = 60.0) -> dict:
         deadline = time.monotonic() + timeout_s
         while len(found := self.events(kind)) < count:
             assert self.process.poll() is None, f"ended with {self.process.returncode}: {self.err}"
@@ -213,12 +213,12 @@ class Child:
             time.sleep(0.02)
         return found[count - 1]
 
-    def stop(self, number: int = signal.SIGINT, timeout_s: float = 10.0) -> int:
+    def stop(self, number: int = signal.SIGINT, timeout_s: float = 30.0) -> int:
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.wait(timeout_s)
 
-    def wait(self, timeout_s: float = 20.0) -> int:
+    def wait(self, timeout_s: float = 60.0) -> int:
         code = self.process.wait(timeout_s)
         for thread in self._threads:
             thread.join(5)
@@ -288,7 +288,7 @@ def a_gateway(*arguments: str, **more):
     protected = "--defence" in arguments
     defence = () if protected else ("--defence", "none")
     with child("up", "--events", "--port", "0", *defence, *arguments, **more) as running:
-        ready = running.wait_for("ready", timeout_s=60.0)
+        ready = running.wait_for("ready")
         if protected and "none" not in arguments:
             # The first after a kernel has changed compiles the world.
             running.wait_for("prepared", timeout_s=500.0)

@@ -7,6 +7,7 @@ import contextlib
 import os
 import sys
 import time
+from statistics import median, quantiles
 
 import pytest
 
@@ -41,9 +42,10 @@ time.sleep(60)
 
 
 @pytest.mark.alone
-async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joystick(broker):
-    swarm, driven = Dotbots(12, 1, time.time), []
-    swarm.drive = lambda _, left_pct, __: driven.append(left_pct)
+@pytest.mark.parametrize("by_the_clock", [False, pytest.param(True, marks=pytest.mark.long)])
+async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joystick(broker, by_the_clock, capsys):
+    swarm, driven, said_s = Dotbots(12, 1, time.time), [], {}
+    swarm.drive = lambda _, left_pct, right_pct: driven.append(time.monotonic() - said_s[left_pct, right_pct])
     script = max((PAGES / "visitor" / "assets").glob("*.js"), key=lambda path: path.stat().st_size)
     async with (
         Server(broker.gateway, broker_for_visitors=broker.websocket) as server,
@@ -60,12 +62,23 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
             try:
                 while not came.done() or sent < 60:
                     sent += 1
-                    await visitor.command(address, "move_raw", {"left_y": sent % 100 + 1, "right_y": 0})
+                    left, right = sent % 100 + 1, sent // 100
+                    said_s[left, right] = time.monotonic()
+                    await visitor.command(address, "move_raw", {"left_y": left, "right_y": right})
                     await asyncio.sleep(0.05)
                 assert came.result() == b"all there\n"
                 await eventually(lambda: len(driven) + server.rejected["late"] >= sent)
                 assert turns.longest_s < 0.05
                 assert server.rejected["late"] < sent / 10
+                if by_the_clock:
+                    *_, nearly_all_s = quantiles(driven, n=20)
+                    with capsys.disabled():
+                        print(
+                            f"\n  {len(driven)} moves after {median(driven) * 1e3:.0f} ms, 95 % {nearly_all_s * 1e3:.0f},",
+                            end="",
+                        )
+                        print(f" the longest {max(driven) * 1e3:.0f} ms")
+                    assert nearly_all_s < 0.1
             finally:
                 with contextlib.suppress(ProcessLookupError):
                     crowd.kill()

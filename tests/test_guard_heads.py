@@ -20,8 +20,6 @@ from test_guard_floods import PUBLISHED, Flood, a_browser, port_of
 from test_guard_turns import Sitting, turns_of_the_loop, visitor_of
 from test_strangers import with_length
 
-pytestmark = pytest.mark.long
-
 ANSWER, NEWS = b"/qrkey/t/reply/me", b"/qrkey/t/notify"
 
 
@@ -152,6 +150,7 @@ def test_who_is_known_keeps_its_seat_while_there_are_others_and_leaves_some_to_t
     assert late not in list(seats)
 
 
+@pytest.mark.long
 @pytest.mark.waits
 @pytest.mark.parametrize("arrive", ["before", "meanwhile"])
 async def test_a_class_behind_one_router_drives_while_two_hundred_addresses_say_a_little_each(arrive):
