@@ -15,6 +15,8 @@ from phalanx.errors import PeerError, UsageError
 from phalanx.wire import MalformedRecord, Record, table
 
 ROOT = Path(__file__).parent.parent
+# So many of each record: what goes wrong with a type of field is found in any of them.
+FEW = settings(deadline=None, max_examples=10)
 EACH = pytest.mark.parametrize("record", table.RECORDS, ids=lambda record: record.name)
 NUMBERS = st.floats(-1e6, 1e6, width=32)
 VALUES = {
@@ -48,7 +50,7 @@ def generator():
 
 
 @EACH
-@settings(deadline=None, max_examples=50)
+@FEW
 @given(data=st.data())
 def test_what_is_encoded_is_decoded_again(record, data):
     values = values_of(record, data)
@@ -59,7 +61,7 @@ def test_what_is_encoded_is_decoded_again(record, data):
 
 
 @EACH
-@settings(deadline=None, max_examples=50)
+@FEW
 @given(data=st.data())
 def test_a_byte_less_or_more_is_refused(record, data):
     raw = record.encode(**values_of(record, data))
@@ -74,7 +76,7 @@ def test_a_byte_less_or_more_is_refused(record, data):
 
 
 @EACH
-@settings(deadline=None, max_examples=50)
+@FEW
 @given(raw=st.binary(max_size=400))
 def test_garbage_is_a_peer_error_or_a_record(record, raw):
     try:
@@ -86,7 +88,7 @@ def test_garbage_is_a_peer_error_or_a_record(record, raw):
 
 
 @pytest.mark.parametrize("record", [r for r in table.RECORDS if r.tag is not None], ids=lambda record: record.name)
-@settings(deadline=None, max_examples=50)
+@FEW
 @given(data=st.data())
 def test_another_tag_is_refused(record, data):
     raw = record.encode(**values_of(record, data))

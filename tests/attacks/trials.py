@@ -44,9 +44,9 @@ def run(made: Scenario) -> Run:
 
 
 @cache
-def honest(defence: str, end_s: float = END_S) -> Run:
+def honest(defence: str, end_s: float = END_S, seed: int = 1) -> Run:
     """The same swarm, and nobody lies."""
-    return run(scenario(defence, end_s=end_s))
+    return run(scenario(defence, end_s=end_s, seed=seed))
 
 
 @dataclass
