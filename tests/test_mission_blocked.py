@@ -7,6 +7,7 @@ import random
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Profile, build
@@ -47,6 +48,7 @@ def test_who_followed_a_wall_away_from_a_shut_door_finds_back_and_goes_round() -
     assert report.false_fixes == 0
 
 
+@pytest.mark.long
 def test_between_two_places_that_are_known_it_does_not_try_the_same_blocked_ways_for_ever() -> None:
     report = sent_to("R8", shut(D5))
     assert report.done

@@ -50,12 +50,12 @@ def built(folder: Path, name: str, *words: str) -> list[str]:
 def test_files_are_lived_where_their_author_furnished_the_world_and_elsewhere_it_is_said_what_is_missing(
     tmp_path: Path, name: str, profile: str, lacks: str
 ) -> None:
-    files = built(tmp_path, name, "--profile", profile)
-    there = command("run", *files, "--furnish", name)
+    files, in_time = built(tmp_path, name, "--profile", profile), ("--duration", 120)
+    there = command("run", *files, "--furnish", name, *in_time)
     assert there.exception is None
     assert there.return_value == 0
     assert not re.findall(r"^phalanx: ", there.stderr, re.MULTILINE)
-    bare = command("run", *files)
+    bare = command("run", *files, *in_time)
     assert bare.exception is None
     assert bare.return_value == 1
     assert lacks in bare.stderr

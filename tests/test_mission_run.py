@@ -37,10 +37,10 @@ START = (3.0, 1.5, math.pi / 2)
 NOISE = OdometryNoise(0.03, 0.05)
 
 
-def two_doors() -> Mission:
+def two_doors(timeout_s: int = 0) -> Mission:
     """From the main door through the lobby's, which is the end; sealed tries are made cheap."""
     draft = Draft("two doors", coding=CodingConfig(delta_mm=400, kdf_log2_n=2))
-    draft.node("start", Position(3.0, 1.5), start=True)
+    draft.node("start", Position(3.0, 1.5), start=True, timeout_s=timeout_s)
     draft.node("door", Landmark("doorway", 9.0, 12.0, math.pi / 2))
     draft.node("end", Landmark("doorway", 10.6, 13.5, 0.0), final=True, within_m=3.0)
     draft.way("start", "door")
@@ -98,7 +98,7 @@ def test_a_seed_gives_the_same_digest_however_many_processes_share_the_work() ->
 
 
 def test_a_robot_with_a_dead_wheel_validates_nothing_more_and_stops() -> None:
-    world, robot = world_of(two_doors())
+    world, robot = world_of(two_doors(timeout_s=20))
     robot.body.wheels.left = 0.0
     live(world, 300)
     (report,) = world.finish()
@@ -123,14 +123,14 @@ def test_a_robot_that_has_no_way_to_the_end_stops_and_says_so() -> None:
 
 def test_in_a_world_without_walls_nothing_is_decoded_and_nothing_breaks() -> None:
     empty = floorplan_of_yaml(b"size: [10, 10]\nstart_pose: [3.0, 1.5, 1.57]\n")
-    world, robot = world_of(two_doors(), plan=empty)
+    world, robot = world_of(two_doors(timeout_s=20), plan=empty)
     live(world, 300)
     assert robot.controller.memory.walk.phase is Phase.HELD
     assert [node for _, node in robot.report.decoded] == [0]
 
 
 def test_a_robot_in_another_building_than_its_missions_validates_nothing_but_its_start() -> None:
-    world, robot = world_of(two_doors(), plan=load_floorplan("office_30x25"))
+    world, robot = world_of(two_doors(timeout_s=20), plan=load_floorplan("office_30x25"))
     live(world, 300)
     assert robot.controller.memory.walk.phase is Phase.HELD
     assert [node for _, node in robot.report.decoded] == [0]
@@ -151,7 +151,8 @@ def test_a_code_on_the_wall_and_the_controllers_message_lead_through_the_deliver
     part = Part(built.mission, built.key, START)
 
     def done(messages: tuple[bytes, ...], plan: object) -> tuple[bool, list[str]]:
-        run = MissionRun(plan=plan, parts=(part,), controller=messages, duration_s=150, pool=pool_of(plain))
+        # It is done after 100 s; so long it has looked for the code by then, or waited for the message.
+        run = MissionRun(plan=plan, parts=(part,), controller=messages, duration_s=110, pool=pool_of(plain))
         (report,) = run_mission(run)
         return report.done, [action for _, action in report.actions]
 
@@ -265,9 +266,11 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     file.write_bytes(built.mission.encode())
     assert isinstance(_command(str(file))[2], UsageError), "its start key is missing"
     key.write_bytes(built.key.encode())
-    ran = CliRunner().invoke(group, ["run", str(file)])
+    in_time = ("--duration", "60")  # three times as long as it needs
+    ran = CliRunner().invoke(group, ["run", str(file), *in_time])
     assert (ran.exit_code, "in office_40x40; --world names another" in ran.stderr) == (0, True)
-    assert "--world" not in CliRunner().invoke(group, ["run", str(file), "--world", "office_40x40"]).stderr
+    told = CliRunner().invoke(group, ["run", str(file), "--world", "office_40x40", "--duration", "1"]).stderr
+    assert "--world" not in told
     assert isinstance(_command(str(file), "--robots", "2")[2], UsageError), "it is for one robot"
     wrong = _command(str(file), "--as", "3")[2]
     assert isinstance(wrong, NotForUs)
@@ -279,7 +282,7 @@ def test_an_encoded_mission_runs_from_its_file_and_not_when_it_was_altered(tmp_p
     altered = bytearray(built.mission.encode())
     altered[len(altered) // 2] ^= 1
     file.write_bytes(altered)
-    code, _, error = _command(str(file))
+    code, _, error = _command(str(file), *in_time)
     assert code == 1
     assert error is None or isinstance(error, PeerError)
 

@@ -74,7 +74,7 @@ def parsed(raw: bytes) -> State:
     return state
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(states())
 def test_a_state_comes_back_as_it_was(state):
     raw = encode_state(MISSION, state)
@@ -84,7 +84,7 @@ def test_a_state_comes_back_as_it_was(state):
     assert encode_state(MISSION, again) == raw
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=150)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_a_state_or_refused(raw):
     try:
@@ -94,7 +94,7 @@ def test_any_bytes_are_a_state_or_refused(raw):
     pytest.fail("by chance alone nobody comes upon a state")
 
 
-@settings(deadline=None, max_examples=400)
+@settings(deadline=None, max_examples=150)
 @given(states(), st.data())
 def test_a_state_with_a_byte_changed_is_another_state_or_refused(state, data):
     raw = bytearray(encode_state(MISSION, state))
@@ -108,9 +108,9 @@ def test_a_state_with_a_byte_changed_is_another_state_or_refused(state, data):
 @both
 def test_a_controller_takes_its_own_checkpoints_and_no_others(profile):
     recording = Recording.of(profile)
-    for each in recording.steps[::9]:
+    for i, each in enumerate(recording.steps[::9]):
         controller = recording.replays(1)
-        for k in range(len(each.state)):
+        for k in range(i % 4, len(each.state), 4):  # other bytes of each; all steps' begin alike
             changed = bytearray(each.state)
             changed[k] ^= 0x80
             try:

@@ -111,13 +111,15 @@ def test_who_may_look_for_it_in_the_wrong_place_is_told_so_and_may_be_lucky():
     assert look_ahead(mission(BEHIND, NEAR_DOOR), None, BEHIND).doubtful == {}
 
 
-@pytest.mark.parametrize("name", ["office", "delivery", "inspection"])
+@pytest.mark.parametrize("name", ["office", "delivery", pytest.param("inspection", marks=pytest.mark.long)])
 def test_missions_that_come_with_phalanx_are_feasible(name):
     plain = read_plain(name)
     assert look_ahead(plain, None, load_floorplan(plain.floor_plan)).infeasible == {}
 
 
-@pytest.mark.parametrize(("range_m", "is_feasible"), [(0.9, False), (1.5, False), (2.5, True)])
+@pytest.mark.parametrize(
+    ("range_m", "is_feasible"), [pytest.param(0.9, False, marks=pytest.mark.long), (1.5, False), (2.5, True)]
+)
 def test_doors_whose_jambs_no_scan_shows_are_infeasible_though_their_middle_is_in_range(range_m, is_feasible):
     """Lived, `delivery` ends after one node with the first two lidars, and is whole with the third."""
     plain, lidar = read_plain("delivery"), LidarConfig(range_max_m=range_m)

@@ -184,7 +184,7 @@ def tries_by_plan(mission: Mission, offset_mm: int = 1) -> int:
 
 
 class TestFloorPlan:
-    @pytest.mark.parametrize("offset_mm", [1, 200, 400])
+    @pytest.mark.parametrize("offset_mm", [1, pytest.param(200, marks=pytest.mark.long), 400])
     def test_who_has_it_and_the_start_key_reads_the_office_in_about_a_try_a_node_however_offsets_are_rounded(
         self, offset_mm
     ):
