@@ -9,16 +9,18 @@ import asyncio
 import contextlib
 import gc
 import json
+import logging
 import os
 import random
 import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
@@ -42,6 +44,8 @@ from .trusted import program
 
 if TYPE_CHECKING:
     from phalanx.sim.scenarios.recording import Recording
+
+log = logging.getLogger(__name__)
 
 TURN_S = 0.05
 READY_TIMEOUT_S = 120.0
@@ -132,6 +136,8 @@ class Arena:
     def __init__(self, scenario: Scenario, folder: Path, weather: Weather) -> None:
         if scenario.robots > MOST_ROBOTS:
             raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
+        if scenario.defence != "bound":
+            raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
         if any(spec.own for spec in scenario.attacks):
             raise UsageError("an attack of your own, in an arena", "one of the library: phalanx attack list")
         self.field = Field(scenario)
@@ -158,7 +164,7 @@ class Arena:
         self._over = False
         self._tasks: set[asyncio.Task[None]] = set()
 
-    async def run(self, on_step: OnStep, recording: Recording | None, end_robots: Callable[[], None]) -> None:
+    async def run(self, on_step: OnStep, recording: Recording | None, robots: Robots) -> None:
         """From the moment when all robots are ready to the scenario's end; then they are told to end.
 
         Raises: Unavailable: a robot does not become ready.
@@ -169,11 +175,11 @@ class Arena:
             self._spawn(self._motors(i))
         self._spawn(self._ether.carry())
         try:
-            try:
-                async with asyncio.timeout(READY_TIMEOUT_S):
-                    await self._all_ready.wait()
-            except TimeoutError:
-                raise Unavailable(f"{self._ready} of {n} robots became ready", "--log-level info tells more") from None
+            until_s = loop.time() + READY_TIMEOUT_S
+            while not self._all_ready.is_set():
+                if robots.ended() or loop.time() > until_s:
+                    raise Unavailable(f"{self._ready} of {n} robots became ready", "what one said is above")
+                await asyncio.sleep(TURN_S)
             duration_s, next_look_s = self.field.scenario.duration_s, 0.0
             while (now_s := loop.time() - self._began_s) < duration_s:
                 if self._weather.cut and now_s >= self._weather.cut_at_s:
@@ -190,7 +196,7 @@ class Arena:
             self.look()
             on_step(self.field)
             self._over = True
-            end_robots()
+            robots.end()
             await asyncio.sleep(LAST_ANSWERS_S)
         finally:
             for task in self._tasks:
@@ -269,29 +275,42 @@ async def _packet(link: socket.socket) -> bytes:
 # --- robots as processes ----------------------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def robots_running(arena: Arena) -> Iterator[Callable[[], None]]:
-    """A process for each robot; what is yielded tells them to end. All are gone when the context is left.
+class Robots:
+    """A process for each robot of an arena; all are gone when the context is left.
 
     They are forked, so that what runs is compiled and in memory once: nothing else of this process may have threads.
     """
-    pids = [_forked(each, arena) for each in arena.places.robots]
 
-    def end() -> None:
-        for pid in pids:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGTERM)
+    def __init__(self, arena: Arena) -> None:
+        self._arena = arena
+        self._living: list[int] = []
 
-    try:
-        yield end
-    finally:
-        end()
+    def __enter__(self) -> Self:
+        self._living = [_forked(each, self._arena) for each in self._arena.places.robots]
+        return self
+
+    def end(self) -> None:
+        """They are told to end."""
+        for pid in self._living:
+            os.kill(pid, signal.SIGTERM)  # it is ours until `ended` has seen it
+
+    def ended(self) -> bool:
+        """Whether one of them has ended."""
+        before = len(self._living)
+        self._living = [pid for pid in self._living if not os.waitpid(pid, os.WNOHANG)[0]]
+        return len(self._living) < before
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        self.end()
         until_s = time.monotonic() + END_TIMEOUT_S
-        for pid in pids:
-            while not os.waitpid(pid, os.WNOHANG)[0]:
-                if time.monotonic() > until_s:
+        while self._living:
+            if time.monotonic() > until_s:
+                for pid in self._living:
                     os.kill(pid, signal.SIGKILL)
-                time.sleep(0.01)
+            time.sleep(0.01)
+            self.ended()
 
 
 def _forked(settings: RobotSettings, arena: Arena) -> int:
@@ -337,10 +356,11 @@ def play_in_arena(
     gc.collect()
     gc.freeze()  # nor is what all share looked through by each
     arena = Arena(scenario, folder, weather)
+    log.warning("trusted nodes are processes, which protect from nobody here")
     try:
         # Before there is an event loop: a child has its own.
-        with robots_running(arena) as end_robots:
-            asyncio.run(arena.run(on_step, recording, end_robots))
+        with Robots(arena) as robots:
+            asyncio.run(arena.run(on_step, recording, robots))
         arena.look()
     finally:
         arena.close()
