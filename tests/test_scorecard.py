@@ -32,7 +32,10 @@ class TestPlan:
         jobs = list(Card((), (), 2).jobs)
         tried = {(dict(job.point)["protocol"], job.attack) for job in jobs}
         assert {attack for _, attack in tried} == set(ATTACKS)
-        assert {protocol for protocol, _ in tried} == {*in_scenarios(), *MISSIONS}
+        assert {protocol for protocol, _ in tried} == {*in_scenarios(), "wheels", *MISSIONS}
+        assert {name for protocol, name in tried if protocol == "wheels"} == {
+            name for name, attack in ATTACKS.items() if attack.on_wheels
+        }
         assert {(protocol, name) for protocol in in_scenarios() for name in IN_FLOCKS} < tried
         assert not {("flock", "flip-bit"), ("mission", "spoof"), ("team", "flip-bit")} & tried
         assert len(jobs) == len({job.key for job in jobs}) == 6 * len(tried)
@@ -119,6 +122,13 @@ class TestBout:
         for name in ("hijack", "crash"):
             run_bout(small(name, "none"))
         assert (bouts._honest.cache_info().misses, bouts._honest.cache_info().hits) == (1, 1)
+
+    def test_on_wheels_a_liar_is_stopped_in_time_and_nobody_else(self):
+        bare, kept = (run_bout(job) for job in Card(("hijack",), ("wheels",), 1).jobs if job.defence != "paper")
+        assert (bare["stopped"], bare["bound_s"], bare["deviated"]) == (0, None, 1)
+        assert (kept["stopped"], kept["correct_stopped"], kept["missed"]) == (1, 0, "")
+        assert 0 < kept["slowest_stop_s"] <= kept["bound_s"]
+        assert kept["audit_bytes_per_s"] > 0 == bare["audit_bytes_per_s"]
 
     def test_a_mission_s_row_says_whether_its_verdict_was_kept(self):
         for job in Card(("replay-day",), (), 1).jobs:
@@ -215,4 +225,4 @@ class TestCommand:
 
 
 def test_the_protocols_are_those_that_scenarios_run():
-    assert known_protocols() == [*in_scenarios(), "mission", "team"]
+    assert known_protocols() == [*in_scenarios(), "wheels", "mission", "team"]

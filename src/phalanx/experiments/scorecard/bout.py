@@ -18,7 +18,8 @@ from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
-from .plan import AT_S, Bout
+from .plan import AT_S, WATCHED_S, WHEELS, Bout
+from .wheels import try_on_wheels
 
 # What a run comes to; Arrow's types.
 OUTCOME = {
@@ -48,7 +49,9 @@ def run_bout(bout: Bout) -> dict[str, Any]:
         attack = spec.attack
         if bout.scenario:
             told = _in_flock(bout, spec, bout.scenario)
-        elif bout.scene == "team":
+        elif bout.protocol == WHEELS:
+            told = try_on_wheels(attack, bout.defence, bout.seed, AT_S, AT_S + WATCHED_S)
+        elif attack.scene == "team":
             told = _in_team(try_in_team(attack, bout.defence, bout.seed))
         else:
             told = _on_errand(try_mission_attack(attack, bout.defence, bout.seed, spec.options))

@@ -15,7 +15,7 @@ from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.experiments.sweep.plan import Cell, content_of, key_of
-from phalanx.robot.attacks.attack import Scene
+from phalanx.robot.attacks.attack import Attack, Scene
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario
@@ -25,6 +25,7 @@ from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
 # When liars begin, and for how long they are watched: T_val and more than a round of audits beside it.
 AT_S, WATCHED_S = 12.0, 24.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
+WHEELS = "wheels"  # the demo's robots, who wait for orders: attacks that make sense for them
 # Near enough to each other that neighbours push, and near the goal, so that lies about the way there matter.
 SMALL = Scenario(
     name="scorecard",
@@ -46,8 +47,8 @@ class Bout:
     seed: int
     attack: str  # as typed
     defence: Defence
-    scene: Scene
-    scenario: Scenario | None  # honest, of the seed and with the defence; None on a mission
+    protocol: str
+    scenario: Scenario | None  # honest, of the seed and with the defence; None on a mission and on wheels
     controller: str | None  # FILE.py:CLASS; None for the scenario's own
 
 
@@ -79,7 +80,7 @@ class Card:
     @property
     def axes(self) -> Mapping[str, tuple[Cell, ...]]:
         """As in each run's point."""
-        return {"protocol": tuple(self._grounds), "attack": tuple(self._scenes), "defence": DEFENCES}
+        return {"protocol": tuple(self._grounds), "attack": tuple(self._attacks), "defence": DEFENCES}
 
     @cached_property
     def jobs(self) -> tuple[Bout, ...]:
@@ -96,28 +97,28 @@ class Card:
         return {_short(name): _ground(name) for name in self.protocols or known_protocols()}
 
     @cached_property
-    def _scenes(self) -> dict[str, Scene]:
-        """Where each attack is tried, by its words."""
-        found: dict[str, Scene] = {}
+    def _attacks(self) -> dict[str, Attack]:
+        """By their words."""
+        found: dict[str, Attack] = {}
         for words in self.attacks or tuple(ATTACKS):
             spec = find_attack(words)
             if not spec.own and spec.name not in ATTACKS:
                 raise UsageError(f"no attack {spec.name!r}", f"{did_you_mean(spec.name, ATTACKS)}phalanx attack list")
-            found[words] = spec.attack.scene
+            found[words] = spec.attack
         return found
 
     @cached_property
     def _tried(self) -> list[tuple[str, str]]:
         return [
-            (protocol, attack)
+            (protocol, words)
             for protocol in self._grounds
-            for attack, scene in self._scenes.items()
-            if scene in MISSIONS.get(protocol, ("flock",))
+            for words, attack in self._attacks.items()
+            if (attack.on_wheels if protocol == WHEELS else attack.scene in MISSIONS.get(protocol, ("flock",)))
         ]
 
     @cached_property
     def _contents(self) -> dict[str, str]:
-        files = [words for words in (*self.protocols, *self._scenes) if is_file(words)]
+        files = [words for words in (*self.protocols, *self._attacks) if is_file(words)]
         return {words: content_of(words) for words in files}
 
     def _bout(self, protocol: str, attack: str, defence: Defence, seed: int) -> Bout:
@@ -126,17 +127,17 @@ class Card:
             scenario = replace(scenario, seed=seed, defence=defence)
         said = (protocol, attack, defence, seed, repr(scenario), *map(self._contents.get, (attack, str(controller))))
         point = (("protocol", protocol), ("attack", _short(attack)), ("defence", defence))
-        return Bout(key_of(*said), point, seed, attack, defence, self._scenes[attack], scenario, controller)
+        return Bout(key_of(*said), point, seed, attack, defence, protocol, scenario, controller)
 
 
 def known_protocols() -> list[str]:
     """Names of all that come with phalanx."""
-    return [*in_scenarios(), *MISSIONS]
+    return [*in_scenarios(), WHEELS, *MISSIONS]
 
 
 def _ground(name: str) -> tuple[Scenario | None, str | None]:
     """Where a protocol is tried, and the controller's file if it has one."""
-    if name in MISSIONS:
+    if name == WHEELS or name in MISSIONS:
         return None, None
     if is_file(name):
         return SMALL, name

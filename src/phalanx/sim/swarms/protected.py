@@ -6,7 +6,7 @@ is logged, replayed and audited like everything else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -286,6 +286,11 @@ class ProtectedSwarm(Roster):
         self._liars[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, i, liar)
+
+    @property
+    def liars(self) -> Mapping[int, CNode]:
+        """The compromised, by row."""
+        return self._liars
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
