@@ -353,7 +353,7 @@ class TestAttack:
     @pytest.mark.parametrize(
         "words, complaint, hint",
         [
-            ("spoof:at=1,foo=bar", "no 'foo'", "strong, robot, at, until"),
+            ("spoof:at=1,foo=bar", "no 'foo'", "strong, every, robot, at, until"),
             ("spoof:stong=1", "no 'stong'", "did you mean strong?"),
             ("spoof:strong=2", "strong=2", "0 or 1"),
             ("spoof:strong=yes", "strong='yes'", "0 or 1"),

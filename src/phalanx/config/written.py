@@ -1,4 +1,4 @@
-"""What people write in YAML: what it is made of, its words, and the line of each.
+"""What people write: a file's bytes; and of YAML what it is made of, its words, and the line of each.
 
 Whatever the bytes are, the answer is nodes or words, or a `UsageError` with file and line.
 """
@@ -8,15 +8,33 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import yaml
 
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
 MOST_DEPTH = 100
 Pair = tuple[yaml.Node, yaml.Node]
+
+
+def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
+    """A file's bytes, and no more of them than there may be.
+
+    Raises: UsageError: no file there, or one that is longer. Unavailable: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+    except (FileNotFoundError, IsADirectoryError) as error:
+        raise UsageError(f"{path} is a folder" if path.is_dir() else f"no file {path}", hint) from error
+    except OSError as error:
+        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    if len(data) > most_bytes:
+        raise UsageError(f"{path}: longer than {most_bytes >> 10} KiB", hint)
+    return data
 
 
 def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:

@@ -16,7 +16,8 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
-from phalanx.errors import Unavailable, UsageError
+from phalanx.config.written import read_at_most
+from phalanx.errors import UsageError
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
@@ -81,15 +82,7 @@ def read_kept(path: Path) -> Kept:
 
     Raises: UsageError: it is neither, or damaged. Unavailable: it cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise UsageError(f"no file {path}", HINT) from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    if len(data) > MOST_BYTES:
-        raise UsageError(f"{path}: longer than {MOST_BYTES >> 20} MiB", "a recording of one mission")
+    data = read_at_most(path, MOST_BYTES, HINT)
     try:
         head, raw = _of_recording(path) if data.startswith(MAGIC) else _of_log(data)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))

@@ -8,7 +8,8 @@ from typing import Any
 
 from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
-from phalanx.errors import Unavailable, UsageError
+from phalanx.config.written import read_at_most
+from phalanx.errors import UsageError
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
@@ -86,15 +87,7 @@ class RobotSettings:
 
 def read_robot(path: Path) -> RobotSettings:
     """The robot in a file. Raises: UsageError: none, or with a mistake in a line; Unavailable: it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise UsageError(f"no file {path}", HINT) from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    if len(data) > MOST_BYTES:
-        raise UsageError(f"{path}: longer than {MOST_BYTES >> 10} KiB", HINT)
+    data = read_at_most(path, MOST_BYTES, HINT)
     said: RobotFile = Reader(str(path), HINT).root(RobotFile, data, "robot file")
     return RobotSettings(said, path.parent)
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from phalanx.bti.nodes import MissionKey
-from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.config.written import read_at_most
+from phalanx.errors import PeerError, UsageError
 from phalanx.wire.table import BOARD, KEY_BYTES, MAC_BYTES
 
 MOST_BYTES = 1 << 24  # of 65 535 robots
@@ -27,7 +28,7 @@ def read_mission_key(path: Path, robot: int) -> MissionKey:
     """One robot's key in a file of `issued`. Raises: UsageError: it is none, or not for this robot; Unavailable."""
     hint = "phalanx keys issue makes one"
     try:
-        told: Any = json.loads(_read(path, hint))
+        told: Any = json.loads(read_at_most(path, MOST_BYTES, hint))
         number, robots = int(told["mission"]), told["robots"]
         if str(robot) not in robots:
             raise UsageError(f"{path} has no key for robot {robot}", "phalanx keys list shows who gets one")
@@ -43,20 +44,10 @@ def read_board(path: Path, robot: int) -> bytes:
     """The master key in a file of `phalanx keys provision`. Raises: UsageError: it is another robot's, or none."""
     hint = "phalanx keys provision makes one"
     try:
-        board = BOARD.decode(_read(path, hint))
+        board = BOARD.decode(read_at_most(path, MOST_BYTES, hint))
     except PeerError as error:
         raise UsageError(f"{path} is not what a board is made with", hint) from error
     if board["id"] != robot:
         raise UsageError(f"{path} is for robot {board['id']}, and this is robot {robot}", hint)
     master: bytes = board["master"]
     return master
-
-
-def _read(path: Path, hint: str) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(MOST_BYTES)
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", hint) from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error

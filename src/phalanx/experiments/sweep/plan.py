@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import yaml
 
-from phalanx.config.written import compose, line_of, words_of
+from phalanx.config.written import compose, line_of, read_at_most, words_of
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.sim.scenarios.file import DERIVED, find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file, no_controller
@@ -162,15 +162,7 @@ def content_of(words: str) -> str:
 
 def read_sweep(path: Path) -> Sweep:
     """The sweep in a file. Raises: UsageError: no such file, or not a sweep. Unavailable: it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise UsageError(f"no file {path}", HINT) from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    if len(data) > MOST_BYTES:
-        raise UsageError(f"{path}: longer than {MOST_BYTES >> 10} KiB", HINT)
+    data = read_at_most(path, MOST_BYTES, HINT)
     root = compose(data, str(path), HINT)
     return _Reader(str(path), root, words_of(root, data, str(path), HINT)).sweep(path.parent)
 

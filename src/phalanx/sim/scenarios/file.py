@@ -14,13 +14,15 @@ from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.config.reader import Derived, Reader, as_written, schema_of
-from phalanx.errors import ALIKE, Unavailable, UsageError, did_you_mean
+from phalanx.config.written import read_at_most
+from phalanx.errors import ALIKE, UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_FLOCKS
 from phalanx.sim.builtin import built_in
 
 from .scenario import AttackSpec, Scenario
 
 MOST_BYTES = 1 << 16
+HINT = "a file ends in .yaml; phalanx sim list shows built-in ones"
 SCHEMA_NAME = "scenario.schema.json"
 # A scenario says these once, for all that need them; the sizes are the controller's.
 SIZES = {"advice_bytes", "reading_bytes", "command_bytes", "state_bytes", "evidence_max_bytes", "evidence_bytes_per_s"}
@@ -48,16 +50,7 @@ def find_scenario(name: str) -> Scenario:
 
 def read_scenario(path: Path) -> Scenario:
     """The scenario in a file. Raises: UsageError: no such file, or not a scenario. Unavailable: it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "phalanx sim list shows the built-in scenarios") from error
-    except IsADirectoryError as error:
-        raise UsageError(f"{path} is a folder", "a file ends in .yaml; phalanx sim list shows built-in ones") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    return parse_scenario(data, str(path))
+    return parse_scenario(read_at_most(path, MOST_BYTES, HINT), str(path))
 
 
 def parse_scenario(data: bytes, source: str) -> Scenario:
