@@ -30,6 +30,8 @@ CHEAP = CodingConfig(delta_mm=400, kdf_log2_n=1, kdf_r=1)
 CONFIG = MissionConfig()
 DT_S, SPEED_MPS = 0.1, 0.5
 FALSE_M = 0.5
+# A whole floor, and a hall of shelves: half of the time of all the maps.
+LARGE = dict.fromkeys(("willow-full", "nav2_warehouse"), pytest.mark.long)
 
 
 def draws(size, seed=[0]):  # noqa: B006  # counts the draws
@@ -123,7 +125,11 @@ def test_a_robot_with_a_lidar_decodes_node_after_node_and_no_fix_is_false(profil
 
 @pytest.mark.parametrize(
     "path",
-    [MAPS / "nav2_depot.yaml", MAPS / "aws_small_house.yaml", *sorted(OTHERS.glob("*.yaml"))],
+    [
+        MAPS / "nav2_depot.yaml",
+        MAPS / "aws_small_house.yaml",
+        *(pytest.param(path, marks=LARGE.get(path.stem, ())) for path in sorted(OTHERS.glob("*.yaml"))),
+    ],
     ids=lambda path: path.stem,
 )
 def test_every_map_of_ros_compiles_to_a_mission(path):

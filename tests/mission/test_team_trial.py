@@ -15,20 +15,25 @@ from phalanx.robot.attacks import ON_MISSIONS
 TEAM = [name for name, attack in ON_MISSIONS.items() if attack.scene == "team"]
 
 
-def test_each_is_stopped_in_time_for_what_it_does_and_the_others_complete_their_mission():
-    said = {}
-    for name in TEAM:
-        trial = try_in_team(ON_MISSIONS[name], "bound")
-        assert not trial.broken
-        assert (trial.completed, trial.others, trial.in_safe_mode) == (3, 3, ())
-        assert 0 < trial.stopped_s - trial.deviated_s <= trial.bound_s
-        said[name] = set(trial.refusals)
-    assert said == {
-        "skip-node": {"output wrong"},
-        "drive-dark": {"output wrong"},
-        "show-unsensed": {"evidence wrong"},
-        "forge-claim": {"evidence wrong"},
-    }
+@pytest.mark.parametrize(
+    ("name", "refusal"),
+    [
+        ("skip-node", "output wrong"),
+        pytest.param("drive-dark", "output wrong", marks=pytest.mark.long),
+        pytest.param("show-unsensed", "evidence wrong", marks=pytest.mark.long),
+        ("forge-claim", "evidence wrong"),
+    ],
+)
+def test_each_is_stopped_in_time_for_what_it_does_and_the_others_complete_their_mission(name, refusal):
+    trial = try_in_team(ON_MISSIONS[name], "bound")
+    assert not trial.broken
+    assert (trial.completed, trial.others, trial.in_safe_mode) == (3, 3, ())
+    assert 0 < trial.stopped_s - trial.deviated_s <= trial.bound_s
+    assert set(trial.refusals) == {refusal}
+
+
+def test_those_above_are_all_that_cheat_in_a_team():
+    assert sorted(TEAM) == ["drive-dark", "forge-claim", "show-unsensed", "skip-node"]
 
 
 def test_without_audits_nobody_is_stopped():
@@ -55,7 +60,14 @@ def test_what_is_promised_and_not_kept_is_broken(wrong, broken):
     assert TeamTrial(**{**rest, **told, **wrong}).broken == broken
 
 
-def test_the_command_says_when_and_why_it_was_stopped_and_takes_no_options_of_flocks():
+def test_the_command_says_when_and_why_it_was_stopped_and_takes_no_options_of_flocks(monkeypatch):
+    tried = []
+
+    def once(*words, **more):
+        tried[:] = tried or [try_in_team(*words, **more)]
+        return tried[0]
+
+    monkeypatch.setattr("phalanx.cli.attack.try_in_team", once)
     shown = CliRunner().invoke(group, ["run", "skip-node"], standalone_mode=False)
     assert (shown.exception, shown.return_value) == (None, 0)
     assert "stopped: so it is" in shown.stdout
