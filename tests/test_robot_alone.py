@@ -137,6 +137,31 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
             radio.close()
 
 
+def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_strangers():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    group = f"239.77.1.2:{port}"
+    here = [f"127.0.0.{k}:{port}" for k in (2, 3, 4)]
+    one, two = UdpRadio(here[0], [here[1]], group), UdpRadio(here[1], [here[0]], group)
+    stranger = UdpRadio(here[2], [here[0]], group)
+    try:
+        for radio, frame in ((one, b"one"), (two, b"two"), (stranger, b"stranger")):
+            radio.send(frame)
+        heard: dict[str, list[bytes]] = {"one": [], "two": []}
+        one.read(heard["one"].append)
+        two.read(heard["two"].append)
+        assert heard == {"one": [b"two"], "two": [b"one"]}
+        assert one.refused["foreign"] == two.refused["foreign"] == 2
+    finally:
+        for radio in (one, two, stranger):
+            radio.close()
+    with pytest.raises(UsageError, match="is no IPv4 multicast group"):
+        UdpRadio(here[0], [here[1]], f"127.0.0.9:{port}")
+    with pytest.raises(UsageError, match="not all speak from port"):
+        UdpRadio(here[0], ["127.0.0.3:1"], group)
+
+
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():
     with pytest.raises(UsageError, match="not all IPv4 or all IPv6"):
         UdpRadio("127.0.0.1:4410", ["[::1]:4411"])

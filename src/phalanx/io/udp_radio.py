@@ -1,7 +1,7 @@
 """A robot's radio over UDP: a frame is a datagram, and what does not come from a configured address was never there.
 
 Nothing here is trusted and nothing is acknowledged: datagrams are lost, repeated and overtake each other, and the
-audits hold with that. IPv4 or IPv6, to a list of addresses or to one multicast group.
+audits hold with that. IPv4 or IPv6, to a list of addresses; with IPv4 also to one multicast group.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import ipaddress
 import socket
-import struct
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -62,6 +61,10 @@ class UdpRadio:
         family = _family(self._here)
         if any(_family(each) != family for each in (*self._peers, *self._to)):
             raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "one kind for all")
+        if group and (family != socket.AF_INET or not ipaddress.ip_address(self._to[0][0]).is_multicast):
+            raise UsageError(f"{group} is no IPv4 multicast group", "239.1.2.3:4410, for example")
+        if group and any(port != self._to[0][1] for _, port in (self._here, *self._peers)):
+            raise UsageError(f"not all speak from port {self._to[0][1]}", "that of the group, for here and peers")
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
             self._socket.setblocking(False)
@@ -77,14 +80,10 @@ class UdpRadio:
             return
         # Robots of one machine share the group's port; each hears all that is said there.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        raw = socket.inet_pton(self._socket.family, group[0])
-        if self._socket.family == socket.AF_INET:
-            ours = socket.inet_aton(self._here[0])
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, raw + ours)
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, ours)
-        else:
-            self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, raw + struct.pack("@I", 0))
-        self._socket.bind(("" if self._socket.family == socket.AF_INET else "::", group[1]))
+        ours = socket.inet_aton(self._here[0])
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group[0]) + ours)
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, ours)
+        self._socket.bind(group)
 
     def send(self, frame: bytes) -> None:
         """See `Radio`."""
