@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
+from phalanx.io.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
 from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
@@ -33,9 +35,12 @@ from .run import run
 from .stop_word import heed_stop_words
 from .terminal import EventLines, Progress, end_status_line, plain, status_line, talk
 
+log = logging.getLogger(__name__)
+
 
 def up(
     robots: int | None,
+    swarm_url: str | None,
     seed: int,
     missions: tuple[str, ...],
     furnish: str | None,
@@ -54,6 +59,9 @@ def up(
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
+    controller = parse_dotbot_url(swarm_url) if swarm_url is not None else None
+    if controller:
+        _refuse_beside_real_robots(robots=robots, mission=missions, world=world, defence=defence, f_max=f_max)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
     options = UpOptions(
@@ -67,7 +75,11 @@ def up(
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
-    with _robots(wanted, world, count, seed, defence, f_max) as lived:
+    with (
+        _dotbots(controller, options.wait_s)
+        if controller
+        else _robots(wanted, world, count, seed, defence, f_max) as lived
+    ):
         swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
         if events:
             lines = EventLines()
@@ -77,6 +89,29 @@ def up(
                 lines.close()
         else:
             _run_for_people(options, swarm)
+
+
+def _refuse_beside_real_robots(**said: Any) -> None:
+    for name, value in said.items():
+        if value not in (None, ()):
+            raise UsageError(
+                f"--swarm and --{name.replace('_', '-')}",
+                "real robots are as many as there are, are driven, and do not audit each other: leave one out",
+            )
+
+
+@contextlib.contextmanager
+def _dotbots(controller: DotbotUrl, wait_s: float) -> Iterator[Swarm]:
+    """DotBots, when their controller has told of them."""
+    if not controller.is_here:
+        log.warning(
+            "whoever reaches %s drives the robots past us: its API asks nobody who they are; hint: have it listen on"
+            " 127.0.0.1 and run phalanx up beside it",
+            controller,
+        )
+    with DotbotSwarm(controller, wait_s) as swarm:
+        talk(f"{swarm.unprotected}; routes have at most {swarm.longest_route} points, and go on if we are killed")
+        yield swarm
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.shield import Shielded, Unprotected
+from phalanx.robot.swarm import Routed
 
 from . import vocabulary
 from .brakes import Brakes
@@ -82,7 +83,7 @@ class Gateway:
     def _serve(self, swarm: Swarm) -> None:
         self.swarm = swarm
         self.shields = ShieldWatch(swarm, self._say) if isinstance(swarm, Shielded) else None
-        self._longest_route = swarm.longest_route if isinstance(swarm, Shielded) else vocabulary.MAX_WAYPOINTS
+        self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
 
     async def adopt(self, swarm: Swarm) -> None:
         """Serve this swarm of the same robots from now on; visitors are told to ask for everything."""
@@ -200,6 +201,8 @@ class Gateway:
             told |= self.shields.in_area()
         elif isinstance(self.swarm, Unprotected) and self.swarm.unprotected:
             told["unprotected"] = self.swarm.unprotected
+        if isinstance(self.swarm, Routed):
+            told["most_waypoints"] = self._longest_route
         return told | (self.missions.in_area() if self.missions else {})
 
     def _asked(self, request: Request) -> bool:

@@ -101,7 +101,6 @@ class ShieldWatch:
             self._terms = {
                 "tokens_needed": shields[0].needed,
                 "t_val_ms": round(shields[0].full_s * 1000),
-                "most_waypoints": self._swarm.longest_route,
             }
         return self._terms
 

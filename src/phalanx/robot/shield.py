@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from .swarm import Swarm
+from .swarm import Routed, Swarm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +39,8 @@ class AttackChoice:
 
 
 @runtime_checkable
-class Shielded(Swarm, Protocol):
-    """A swarm whose robots audit each other."""
-
-    @property
-    def longest_route(self) -> int:
-        """Most points that a robot is told to follow: its orders are logged, and sent by radio."""
+class Shielded(Routed, Protocol):
+    """A swarm whose robots audit each other; their orders are logged, and sent by radio."""
 
     def shields(self) -> Sequence[Shield]:
         """One for every robot."""

@@ -86,6 +86,15 @@ class Swarm(Protocol):
 
 
 @runtime_checkable
+class Routed(Swarm, Protocol):
+    """A swarm whose robots keep shorter routes than most."""
+
+    @property
+    def longest_route(self) -> int:
+        """Most points that a robot is told to follow."""
+
+
+@runtime_checkable
 class Stepped(Swarm, Protocol):
     """A swarm whose world stands still unless it is told that time passes."""
 

@@ -21,9 +21,19 @@ from .runs import runs
 ROBOTS, ROBOTS_ON_MISSION = 12, 4
 
 
-@click.command(epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office")
+@click.command(
+    epilog="Examples: phalanx up --host 0.0.0.0 --robots 20; phalanx up --mission office;"
+    " phalanx up --swarm dotbot://127.0.0.1:8000"
+)
 @link_options
 @option("--robots", help=f"Simulated robots.  [default: {ROBOTS}; on a mission {ROBOTS_ON_MISSION}]", type=int)
+@option(
+    "--swarm",
+    "swarm_url",
+    help="Real robots instead: DotBots, behind PyDotBot's controller there (docs/dotbots.md), which is waited for as"
+    " long as a broker.",
+    metavar="dotbot://HOST:PORT",
+)
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(
     "--mission",

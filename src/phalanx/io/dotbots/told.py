@@ -1,0 +1,238 @@
+"""What PyDotBot's controller tells of its robots: checked before it is believed, and kept up to date.
+
+Only this file reads the words of the controller's stream, protocol 2, as PyDotBot 0.33 speaks it. What it says comes
+out whole and in range, or as `BadPayload`; whoever reads the socket limits its length.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import Any
+
+from phalanx.errors import BadPayload
+from phalanx.robot import Led, Point, Robot
+
+PROTOCOL = 2
+ADDRESS = re.compile(r"[0-9A-F]{16}")
+MOST_ROBOTS = 2000  # as many as the visitors' page keeps
+TRAIL_POINTS = 200  # asked for, and kept; the controller has 1000 of each
+MOST_POINTS = 1000
+ANY_AREA_MM = (2000, 2000)  # PyDotBot's own, of a site that says no extent
+LARGEST_AREA_MM = FAR_MM = 1_000_000
+NOWHERE = Point(math.nan, math.nan)
+UNSAID_LED = Led(128, 128, 128)  # the controller tells a colour only after somebody chose one
+UNSAID_THRESHOLD_MM = 100
+DOTBOT, FOLLOWING = 0, 1  # an application, a mode
+# How long a robot has been silent at least that is active, stale, lost: as our own pages tell the three apart.
+SILENT_S = (0.0, 5.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Dotbot:
+    """One robot as the controller told of it."""
+
+    words: Mapping[str, Any]  # fields by name, checked
+    robot: Robot
+    active: bool  # heard of late, by the controller's judgement
+
+
+class Fleet:
+    """The robots of one connection. `robots` is None until all have been told of; each value of it never changes.
+
+    Source: PyDotBot 0.33, dotbot/stream.py.
+    """
+
+    def __init__(self) -> None:
+        self.robots: Mapping[str, Dotbot] | None = None
+        self._here: dict[str, Dotbot] = {}
+        self._others: set[str] = set()  # boats, and whatever else is no DotBot
+        self._coming: list[dict[str, Any]] = []
+
+    def hear(self, text: str, now_s: float) -> int | None:
+        """Take in a message; the number to acknowledge, if it has one.
+
+        Raises: BadPayload.
+        """
+        try:
+            said = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise BadPayload("no JSON") from error
+        kind = said.get("type") if isinstance(said, dict) else None
+        if kind == "hello":
+            if (protocol := _whole(said.get("protocol"), 0, 1000)) != PROTOCOL:
+                raise BadPayload(f"protocol {protocol} of the stream, not {PROTOCOL}")
+            return None
+        if kind not in ("snapshot", "delta", "event"):
+            raise BadPayload("no message of the stream")
+        number = _whole(said.get("seq"), 0, 2**63)
+        if kind == "snapshot":
+            self._hear_part(said, now_s)
+        elif kind == "delta":
+            self._hear_changes(said, now_s)
+        return number
+
+    def _hear_part(self, said: dict[str, Any], now_s: float) -> None:
+        parts = _whole(said.get("parts"), 1, MOST_ROBOTS)
+        if (part := _whole(said.get("part"), 1, parts)) == 1:
+            self._coming = []
+        self._coming += [_object(robot) for robot in _list(said.get("robots"), MOST_ROBOTS)]
+        if len(self._coming) > MOST_ROBOTS:
+            raise BadPayload(f"more than {MOST_ROBOTS} robots")
+        if part == parts:
+            self._here, self._others = {}, set()
+            for robot in self._coming:
+                self._whole_robot(_address(robot.get("address")), robot, now_s)
+            self._coming = []
+            self._publish()
+
+    def _hear_changes(self, said: dict[str, Any], now_s: float) -> None:
+        for address, patch in _object(said.get("robots")).items():
+            _address(address)
+            if patch is None:
+                self._here.pop(address, None)
+                self._others.discard(address)
+            elif "address" in _object(patch):
+                self._whole_robot(address, patch, now_s)
+            elif address in self._here:
+                self._here[address] = _changed(self._here[address], patch, now_s)
+            elif address not in self._others:
+                raise BadPayload("a change of a robot that it did not tell of")
+        self._publish()
+
+    def _whole_robot(self, address: str, words: dict[str, Any], now_s: float) -> None:
+        if _whole(words.get("application"), 0, 255) != DOTBOT:
+            self._others.add(address)
+        else:
+            short = address[-4:]
+            taken = any(other != address and bot.robot.name == short for other, bot in self._here.items())
+            nobody = Robot(address, address if taken else short, NOWHERE, 0, 0.0, UNSAID_LED, (), 0.0, now_s, ())
+            self._here[address] = _changed(Dotbot({}, nobody, True), {"status": 0} | words, now_s)
+        if len(self._here) + len(self._others) > MOST_ROBOTS:
+            raise BadPayload(f"more than {MOST_ROBOTS} robots")
+
+    def _publish(self) -> None:
+        self.robots = MappingProxyType(dict(self._here))
+
+
+def area_of(site: bytes) -> tuple[int, int]:
+    """Width and height of a site, mm, from the controller's answer.
+
+    Raises: BadPayload.
+    """
+    try:
+        extent = _object(json.loads(site)).get("extent_mm")
+    except (ValueError, RecursionError) as error:
+        raise BadPayload("no JSON") from error
+    if extent is None:
+        return ANY_AREA_MM
+    sides = _list(extent, 2)
+    if len(sides) != 2:
+        raise BadPayload("an extent has two sides")
+    return _whole(sides[0], 1, LARGEST_AREA_MM), _whole(sides[1], 1, LARGEST_AREA_MM)
+
+
+def _changed(before: Dotbot, patch: dict[str, Any], now_s: float) -> Dotbot:
+    """An RFC 7396 merge patch of the fields that we read; null is no value."""
+    said = {name: None if patch[name] is None else form(patch[name]) for name, form in _FORMS.items() if name in patch}
+    words = {**before.words, **said}
+    robot, trail = before.robot, before.robot.history
+    if "trail" in said or "trail_reset" in said:
+        trail = said.get("trail") or ()
+    # Tuples that did not change stay the same ones: frames compare them ten times a second.
+    if more := said.get("trail_append"):
+        trail = (*trail, *more)
+    status = words.get("status") or 0
+    return Dotbot(
+        words,
+        robot._replace(
+            at=_at(words),
+            direction_deg=(words.get("direction") or 0) % 360,
+            battery_v=words.get("battery") or 0.0,
+            led=words.get("rgb_led") or UNSAID_LED,
+            route=(words.get("waypoints") or ()) if words.get("mode") == FOLLOWING else (),
+            threshold_mm=float(words.get("waypoints_threshold") or UNSAID_THRESHOLD_MM),
+            heard_at_s=now_s - SILENT_S[status] if said.get("status") is not None else robot.heard_at_s,
+            history=trail[-TRAIL_POINTS:] if len(trail) > TRAIL_POINTS else trail,
+        ),
+        status == 0,
+    )
+
+
+def _at(words: Mapping[str, Any]) -> Point:
+    """The middle of the axle, which waypoints steer; of a robot that never drove, what the lighthouse sees.
+
+    Source: PyDotBot 0.33, `_axle_position` in dotbot/server.py.
+    """
+    return words.get("axle_position") or words.get("pose") or words.get("lh2_position") or NOWHERE
+
+
+def _address(value: Any) -> str:
+    if not (isinstance(value, str) and ADDRESS.fullmatch(value)):
+        raise BadPayload("an address is 16 upper-case hexadecimal digits")
+    return value
+
+
+def _object(value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise BadPayload("not an object")
+    return value
+
+
+def _list(value: Any, longest: int) -> list[Any]:
+    if not isinstance(value, list) or len(value) > longest:
+        raise BadPayload(f"not a list of at most {longest}")
+    return value
+
+
+def _number(value: Any, low: float, high: float) -> float:
+    # Written so that NaN fails.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise BadPayload(f"not a number of {low}..{high}")
+    return value
+
+
+def _whole(value: Any, low: int, high: int) -> int:
+    if isinstance(value, float):
+        raise BadPayload("not a whole number")
+    return int(_number(value, low, high))
+
+
+def _place(value: Any) -> Point:
+    x, y = (_number(_object(value).get(key), -math.inf, math.inf) for key in ("x", "y"))
+    # A robot whose lighthouses are not calibrated tells any 32 bits: it is nowhere, and the others are told.
+    return Point(float(x), float(y)) if max(abs(x), abs(y)) <= FAR_MM else NOWHERE
+
+
+def _pose(value: Any) -> Point | None:
+    return None if _object(value).get("heading_source") == "none" else _place(value)
+
+
+def _places(value: Any) -> tuple[Point, ...]:
+    return tuple(_place(point) for point in _list(value, MOST_POINTS))
+
+
+def _led(value: Any) -> Led:
+    return Led(*(_whole(_object(value).get(key), 0, 255) for key in ("red", "green", "blue")))
+
+
+_FORMS: dict[str, Callable[[Any], Any]] = {
+    "status": partial(_whole, low=0, high=2),
+    "mode": partial(_whole, low=0, high=255),
+    "direction": partial(_whole, low=-36000, high=36000),
+    "lh2_position": _place,
+    "axle_position": _place,
+    "pose": _pose,
+    "rgb_led": _led,
+    "waypoints": _places,
+    "waypoints_threshold": partial(_whole, low=0, high=65535),
+    "battery": partial(_number, low=0, high=100),
+    "trail": _places,
+    "trail_append": _places,
+    "trail_reset": bool,
+}
