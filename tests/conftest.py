@@ -30,7 +30,8 @@ from phalanx.io.ports import free_port
 ROOT = Path(__file__).parent.parent
 PHALANX = [sys.executable, "-m", "phalanx"]
 # How long an example takes says how busy the machine is.
-settings.register_profile("beside others", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# Others than the last time: what is rare is found by many runs, and each of them is short.
+settings.register_profile("beside others", deadline=None, max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("beside others")
 # Whoever runs in the background of a shell does not hear Ctrl-C, nor does any program that is started from there.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -109,7 +109,7 @@ class TestLog:
 
 
 class TestFragments:
-    @settings(deadline=None, max_examples=60)
+    @settings(deadline=None, max_examples=25)
     @given(length=st.integers(1, 5000), order=st.randoms(use_true_random=False), no=st.integers(0, 65535))
     def test_a_request_arrives_whole_in_whatever_order_its_fragments_come(self, length, order, no):
         run = running(0.0)
@@ -128,7 +128,7 @@ class TestFragments:
         assert fleet.rx_info[1, places[-1]].len == length
         assert np.array_equal(fleet.rx[1, places[-1], :length], content)
 
-    @settings(deadline=None, max_examples=300)
+    @settings(deadline=None, max_examples=100)
     @given(st.binary(max_size=2048))
     def test_any_bytes_are_a_fragment_or_nothing(self, raw):
         run = running(0.0)

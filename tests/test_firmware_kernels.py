@@ -167,7 +167,7 @@ CALLS = {
 }
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     profile=st.sampled_from([trusted.BOUND, trusted.PAPER]),
     calls=st.lists(

@@ -58,7 +58,7 @@ class TestMotion:
 
 class TestReach:
     @given(crowds, st.sampled_from([0.5, 1.0, 116.33, 5e4]))
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=60, deadline=None)
     def test_lists_are_those_of_all_pairs(self, points, range_m):
         pos = np.array(points)
         reach = make_reach(len(pos), range_m)
@@ -76,7 +76,7 @@ class TestReach:
         st.lists(st.tuples(st.floats(0.0, 0.3), st.integers(0, 2**32)), max_size=6),
         st.sampled_from([0.0, 0.25]),
     )
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=60, deadline=None)
     def test_lists_that_follow_robots_are_those_made_anew(self, points, steps, skin):
         pos = np.array(points)
         reach = make_reach(len(pos), 1.0, skin=skin)

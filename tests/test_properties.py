@@ -203,7 +203,7 @@ class TestVocabulary:
             }
         )
     )
-    @settings(max_examples=300)
+    @settings(max_examples=100)
     def test_routes_come_out_inside_the_area_or_not_at_all(self, payload):
         try:
             route = vocabulary.parse_waypoints(payload, (2000, 2000))

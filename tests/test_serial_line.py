@@ -61,13 +61,13 @@ class TestFrames:
         if stream.count(0) == 2 and stream[:1] == stream[-1:] == b"\0":
             assert framed(found[0]).hex() == case["stream"]
 
-    @settings(deadline=None, max_examples=60)
+    @settings(deadline=None, max_examples=25)
     @given(payloads=st.lists(PAYLOADS, max_size=4), rubbish=st.lists(st.binary(max_size=40), min_size=5, max_size=5))
     def test_rubbish_between_frames_costs_none_of_them(self, payloads, rubbish):
         stream = rubbish[4] + b"".join(framed(p) + r for p, r in zip(payloads, rubbish, strict=False))
         assert [p for p in Frames(LONGEST).feed(stream) if p in payloads] == payloads
 
-    @settings(deadline=None, max_examples=60)
+    @settings(deadline=None, max_examples=25)
     @given(st.lists(PAYLOADS, min_size=3, max_size=3), st.binary(min_size=1, max_size=30), st.data())
     def test_rubbish_inside_a_frame_costs_that_one_alone(self, payloads, rubbish, data):
         first, second, third = map(framed, payloads)

@@ -172,21 +172,23 @@ class TalkOver(Liar):
     FIRST_MS: ClassVar[int] = 200  # the first robot's first round, in a mission's time
     LASTS_MS: ClassVar[int] = 40
     AT_ONCE: ClassVar[int] = 4  # leaves no gap that a long fragment fits into
-    _first_ms = 0
+    _first_ms = _again_ms = 0
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """A few short frames, if the victim asks now and it is this liar's turn.
 
         First when the victim's round begins, and then each time that it asks again those that did not answer.
         """
-        s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
         if not self._first_ms:
+            s, period_ms = self.f.settings[0], int(self.f.settings[0].t_audit)
             round_ms = self.FIRST_MS + int(rounds.mixed(int(s.mission_seed) + 1, self._victim())) % period_ms
             self._first_ms = now_ms + (int(self.f.robot[self.i].t_key) + round_ms + 2 - now_ms) % period_ms
-        asks_ms = (now_ms - self._first_ms) % (period_ms // 2 + int(s.retry) - 1)
+            self._again_ms = period_ms // 2 + int(s.retry) - 1
+        asks_ms = (now_ms - self._first_ms) % self._again_ms
+        if now_ms < self._first_ms or asks_ms >= self.LASTS_MS:
+            return []
         turns = len(self.plan.accomplices) + 1
-        its_turn = asks_ms % turns == sum(other < self.id for other in self.plan.accomplices)
-        if now_ms < self._first_ms or asks_ms >= self.LASTS_MS or not its_turn:
+        if asks_ms % turns != sum(other < self.id for other in self.plan.accomplices):
             return []
         noise = audit_frame(self.id, 0, 0x7D, b"")
         actions = [action for _ in range(self.AT_ONCE) for action in self.send(now_ms, noise, EVERYBODY)]
