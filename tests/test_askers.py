@@ -14,7 +14,7 @@ from phalanx.config import LinkConfig
 from phalanx.io import Client
 from phalanx.io.heads import Standing
 from phalanx.io.heard import Heard
-from phalanx.io.questions import AT_GATEWAY, HELD, HELD_BYTES, PACE, Held, Questions
+from phalanx.io.questions import AT_GATEWAY, FIRST, HELD, HELD_BYTES, PACE, Held, Questions
 from phalanx.link import ClientSide, Request, ServerSide, SharedAnswer
 from phalanx.link.envelope import encode_envelope, open_envelope, seal
 from phalanx.link.replay import ReplayCache
@@ -96,7 +96,7 @@ class TestQuestions:
         heard.tell(3.0, 3.0, 0)
         await eventually(lambda: len(flood.asked) > AT_GATEWAY)
         assert flood.asked[AT_GATEWAY:] == [b"%d" % n for n in range(300 - HELD, 300)], "the newest are kept"
-        assert not questions._turns
+        assert not (questions._first or questions._others)
 
     async def test_where_the_gateway_does_not_say_what_it_can_do_there_are_so_many_a_second(self):
         questions, crowd = Questions(None), [Asker("here") for _ in range(100)]
@@ -111,9 +111,28 @@ class TestQuestions:
         held = Held()
         for n in range(3):
             held.add(b"%d" % n * (HELD_BYTES // 2))
-        assert [held.pop()[:1], held.pop()[:1]] == [b"1", b"2"]
         held.add(bytes(HELD_BYTES + 1))
+        assert [held.pop()[:1], held.pop()[:1]] == [b"1", b"2"]
         assert not held
+
+    async def test_whoever_asks_for_the_first_time_is_before_a_crowd_that_asked_a_little_each(self, tmp_path):
+        heard, questions = self.told(tmp_path)
+        crowd, newcomer = [Asker("here") for _ in range(20)], Asker("here")
+
+        def have_asked(times: int) -> bool:
+            heard.tell(time.monotonic(), time.monotonic(), 0)
+            return all(len(one.asked) == times for one in crowd)
+
+        for times in range(1, 1 + int(FIRST[1])):
+            for one in crowd:
+                questions.hold(one, b"list")
+            await eventually(lambda times=times: have_asked(times))
+        heard.tell(9.0, 9.0, AT_GATEWAY)
+        for one in (*crowd, newcomer):
+            questions.hold(one, b"again")
+        heard.tell(10.0, 10.0, AT_GATEWAY - 1)
+        await eventually(lambda: newcomer.asked)
+        assert all(len(one.asked) == FIRST[1] for one in crowd)
 
 
 def test_an_answer_that_is_shared_is_made_once_for_all_who_read_it_alike():

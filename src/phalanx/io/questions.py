@@ -3,7 +3,7 @@ nobody waiting who asks a little.
 
 The gateway cannot tell visitors apart, for whoever has the pin asks as ever-new clients; here they are connections. An
 answer is dear, the list of a thousand robots 20 ms of the gateway's time: so its queue is kept short, and who is next
-is decided here, head by head and place by place.
+is decided here: first who has asked next to nothing yet, then head by head and place by place.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from typing import Generic, Protocol, TypeVar
 
 from .heard import Heard
 from .pace import Pace
-from .turns import Placed, Turns
+from .turns import SHARE, Placed, Turns
 
 PACE = (100.0, 20.0)  # a second, and at once: all together, where the gateway does not say what it can do
 AT_GATEWAY = 8  # that wait for their answers there, before more are passed on
 # Of one visitor: a page asks four at once, and asks the same again if nothing comes. The newest are kept.
 HELD, HELD_BYTES = 4, 16 * 1024
 LITTLE = (0.5, 8.0)  # a second, and at once: a page asks every 20 s, a program every 1.5 s if it is not answered
+FIRST = (0.01, 2.0)  # and what everybody may ask before those who asked more: the list, and what it is drawn on
 LOOK_S = 0.01
 
 
@@ -41,7 +42,7 @@ class Held:
     """One visitor's questions, as packets."""
 
     def __init__(self) -> None:
-        self.little = Pace(*LITTLE)
+        self.first, self.little = Pace(*FIRST), Pace(*LITTLE)
         self._waiting: deque[bytes] = deque()
         self._bytes = 0
 
@@ -49,7 +50,9 @@ class Held:
         return bool(self._waiting)
 
     def add(self, question: bytes) -> None:
-        """One more; the oldest go if that is too much."""
+        """One more; the oldest go if that is too much, and one that alone is too much is not kept."""
+        if len(question) > HELD_BYTES:
+            return
         self._waiting.append(question)
         self._bytes += len(question)
         while len(self._waiting) > HELD or self._bytes > HELD_BYTES:
@@ -68,40 +71,58 @@ class Questions(Generic[Who]):
     def __init__(self, heard: Heard | None) -> None:
         self._heard = heard
         self._pace = Pace(*PACE)
-        self._turns: Turns[Who] = Turns()
+        self._first: Turns[Who] = Turns()
+        self._others: Turns[Who] = Turns()
+        self._firsts = 0
         self._told_at_s, self._since_told = 0.0, 0
         self._is_due = False
 
     def hold(self, who: Who, question: bytes) -> None:
         """It is passed on in its turn, at once if nobody else waits."""
+        waits = bool(who.held)
         who.held.add(question)
-        self._wait(who)
+        if not waits:
+            self._wait(who)
         if not self._is_due:
             self._pass_on()
 
-    def gone(self, who: Who) -> None:
-        """It has left."""
-        self._turns.gone(who)
+    def gone(self, who: Who) -> bool:
+        """It has left; whether it waited."""
+        return self._first.gone(who) or self._others.gone(who)
 
     def shows(self, who: Who) -> None:
         """It has shown more of itself."""
-        if self._turns.gone(who):
+        if self.gone(who):
             self._wait(who)
 
     def _wait(self, who: Who) -> None:
-        if who.held:
-            self._turns.wait(who, much=who.held.little.wait_s(time.monotonic()) > 0.0)
+        if not who.held:
+            return
+        now_s = time.monotonic()
+        if who.held.first.wait_s(now_s):
+            self._others.wait(who, much=who.held.little.wait_s(now_s) > 0.0)
+        else:
+            self._first.wait(who)
+
+    def _next(self) -> Who:
+        # As of rows: of nine questions eight are of who asked next to nothing, if there are so many.
+        is_first = bool(self._first) and not (self._others and self._firsts >= SHARE)
+        self._firsts = self._firsts + 1 if is_first and self._others else 0
+        turns = self._first if is_first else self._others
+        who = turns.next()
+        turns.passed_on(1)
+        return who
 
     def _pass_on(self) -> None:
-        while self._turns and self._may_ask(time.monotonic()):
-            who = self._turns.next()
-            self._turns.passed_on(1)
+        while (self._first or self._others) and self._may_ask(time.monotonic()):
+            who = self._next()
             self._pace.said()
             self._since_told += 1
+            who.held.first.said()
             who.held.little.said()
             who.ask_swarm(who.held.pop())
             self._wait(who)
-        self._is_due = bool(self._turns)
+        self._is_due = bool(self._first or self._others)
         if self._is_due:
             asyncio.get_running_loop().call_later(LOOK_S, self._pass_on)
 
