@@ -43,16 +43,19 @@ def a_browser(port: int, place: str = "127.0.0.1") -> socket.socket:
 
 
 @contextlib.contextmanager
-def aside(work: Callable[[], None]) -> Iterator[Callable[[], bool]]:
+def aside(work: Callable[[], None], *, idle: bool = True) -> Iterator[Callable[[], bool]]:
     """`work` is done in a process of its own, on what others leave of the processor, until the context is left.
 
-    In this one it would hold up the gateway, and whoever computes beside it. Yields whether it still works.
+    In this one it would hold up the gateway, and whoever computes beside it. Where a test ends when it has done so much
+    it is not `idle`, for a busy machine leaves that nothing. Yields whether it still works.
     """
     pid, ended = os.fork(), []
     if not pid:
         try:
             die_with_parent()
-            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+            os.nice(10)
+            if idle:
+                os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
             work()
         finally:
             os._exit(0)
@@ -75,10 +78,12 @@ class Flood:
 
     Args:
         per_s: how often, of each; else as often as it is read.
+        idle: on what others leave of the processor.
     """
 
-    def __init__(self, said: bytes, per_s: float = 0.0) -> None:
+    def __init__(self, said: bytes, per_s: float = 0.0, *, idle: bool = True) -> None:
         self._said, self._every_s = said, 1 / per_s if per_s else 0.0
+        self._idle = idle
         self._crowd: list[socket.socket] = []
         self._here = contextlib.ExitStack()
         self._works = lambda: True
@@ -115,7 +120,7 @@ class Flood:
                 time.sleep(0.002)  # or it would spin where none is due
 
     def __enter__(self) -> Self:
-        self._works = self._here.enter_context(aside(self._flood))
+        self._works = self._here.enter_context(aside(self._flood, idle=self._idle))
         for one in self._crowd:
             one.close()
         return self
@@ -197,12 +202,12 @@ async def test_thousands_who_say_hello_and_go_keep_nobody_out_and_end_no_guard()
             assert the_guard(broker) == guard
 
 
-async def test_a_hundred_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers():
-    flood = Flood(with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20)
+async def test_forty_who_say_what_they_can_are_hung_up_on_and_others_have_their_answers():
+    flood = Flood(with_length(0x30, b"\x00\x12/qrkey/x/command/1" + bytes(400)) * 20, idle=False)
     with many_files():
         async with a_broker() as broker, a_server(broker) as server:
             await server.wait_connected(10)
-            for name in range(100):
+            for name in range(40):
                 flood.add((await Stranger(broker.url.port, 4, name=b"flood%d" % name).__aenter__()).socket)
             with flood:
                 async with Client(server.qr()) as client:
