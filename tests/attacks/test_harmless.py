@@ -31,6 +31,8 @@ PLACES = (
     Hole(request, "_may_begin", " or now - f.peer[i, at].took < f.settings[0].t_audit // 2"),
 )
 
+QUIET_S = 25.0  # whoever lacks tokens from boot on has been stopped twice over
+
 
 def crowd(name: str, **bti: int) -> Scenario:
     """The paper's 25 robots, of which f_max lie."""
@@ -60,11 +62,11 @@ def gained(ended: Run) -> list[int]:
     ids=lambda each: each.attacks[0].name if isinstance(each, Scenario) else None,
 )
 def test_with_its_hole_opened_it_starves_correct_robots(made, holes, at_least, monkeypatch):
-    shut, opened = run_with(monkeypatch, made), run_with(monkeypatch, made, *holes)
+    shut, opened = run(made), run_with(monkeypatch, made, *holes)
     assert starved(shut) == 0
     assert starved(opened) >= at_least
     assert all(count > 0 for count in gained(shut) + gained(opened))
-    nobody_lies = run_with(monkeypatch, replace(made, attacks=()), *holes)
+    nobody_lies = run_with(monkeypatch, replace(made, attacks=(), duration_s=QUIET_S), *holes)
     assert starved(nobody_lies) == 0, "it is not the hole alone"
 
 
@@ -72,11 +74,11 @@ def test_a_token_request_that_counts_each_time_uses_up_the_6_f_max_of_the_paper(
     """And not what we take (docs/adr/0027). Rounds each 3 s, so that honest robots need most of them."""
     monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 6 * bti.f_max))
     made = replace(crowd("drain", t_audit_ms=3000), duration_s=30.0)
-    shut, opened = run_with(monkeypatch, made), run_with(monkeypatch, made, *SAME_REQUEST)
+    shut, opened = run(made), run_with(monkeypatch, made, *SAME_REQUEST)
     assert starved(shut) == 0
     assert starved(opened) >= 2
     assert all(count > 0 for count in gained(shut) + gained(opened))
-    assert starved(run_with(monkeypatch, replace(made, attacks=()), *SAME_REQUEST)) == 0
+    assert starved(run_with(monkeypatch, replace(made, attacks=(), duration_s=QUIET_S), *SAME_REQUEST)) == 0
 
 
 @pytest.mark.parametrize("robots, correct_in_range", [(7, F_MAX), (8, F_MAX + 1)])
