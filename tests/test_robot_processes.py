@@ -16,11 +16,15 @@ import pytest
 
 import boards
 from phalanx.cli.main import run_command
+from phalanx.config import BtiConfig, RadioConfig
 from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
-from phalanx.io.keyring import Keys
+from phalanx.daemon.trusted import give_keys, open_nodes, start
+from phalanx.io.keyring import Keys, create, opened
 from phalanx.io.mission_key import issued
 from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.sim.audited.setup import limits_of
 from phalanx.wire import guarded
 from phalanx.wire.table import ACCELERATION, BOARD
 
@@ -127,6 +131,34 @@ def test_each_attack_that_bound_stops_is_stopped_among_processes(tmp_path, names
         assert liar["safe_mode_s"] is not None, liar
         assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S, liar
     assert summary["correct_in_safe_mode"] == []
+
+
+def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_path, capsys):
+    boards.built("node")
+    ring, words, path = tmp_path / "lab.keys", tmp_path / "words", tmp_path / "robot.yaml"
+    words.write_text("some words that nobody guesses\n")
+    create(ring, "lab", "some words that nobody guesses")
+    (tmp_path / "mission.yaml").write_text(MISSION)
+    radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.1:4411"]}
+    said = {"robot": 2, "mission": "mission.yaml", "key": "key.json", "driver": "python:still.py", "radio": radio}
+    path.write_text(json.dumps(said))
+    command = ["robot", "provision", str(path), str(ring), "--passphrase-file", str(words)]
+    assert run_command(command) == 0
+    assert run_command(command) == 2
+    assert "robot 2's already" in capsys.readouterr().err
+    path.write_text(json.dumps(said | {"trusted": "process:other.flash"}))
+    assert run_command(command) == 2
+    assert "was given its master key" in capsys.readouterr().err
+    path.write_text(json.dumps(said))
+    with opened(ring, "some words that nobody guesses") as keys:
+        number, sealed = keys.issue()
+    (tmp_path / "key.json").write_bytes(issued(number, sealed, {}))
+    settings = read_robot(path)
+    node = open_nodes(settings)
+    try:
+        start(node, give_keys(node, settings, limits_of(BtiConfig(), RadioConfig())))
+    finally:
+        node.close()
 
 
 class Body:

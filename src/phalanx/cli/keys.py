@@ -23,15 +23,15 @@ SHORTEST = 12
 
 def make(file: Path, name: str, passphrase_file: Path | None) -> None:
     """A new file."""
-    create(file, name or file.stem, _passphrase(passphrase_file, new=True))
+    create(file, name or file.stem, passphrase(passphrase_file, new=True))
     talk(f"{file} holds the keys of {name or file.stem}: keep a copy, and the passphrase apart from it")
 
 
 def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -> None:
     """One robot's master key, once."""
     _not_there(out)
-    with opened(file, _passphrase(passphrase_file)) as keys:
-        master = keys.provision(robot, _today())
+    with opened(file, passphrase(passphrase_file)) as keys:
+        master = keys.provision(robot, today())
     write_private(out, BOARD.encode(id=robot, master=master))
     talk(f"{out} is for the board of robot {robot}: its number and its master key; destroy it once the board has them")
 
@@ -39,7 +39,7 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
 def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
     """The next mission's key, sealed for each robot; `rotate`: and a new key that signs orders."""
     _not_there(out)
-    with opened(file, _passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase(passphrase_file)) as keys:
         number, sealed = keys.issue()
         if rotate:
             keys.renew("orders")
@@ -50,22 +50,22 @@ def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> 
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
     """Leave a robot out from the next mission on."""
-    with opened(file, _passphrase(passphrase_file)) as keys:
-        keys.retire(robot, _today())
+    with opened(file, passphrase(passphrase_file)) as keys:
+        keys.retire(robot, today())
     talk(f"robot {robot} gets no mission key any more; in the mission that runs it goes on, and counts as one of f_max")
 
 
 def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_file: Path | None) -> None:
     """Seal the file anew."""
-    old = _passphrase(passphrase_file)
-    with opened(file, old, _passphrase(new_passphrase_file, new=True)):
+    old = passphrase(passphrase_file)
+    with opened(file, old, passphrase(new_passphrase_file, new=True)):
         pass
     talk(f"{file} is sealed with the new passphrase; copies of it still open with the old one")
 
 
 def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Path | None) -> None:
     """A key that signs, as PEM."""
-    with opened(file, _passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase(passphrase_file)) as keys:
         key = keys.signer(signer)
     if public:
         pem = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
@@ -77,7 +77,7 @@ def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Pa
 
 def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     """Who has keys."""
-    with opened(file, _passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase(passphrase_file)) as keys:
         signers = {who: _public(keys, who) for who in keys.signers}
     rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
     if as_json:
@@ -104,7 +104,8 @@ def _not_there(out: Path) -> None:
         raise UsageError(f"{out} is there already" if out.exists() else f"no folder {out.parent}", "another name")
 
 
-def _passphrase(file: Path | None, *, new: bool = False) -> str:
+def passphrase(file: Path | None, *, new: bool = False) -> str:
+    """That of a file of keys, from a file's first line or asked for. Raises: UsageError: none, or too short."""
     if file is not None:
         said = first_line(file, "a file whose first line is the passphrase")
     elif sys.stdin.isatty():
@@ -117,5 +118,6 @@ def _passphrase(file: Path | None, *, new: bool = False) -> str:
     return str(said)
 
 
-def _today() -> str:
+def today() -> str:
+    """An ISO date, UTC."""
     return datetime.now(UTC).strftime("%Y-%m-%d")

@@ -52,6 +52,9 @@ link_options = together(
     option("--overlap-s", default=DEFAULTS.overlap_s, help="Seconds for which both are accepted."),
     option("--root", default=DEFAULTS.root, help="First part of every MQTT topic."),
 )
+passphrase_option = option(
+    "--passphrase-file", help="Its first line is the passphrase; without, you are asked.", type=FILE
+)
 login_option = option(
     "--broker-login",
     type=FILE,

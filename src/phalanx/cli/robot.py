@@ -14,6 +14,7 @@ import click
 from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import read_kept, record_log
+from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
@@ -25,6 +26,7 @@ from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
 
 from . import sim
+from .keys import passphrase, today
 from .run import run as run_until_stopped
 from .terminal import end_status_line, print_json, print_rows, talk
 
@@ -37,6 +39,13 @@ def run(robot: Path) -> int:
     with mistakes_in(*(str(settings.path(each)) for each in own if each)):
         run_until_stopped(run_robot(settings))
     return 0
+
+
+def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
+    """Its nodes' master key, over their line."""
+    settings = read_robot(robot)
+    give_master_key(settings, keys, passphrase(passphrase_file), today())
+    talk(f"the trusted nodes of robot {settings.said.robot} have their master key, for ever: {robot} needs no board")
 
 
 def arena(

@@ -8,6 +8,9 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
+from phalanx.bti.nodes import Refused
+from phalanx.errors import UsageError
+from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import UdpRadio
 from phalanx.robot.controllers import dispatch
 from phalanx.sim.audited.setup import limits_of
@@ -43,6 +46,28 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
     _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
     state_bytes = max(scenario.bti.state_bytes, getattr(made, "state_bytes", 0))
     return replace(scenario, bti=replace(scenario.bti, state_bytes=state_bytes)), made
+
+
+def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: str) -> None:
+    """The robot's nodes have their limits, those of its mission, and a master key of the file of keys, over their line.
+
+    They are asked before the key is used up, and it is on disk as given before they have it.
+    Raises: UsageError: they, or the number, have a key already, or something in a file; Unavailable: nobody answers.
+    """
+    scenario, _ = controlled(mission_of(settings), settings)
+    robot = settings.said.robot
+    node = open_nodes(settings)
+    try:
+        if node.about.robot_id:
+            raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s already", "once only: another board")
+        with opened(keys_file, passphrase) as keys:
+            master = keys.provision(robot, today)
+        node.make(limits_of(scenario.bti, scenario.radio))
+        node.load_master(master, robot)
+    except Refused as error:
+        raise UsageError(f"its trusted nodes refuse: {error.reason}", "another board") from error
+    finally:
+        node.close()
 
 
 async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None:

@@ -8,15 +8,12 @@ from typing import Any
 
 import click
 
-from phalanx.cli.options import FILE, json_option, option
+from phalanx.cli.options import FILE, json_option, option, passphrase_option
 
 from .runs import runs
 
 file_argument = click.argument("file", type=FILE)
 robot_argument = click.argument("robot", type=int)
-passphrase_option = option(
-    "--passphrase-file", help="Its first line is the passphrase; without, you are asked.", type=FILE
-)
 
 
 def out_option(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from phalanx.cli.complete import a_scenario, an_attack_by_robots
-from phalanx.cli.options import FILE, controller_option, json_option, option, record_option
+from phalanx.cli.options import FILE, controller_option, json_option, option, passphrase_option, record_option
 
 from .runs import runs
 
@@ -25,6 +25,15 @@ def robot() -> None:
 @runs("robot", "run")
 def run() -> None:
     """Run the robot in ROBOT.yaml until it is told to end. Without a new mission key its trusted nodes refuse."""
+
+
+@robot.command(epilog="Example: phalanx robot provision robot-3.yaml lab.keys; phalanx keys create makes the latter")
+@robot_argument
+@click.argument("keys", type=FILE)
+@passphrase_option
+@runs("robot", "provision")
+def provision() -> None:
+    """Give the robot's trusted nodes their master key, of the file KEYS, once, over the line that ROBOT.yaml names."""
 
 
 @robot.command(epilog="Example: phalanx robot arena --robots 8 --attack hijack:robot=3,at=10 --loss 0.2 --json")
