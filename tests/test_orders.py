@@ -180,6 +180,20 @@ class TestStop:
             this.on_recv(0, frame)
         assert wheels(this, 0) == (9, 9)
 
+    def test_neither_a_stop_nor_what_was_said_before_it_makes_old_words_new(self):
+        this, gateway = robot(), signer()
+        drove, on_its_way, stop = gateway.wheels(1, 1, 9, 9), gateway.beacon(2), gateway.stop(3)
+        for frame in (drove, stop, on_its_way):
+            this.on_recv(0, frame)
+        before = remembered(this)
+        for frame in (drove, on_its_way, stop):
+            assert heard(frame, this) == before
+        this.on_recv(0, gateway.go(4))
+        for frame in (stop, drove):
+            this.on_recv(0, frame)
+        this.on_recv(0, gateway.wheels(1, 5, 7, 7))
+        assert wheels(this, 0) == (7, 7)
+
     def test_a_stop_comes_through_though_numbers_were_used_up(self):
         this = robot()
         this.on_recv(0, wheels_order(1, 2**63 - 1, 9, 9, said=5))
