@@ -169,8 +169,10 @@ class TestStop:
         assert len(this.encode()) == WHEELS_MEMORY.size, "the route is gone"
         # The gateway has no number left, the operator may speak.
         this.on_recv(2, wheels_order(1, 1, 9, 9, who=OPERATOR, said=12))
-        this.on_recv(2, order(0, 2, TELL_GO, who=OPERATOR, said=13))
-        this.on_recv(2, wheels_order(1, 3, 9, 9, who=OPERATOR, said=14))
+        this.on_recv(2, route_order(1, 2, 60, [(500, 900)], who=OPERATOR, said=13))
+        assert len(this.encode()) == WHEELS_MEMORY.size, "nor is another taken"
+        this.on_recv(2, order(0, 3, TELL_GO, who=OPERATOR, said=14))
+        this.on_recv(2, wheels_order(1, 4, 9, 9, who=OPERATOR, said=15))
         assert wheels(this, 2) == (0, 0), "the gateway holds it too"
 
     def test_after_go_motion_is_obeyed_and_the_old_stop_is_not(self):
