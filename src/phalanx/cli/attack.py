@@ -14,9 +14,10 @@ from phalanx.experiments.trial import Trial
 from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.attacks.missions.harm import Guessed, Walked
+from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attack, find_controller, mistakes_in
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import PROTOCOLS, AttackSpec, Scenario
 
 from .mission.crack import span
 from .sim import TYPED, changed, progress, told, warn
@@ -33,7 +34,7 @@ def run(name: str, defence: Any, controller: str | None, as_json: bool, **said: 
         raise UsageError(f"no attack {first.name!r}", f"{did_you_mean(first.name, ATTACKS)}phalanx attack list has all")
     trial: FlockTrial | MissionTrial | TeamTrial
     goal_m: tuple[float, float] | None = None
-    if first.attack.scene == "flock":
+    if first.attack.scene in ("flock", "protocol"):
         with said_aside(), mistakes_in(controller, name):
             trial, goal_m = _try_in_flock(first, said, defence, controller)
     elif first.attack.scene == "team":
@@ -53,7 +54,10 @@ def _try_in_flock(
     first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None
 ) -> tuple[FlockTrial, tuple[float, float] | None]:
     """What it came to, and where the swarm goes; None if only its controller knows."""
-    scenario = changed(Scenario(name="attack", duration_s=DURATION_S), said, defence=defence)
+    protocol = first.attack.against if first.attack.scene == "protocol" else controller
+    on_stage = protocol in PROTOCOLS
+    swarm = find_scenario(str(protocol)) if on_stage else Scenario(name="attack", duration_s=DURATION_S)
+    scenario = changed(swarm, said, defence=defence)
     if first.at_s >= scenario.duration_s:
         raise UsageError(
             f"{first.name} begins at {first.at_s:g} s, when the run of {scenario.duration_s:g} s is over",
@@ -69,7 +73,7 @@ def _try_in_flock(
         tell[which](run)
 
     try:
-        return try_attack(scenario, on_step, own), None if own else scenario.goal_m
+        return try_attack(scenario, on_step, own), None if own or on_stage else scenario.goal_m
     finally:
         end_status_line()
 
@@ -136,6 +140,8 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
             f"{told(attacked['mean_distance_to_goal_m'], '.1f', ' m')} at the end, "
             f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
         )
+    for counted_, done in attacked.get("task", {}).items():
+        rows[counted_] = f"{done:g}, {honest['task'][counted_]:g} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem
 
-from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
+from phalanx.robot.attacks import ATTACKS, IN_SWARMS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.scenario import CONTROLLERS, in_scenarios
 
@@ -51,7 +51,7 @@ a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")
 an_encoded_mission = offer(tuple, ".phxm")
-an_attack_by_robots = offer(lambda: ("none", *IN_FLOCKS), ".py")
+an_attack_by_robots = offer(lambda: ("none", *IN_SWARMS), ".py")
 an_attack = offer(lambda: ATTACKS, ".py")
 a_controller = offer(lambda: CONTROLLERS, ".py")
 a_scenario_s_controller = offer(in_scenarios, ".py")

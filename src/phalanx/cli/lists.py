@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from phalanx.config.defence import DEFENCES
-from phalanx.robot.attacks import ATTACKS, IN_FLOCKS, ON_MISSIONS, Attack
+from phalanx.robot.attacks import ATTACKS, IN_FLOCKS, IN_PROTOCOLS, ON_MISSIONS, Attack
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, scenario_schema
 
@@ -45,12 +45,15 @@ def print_schema() -> None:
 def list_attacks(as_json: bool) -> None:
     """Prints all attacks, by robots and on missions, and what each defence makes of them."""
     rows = [{**_row(each), "robots": "f_max" if each.crowd else 1} for _, each in sorted(IN_FLOCKS.items())]
+    protocols = [{**_row(each), "against": each.against} for _, each in sorted(IN_PROTOCOLS.items())]
     missions = [{**_row(each), "against": each.against} for _, each in sorted(ON_MISSIONS.items())]
     if as_json:
-        print_json({"attacks": rows, "missions": missions})
+        print_json({"attacks": rows, "protocols": protocols, "missions": missions})
         return
     width = max(map(len, ATTACKS))
     _table("by robots", rows, width)
+    click.echo()
+    _table("in other protocols", protocols, width)
     click.echo()
     _table("on missions", missions, width)
 

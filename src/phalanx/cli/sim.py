@@ -15,7 +15,7 @@ from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 
 from .terminal import Progress, counted, end_status_line, print_json, print_rows, said_aside
 
@@ -73,7 +73,7 @@ def run(
     if as_json:
         print_json(ended.summary())
     else:
-        show(chosen, ended.summary(), knows_goal=own is None)
+        show(chosen, ended.summary(), knows_goal=own is None and chosen.controller not in PROTOCOLS)
     if own and ended.summary()["correct_in_safe_mode"]:
         click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {controller}", err=True)
     if record:
@@ -111,6 +111,7 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
         **({"distance to the goal": to_goal} if knows_goal else {}),
+        **{name: f"{done:g}, of correct robots" for name, done in summary.get("task", {}).items()},
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
         "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
         "for want of a quorum": _ids(summary["without_quorum"]),

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
+from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.controllers.protocol import Stage
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
@@ -173,13 +175,13 @@ def try_attack(
     summary = attacked.summary()
     promised_s = stop_bound_s(scenario, output_missing=False) if declared == "stopped" else None
     return FlockTrial(
-        **said_of(attack, scenario.defence),
+        **said_of(attack, scenario.defence) | (_said_of_stage(attacked.stage) if attacked.stage else {}),
         bound_s=promised_s,
         stops=tuple(
             Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)
             for told, liar in zip(summary["compromised"], liars, strict=True)
         ),
-        harm=max(attack.harm.of(liar, attacked, honest) for liar in liars) if correct.any() else None,
+        harm=_harm(attack, liars, attacked, honest) if correct.any() else None,
         attacked=summary,
         honest=honest.summary(),
         honest_distance_m=float(to_goal_m.mean()) if correct.any() else None,
@@ -187,3 +189,14 @@ def try_attack(
         airtime=tuple(airtime_since(attacked, liar.i, before[liar.i]) for liar in liars if declared == "limited"),
         idle=tuple(attack.idle(scenario.attacks[0].options, scenario.defence)),
     )
+
+
+def _said_of_stage(stage: Stage) -> dict[str, Any]:
+    return {"harm_unit": stage.counts, "harm_words": stage.lost, "harm_bites_from": stage.bites_from}
+
+
+def _harm(attack: Attack, liars: Sequence[Liar], attacked: Run, honest: Run) -> float:
+    if attacked.stage and honest.stage:
+        # Of the same robots: what a liar would have done itself is no harm to others.
+        return honest.stage.score(attacked.compromised) - attacked.stage.score(attacked.compromised)
+    return max(attack.harm.of(liar, attacked, honest) for liar in liars)

@@ -20,8 +20,9 @@ from .harm import ASTRAY, Harm
 # does nothing that matters under it; it is out of any defence's reach; or it goes on for ever, or does its harm first.
 Verdict = Literal["stopped", "limited", "harmless", "not covered", "bites"]
 # Where it is tried: one robot of a flock lies; somebody stands between an honest robot on an errand and its operator or
-# its world; a captured file is guessed; one of several robots lies that audit each other on a mission.
-Scene = Literal["flock", "errand", "file", "team"]
+# its world; a captured file is guessed; one of several robots lies that audit each other on a mission; one robot of
+# another protocol lies in its words.
+Scene = Literal["flock", "errand", "file", "team", "protocol"]
 
 
 def by_defence(none: Verdict, paper: Verdict, bound: Verdict) -> Mapping[Defence, Verdict]:
@@ -59,7 +60,7 @@ class Attack:
     does: str = ""  # what it does, for people
     stopped_by: str = ""  # what stops it, or why nothing has to, or why nothing can; "" where nobody has declared it
     scene: Scene = "flock"  # where it is tried
-    against: str = ""  # what it lies about, on missions
+    against: str = ""  # what it lies about, on missions; of a protocol its name
     limit: float = 0.0  # a defence that limits it keeps its damage below this; 0 for below what bites
     crowd: bool = False  # whether it takes f_max robots, and not one
     on_wheels: bool = False  # whether it makes sense for the demo's robots, whatever controller they run
@@ -85,7 +86,7 @@ class Attack:
         """
         for name, value in options.items():
             if name not in self.options:
-                always = ("robot", "at", "until") if self.scene == "flock" else ()
+                always = ("robot", "at", "until") if self.scene in ("flock", "protocol") else ()
                 allowed = ", ".join((*self.options, *always)) or "none"
                 raise UsageError(
                     f"options of {self.name} have no {name!r}", f"{did_you_mean(name, self.options)}it takes {allowed}"

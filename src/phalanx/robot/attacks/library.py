@@ -17,6 +17,7 @@ CHECKED = {"unchecked": Option((0, 1))}
 errand = partial(Attack, scene="errand", options={"at": Option(), **CHECKED})
 guess = partial(Attack, scene="file", against="secrecy")
 team = partial(Attack, scene="team", against="peers")
+protocol = partial(Attack, scene="protocol")  # its harm is what its protocol counts
 
 # fmt: off
 LIBRARY: dict[str, tuple[Attack, ...]] = {
@@ -56,6 +57,11 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                on_wheels=True,
                does="gives orders to all in the gateway's name, with the highest number, stops, and old ones again",
                stopped_by="robots check who signed an order, its number and its age; and replay sends none"),
+    ),
+    "What it claims to do, in other protocols": (
+        protocol("hog-cells", "pretences.HogCells", against="warehouse",
+                 does="claims, of the cells that others ask for, those of the two that are about to drive",
+                 stopped_by="replay claims the cells that lie on its way"),
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).
@@ -314,4 +320,6 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
 
 ATTACKS: dict[str, Attack] = {attack.name: attack for group in LIBRARY.values() for attack in group}
 IN_FLOCKS = {name: attack for name, attack in ATTACKS.items() if attack.scene == "flock"}
-ON_MISSIONS = {name: attack for name, attack in ATTACKS.items() if attack.scene != "flock"}
+IN_PROTOCOLS = {name: attack for name, attack in ATTACKS.items() if attack.scene == "protocol"}
+IN_SWARMS = IN_FLOCKS | IN_PROTOCOLS
+ON_MISSIONS = {name: attack for name, attack in ATTACKS.items() if name not in IN_SWARMS}

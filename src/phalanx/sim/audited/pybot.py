@@ -8,6 +8,7 @@ from phalanx.bti import request
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
+from phalanx.robot.controllers.protocol import Stage
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.sim.radio.channel import BROADCAST
@@ -31,20 +32,35 @@ METHODS = {
 NO_PLANNERS: Mapping[int, Planner] = {}
 
 
-def handle(world: World, robots: dict[int, CNode], planners: Mapping[int, Planner] = NO_PLANNERS) -> None:
-    """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`."""
+def handle(
+    world: World,
+    robots: dict[int, CNode],
+    planners: Mapping[int, Planner] = NO_PLANNERS,
+    stage: Stage | None = None,
+) -> None:
+    """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`.
+
+    `planners` advise some of them; on a `stage` their sensors see more than themselves.
+    """
     clock = world.clock[0]
     i, kind = int(clock.robot), int(clock.kind)
     cnode = robots[i]
     now_ms = clock_ms(world, i)
     if i in planners:
         _plan(world, cnode, planners[i], kind, now_ms)
-    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms))
+    seen = _look(world, cnode, stage, now_ms) if stage and kind == loop.CONTROL else b""
+    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms, seen))
     if cnode.is_own:
         _check_commands(world, cnode, actions)
     perform(world, i, actions)
     if kind == loop.WAKE and isinstance(cnode, Liar):
         wake(world, i, cnode)
+
+
+def _look(world: World, cnode: CNode, stage: Stage, now_ms: int) -> bytes:
+    x_m, y_m = world.pos[cnode.i].tolist()
+    lies = isinstance(cnode, Liar) and cnode.lies(now_ms)
+    return stage.look(cnode.id, int(world.clock[0].now_us) / 1e6, (x_m, y_m), lies=lies)
 
 
 def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) -> None:
@@ -69,9 +85,9 @@ def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:
             )
 
 
-def _actions(world: World, cnode: CNode, kind: int, now_ms: int) -> list[Action]:
+def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes) -> list[Action]:
     if kind == loop.CONTROL:
-        return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes())
+        return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
     if kind == loop.MESSAGE:
         return cnode.on_message(now_ms, world.frame[: world.frame_len[0]].tobytes())
     if kind == loop.ROUND:

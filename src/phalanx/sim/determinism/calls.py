@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
+from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.python_controller import Controller, Output, compiled
 from phalanx.robot.signer import Signer
+from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_class, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
 from phalanx.wire import driven, table
 from phalanx.wire.fields import put_u16, put_u64
 
@@ -56,8 +58,10 @@ def maker(words: str) -> Make:
     if words in BUNDLED:
         keys = {"gateway_key": _gateway().public} if _is_driven(words) else {}
         return compiled(NUMBERS[words], BUNDLED[words].params(BUNDLED[words].config(**keys)))
+    if protocol := find_protocol(words):
+        return protocol.maker(find_scenario(words).task)
     if not is_file(words):
-        raise no_controller(words, BUNDLED)
+        raise no_controller(words, [*BUNDLED, *PROTOCOLS])
     own: Make = find_class(words, Controller)
     return own
 
@@ -68,7 +72,7 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    life = list(_driven(chance)) if _is_driven(words) else _lived(make, seed)
+    life = list(_driven(chance)) if _is_driven(words) else _lived(make, _world_of(words, seed))
     return [*life, *_odd(life, chance)]
 
 
@@ -105,11 +109,17 @@ class _Listener(Controller):
             return self._inner.on_input(step, t_ms, reading)  # type: ignore[return-value]
 
 
-def _lived(make: Make, seed: int) -> list[Call]:
-    calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, ROBOTS + 1)}
+def _world_of(words: str, seed: int) -> Scenario:
+    """Its own, if it is one of the protocols."""
+    if words in PROTOCOLS:
+        return replace(find_scenario(words), duration_s=LIFE_S, defence="none", seed=seed, attacks=())
     # Room for whatever it remembers: how much it may be is not asked here.
     bti = BtiConfig(f_max=2, state_bytes=4096)
-    scenario = Scenario(robots=ROBOTS, goal_m=GOAL_M, duration_s=LIFE_S, defence="none", seed=seed, bti=bti)
+    return Scenario(robots=ROBOTS, goal_m=GOAL_M, duration_s=LIFE_S, defence="none", seed=seed, bti=bti)
+
+
+def _lived(make: Make, scenario: Scenario) -> list[Call]:
+    calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, scenario.robots + 1)}
     run = Run(scenario, lambda rob_id: _Listener(rob_id, make, calls[rob_id]))
     run.advance(LIFE_S)
     return calls[ROBOT]

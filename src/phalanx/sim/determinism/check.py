@@ -80,7 +80,7 @@ def check_controller(words: str, seed: int = 0) -> Report:
     What it finds convicts honest robots. What it does not find may still be there: it tries one machine, one life.
 
     Args:
-        words: "FILE.py:CLASS", or the name of a bundled controller (flock, guard, wheels).
+        words: "FILE.py:CLASS", or the name of a controller of ours.
         seed: of the life that the controller is led through.
     Raises: UsageError: no such controller, or it fails in a world without liars. Unavailable: a process ended early.
     """

@@ -16,7 +16,7 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.reader import Derived, Reader, as_written, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import ALIKE, UsageError, did_you_mean
-from phalanx.robot.attacks.library import IN_FLOCKS
+from phalanx.robot.attacks.library import IN_SWARMS
 from phalanx.sim.builtin import built_in
 
 from .scenario import AttackSpec, Scenario

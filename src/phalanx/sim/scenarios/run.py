@@ -21,6 +21,7 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.protocol import Stage, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal
 from phalanx.sim.audited import loop, pybot
@@ -30,6 +31,7 @@ from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
+from phalanx.wire.table import SENSOR
 
 from .scenario import AttackSpec, Scenario, in_scenarios
 
@@ -63,7 +65,7 @@ class Run:
 
     Args:
         scenario: what runs.
-        controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
+        controller: a researcher's own, made for each robot's id; None for the scenario's.
         planner: who advises robots that a guard drives, made for each robot's id and the goal; None for `ToGoal`.
         plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
         make_nodes: the robots' trusted nodes, if they are elsewhere.
@@ -80,6 +82,7 @@ class Run:
         plain: bool = False,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
+        scenario, controller, self.stage = _on_stage(scenario, controller)
         if longest := getattr(controller, "state_bytes", 0):
             bti = replace(scenario.bti, state_bytes=max(scenario.bti.state_bytes, longest))
             scenario = replace(scenario, bti=bti)
@@ -88,7 +91,7 @@ class Run:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        bundled = dispatch.BUNDLED[scenario.controller]
+        bundled = dispatch.BUNDLED["flock" if self.stage else scenario.controller]  # whose body protocols drive
         if scenario.controller not in in_scenarios():
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         advised = bundled.advised is not None and controller is None
@@ -160,7 +163,7 @@ class Run:
         while self.world.clock[0].now_us < until_us:
             target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
             while loop.run(self.world, target_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self.robots, self.planners)
+                pybot.handle(self.world, self.robots, self.planners, self.stage)
             raise_failed()
             if target_us == (self._sampled_s + 1) * 1_000_000:
                 self._sample()
@@ -257,6 +260,7 @@ class Run:
             "log_bytes_max": int(world.fleet.robot["log_max"].max()),
             "broadcast_delivery": _known(delivery(world.air, APP_BROADCAST)),
             "unicast_delivery": _known(delivery(world.air, AUDIT_UNICAST)),
+            **({"task": {self.stage.counts: self.stage.score(self.compromised)}} if self.stage else {}),
             "real_time_factor": seconds / self._wall_s if self._wall_s else None,
         }
 
@@ -269,6 +273,19 @@ class Run:
             "first_deviation_s": None if deviated is None else (deviated - boot_ms) / 1000,
             "safe_mode_s": None if safe_us < 0 else safe_us / 1e6,
         }
+
+
+def _on_stage(
+    scenario: Scenario, controller: Callable[[int], Controller] | None
+) -> tuple[Scenario, Callable[[int], Controller] | None, Stage | None]:
+    """The same with room for what a protocol's robots sense and remember, its robots, and what its world holds."""
+    protocol = find_protocol(scenario.controller)
+    if not protocol:
+        return scenario, controller, None
+    task, make = scenario.task, protocol.maker(scenario.task)
+    sizes = {"state_bytes": len(make(1).encode()), "reading_bytes": SENSOR.size + protocol.stage.seen_bytes}
+    scenario = replace(scenario, bti=replace(scenario.bti, **sizes))
+    return scenario, controller or make, protocol.stage(task)
 
 
 def _known(share: float) -> float | None:

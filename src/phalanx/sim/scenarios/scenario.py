@@ -17,11 +17,13 @@ from phalanx.config.parameter import check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack
-from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
+from phalanx.robot.attacks.library import ATTACKS, IN_SWARMS
 from phalanx.robot.controllers.declaration import bundled
+from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.guarded import WISH
 
-CONTROLLERS = tuple(bundled())
+PROTOCOLS = tuple(protocols())  # in plain Python
+CONTROLLERS = (*bundled(), *PROTOCOLS)
 GUARD = "guard"  # the one that planners advise
 Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
@@ -169,6 +171,20 @@ class Scenario:
         ]
 
     @property
+    def task(self) -> Task:
+        """The same as a protocol's robots are told it."""
+        return Task(
+            starts_m=tuple(self.starts_m),
+            step_m=self.grid_step_m,
+            goal_m=self.goal_m,
+            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            seed=self.seed,
+            control_ms=self.bti.t_control_ms,
+            state_every=self.bti.steps_per_state,
+            doubt_ms=self.bti.stop_bound_ms(output_missing=True),
+        )
+
+    @property
     def grids(self) -> tuple[int, ...]:
         """So many robots stand on each grid."""
         half = self.robots // 2
@@ -240,9 +256,12 @@ class Scenario:
     def _check_attacks(self) -> None:
         seen = set()
         for attack in self.attacks:
-            if not attack.own and attack.name not in IN_FLOCKS:
-                hint = f"{did_you_mean(attack.name, IN_FLOCKS)}one of {', '.join(sorted(IN_FLOCKS))}"
+            if not attack.own and attack.name not in IN_SWARMS:
+                hint = f"{did_you_mean(attack.name, IN_SWARMS)}one of {', '.join(sorted(IN_SWARMS))}"
                 raise UsageError(f"no attack {attack.name!r}", hint)
+            if attack.attack.scene == "protocol" and attack.attack.against != self.controller:
+                hint = f"controller: {attack.attack.against}"
+                raise UsageError(f"{attack.name} says nothing that robots of {self.controller} hear", hint)
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:
                     raise UsageError(f"{attack.name} in robot {attack.robot}", f"robots are 1 to {self.robots}")
@@ -257,14 +276,15 @@ class Scenario:
         return max(provided, self.bti.f_max + 1)
 
     def _flock(self, bti: BtiConfig) -> FlockConfig:
+        obstacles = () if self.controller in PROTOCOLS else self.obstacles  # these go around by laws of their own
         return replace(
             self.flock,
             goal_m=self.goal_m,
             d_m=self.d_m,
             n_max=bti.n_max,
             state_every=bti.steps_per_state,
-            discs=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Disc)),
-            boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
+            discs=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Disc)),
+            boxes=tuple(obstacle for obstacle in obstacles if isinstance(obstacle, Box)),
         )
 
     def _guard(self, bti: BtiConfig) -> GuardConfig:
@@ -288,7 +308,7 @@ def in_scenarios() -> list[str]:
     """Names of the bundled controllers that a scenario can run; the others wait for orders."""
     from phalanx.robot.controllers.dispatch import BUNDLED  # noqa: PLC0415  # whoever makes a scenario waits for no numba
 
-    return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)]
+    return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)] + [*PROTOCOLS]
 
 
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:

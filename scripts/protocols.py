@@ -1,0 +1,90 @@
+"""The picture and the table of docs/protocols.md, made again: python scripts/protocols.py [NAME …]
+
+Of each protocol its own lie and a few that others are told too, from 15 s on, under each defence, beside the same run
+without; the picture is where robots drove with the lie, unprotected and protected.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from phalanx.config.defence import DEFENCES
+from phalanx.config.flock import Box
+from phalanx.experiments.plot import BLUE, GREY, VERMILION
+from phalanx.robot.attacks import IN_PROTOCOLS
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import PROTOCOLS, AttackSpec
+
+IMAGES = Path(__file__).parents[1] / "docs" / "img"
+OTHERS = ("spoof", "false-state", "omit-sends", "hijack")
+END_S, STEP_S = 60.0, 0.5
+
+
+@cache
+def lived(name: str, defence: str, attack: str) -> tuple[Run, list[list[list[float]]]]:
+    """The run at its end, and where everybody was on the way; no attack is none."""
+    attacks = (AttackSpec(name=attack),) if attack else ()
+    run = Run(replace(find_scenario(name), defence=defence, attacks=attacks, duration_s=END_S))
+    ways = []
+    for k in range(round(END_S / STEP_S) + 1):
+        run.advance(k * STEP_S)
+        ways.append(run.positions_m.tolist())
+    return run, ways
+
+
+def cell(name: str, defence: str, attack: str) -> str:
+    """What is lost to others, and when the liar was stopped."""
+    (run, _), (beside, _) = lived(name, defence, attack), lived(name, defence, "")
+    assert run.stage
+    assert beside.stage
+    lost = beside.stage.score(run.compromised) - run.stage.score(run.compromised)
+    told = run.summary()["compromised"][0]
+    safe_s = told["safe_mode_s"]
+    after = "not stopped" if safe_s is None else f"stopped {safe_s - told['first_deviation_s']:.1f} s"
+    wronged = run.summary()["correct_in_safe_mode"] + run.summary()["without_quorum"]
+    contacts = run.summary()["contacts"] - beside.summary()["contacts"]
+    return f"{after} ({lost:.3g}, {contacts} contacts{f', {len(wronged)} others stopped' if wronged else ''})"
+
+
+def draw(name: str, lie: str) -> None:
+    """Ways of a run without a defence and of one with, side by side."""
+    picture = Figure(figsize=(10, 5))
+    for axes, defence in zip(picture.subplots(1, 2, sharex=True, sharey=True), ("none", "bound"), strict=True):
+        run, ways = lived(name, defence, lie)
+        assert run.stage
+        for box in run.scenario.obstacles:
+            if isinstance(box, Box):
+                size = box.right_m - box.left_m, box.top_m - box.bottom_m
+                axes.add_patch(Rectangle((box.left_m, box.bottom_m), *size, color="0.85"))
+        for i, rob_id in enumerate(run.ids.tolist()):
+            colour = VERMILION if rob_id in run.compromised else GREY if run.in_safe_mode[i] else BLUE
+            x, y = zip(*(places[i] for places in ways), strict=True)
+            axes.plot(x, y, color=colour, linewidth=0.8)
+            axes.plot(x[-1], y[-1], "X" if run.in_safe_mode[i] else "o", color=colour, markersize=6)
+        for x, y in run.stage.marks():
+            axes.plot(x, y, "+", color="0.2", markersize=7)
+        score = run.stage.score(run.compromised)
+        axes.set(title=f"{lie}, defence {defence}: {score:.3g} {run.stage.counts}", xlabel="x (m)", aspect="equal")
+    picture.axes[0].set_ylabel("y (m)")
+    picture.tight_layout()
+    picture.savefig(IMAGES / f"protocol-{name}.png", dpi=110)
+
+
+def main(names: list[str]) -> int:
+    for name in names or PROTOCOLS:
+        (lie,) = (attack for attack in IN_PROTOCOLS if IN_PROTOCOLS[attack].against == name)
+        draw(name, lie)
+        for attack in (lie, *OTHERS):
+            print(f"| `{attack}` | {' | '.join(cell(name, each, attack) for each in DEFENCES)} |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

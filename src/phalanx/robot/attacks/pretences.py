@@ -1,0 +1,46 @@
+"""Words of the other protocols that are not so: places, areas and targets that a robot takes on and does not serve."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from phalanx.robot.cnode import EVERYBODY, Action
+from phalanx.robot.controllers.peers import fields_of
+from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE
+
+from .liar import Liar
+
+
+class Pretender(Liar):
+    """What all have in common: they know who claimed what, and claim in their own name.
+
+    Attributes:
+        claimed: by id, when it was heard last, ms, and the three places that it claimed.
+    """
+
+    period_ms = 250
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.claimed: dict[int, tuple[int, list[int]]] = {}
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        """As an honest robot, and it is noted."""
+        if said := fields_of(CLAIM, frame):
+            _, rob_id, _, *places = said
+            self.claimed[rob_id] = now_ms, places
+        return super().heard(now_ms, frame)
+
+    def claim(self, now_ms: int, here: int, holds: int, wants: int = NOWHERE) -> list[Action]:
+        """Its claim, to everybody."""
+        return self.send(now_ms, CLAIM.form.pack(KIND_CLAIM, self.id, now_ms, here, holds, wants), EVERYBODY)
+
+
+class HogCells(Pretender):
+    """Says that it is in the cells that those ask for whose turn comes next."""
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Who spoke longest ago speaks, and drives, next."""
+        next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
+        wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
+        return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []

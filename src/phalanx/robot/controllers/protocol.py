@@ -1,0 +1,95 @@
+"""What a protocol of robots declares, in its file in protocols/: there is no other list of them.
+
+Beside flocking these are the uses that RoboRebound names (§2.1, §2.3). They run in plain Python: no kernel is compiled
+for them, and auditors replay them like a researcher's own controller. Each brings its part of the world along: what
+its sensors see beside the robot itself, and what counts there, whoever says what.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from phalanx.config.flock import Box
+
+if TYPE_CHECKING:  # whoever asks for names need not wait for a compiler
+    from .python_controller import Controller
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What a mission says to all its robots; a scenario says the same in the same words."""
+
+    starts_m: tuple[Point, ...]  # N, of robots 1 to N
+    step_m: float  # between two robots of the grid
+    goal_m: Point
+    boxes: tuple[Box, ...]  # what nobody drives through
+    seed: int  # of what the world does
+    control_ms: int  # a control step
+    state_every: int  # control steps from one broadcast to the next
+    doubt_ms: int  # who lied is silent so long after, at the latest
+
+
+class Stage(ABC):
+    """What the world holds for a protocol beside its robots, and what has come of it so far.
+
+    Class attributes:
+        counts: what `score` counts, and its unit.
+        lost: what it is to others when there is less of it, for people.
+        bites_from: from so much less on, an attack bites.
+        seen_bytes: of what `look` returns.
+    """
+
+    counts: ClassVar[str]
+    lost: ClassVar[str]
+    bites_from: ClassVar[float]
+    seen_bytes: ClassVar[int] = 0
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    @abstractmethod
+    def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
+        """A robot is there, and its sensors are read; what they say behind its own motion.
+
+        What it does there is done: who lies does nothing for the others.
+        """
+
+    def marks(self) -> list[Point]:
+        """Places that a picture shows, m: what it is all about."""
+        return []
+
+    @abstractmethod
+    def score(self, left_out: Collection[int]) -> float:
+        """What has come of it without these robots: the more the better."""
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """One protocol: what robots run, and what there is for them to do."""
+
+    controller: Callable[[int, Task], Controller]  # for a robot's id
+    stage: type[Stage]
+
+    def maker(self, task: Task) -> Callable[[int], Controller]:
+        """What makes a robot's controller, for its id."""
+        return lambda rob_id: self.controller(rob_id, task)
+
+
+def protocols() -> list[str]:
+    """Names of the protocols: those of their files."""
+    return sorted(file.stem for file in Path(__file__).parent.glob("protocols/[a-z]*.py"))
+
+
+def find_protocol(name: str) -> Protocol | None:
+    """The protocol of that name, if that is one."""
+    if name not in protocols():
+        return None
+    found: Protocol = import_module(f"{__package__}.protocols.{name}").PROTOCOL
+    return found

@@ -1,0 +1,179 @@
+"""Multi-agent path finding in a warehouse: robots fetch from shelves and bring to stations, one robot a cell.
+
+A robot finds its way by A*, along lanes that are better driven one way, and asks for one cell after the other: it
+`wants` a cell in one broadcast, and `holds` it from a later one on: when it has heard everybody else since the last,
+nobody holds the cell or is there, and nobody with a lower id wants it. So two never hold the same, whatever is lost, as
+long as nobody misses another four times running. A robot lets go of its last cell when it has come to the next. Who is
+silent stands where it was heard last, for good.
+
+Source: RoboRebound §2.1 (MAPF); Hart, Nilsson and Raphael 1968 (A*); Wurman, D'Andrea and Mountz 2008 (one robot a
+cell, cells reserved); the rule is ours: docs/protocols.md.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Collection, Iterator
+from functools import cache
+
+from phalanx.robot.controllers.peers import Peer, PeerController
+from phalanx.robot.controllers.protocol import Point, Protocol, Stage, Task
+from phalanx.wire.protocols import NOWHERE
+
+CELLS_A_STEP = 3  # robots start on each third cell: where lanes cross
+AGAINST, BEHIND, STUCK = 20, 2, 60  # what a cell costs against its lane, behind somebody, behind somebody silent
+ARRIVED = 0.3  # of a cell: so near to its middle
+BEYOND_CELLS = 1.3  # so near to an errand's cell it counts as done: a robot may stand in it for good
+
+
+class Floor:
+    """The cells of a warehouse, by number from the corner at the origin.
+
+    Attributes:
+        picks, stations: cells where no lanes cross: beside shelves, and of the first row.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task, self.cell_m = task, task.step_m / CELLS_A_STEP
+        far_m = [*task.starts_m, *((box.right_m, box.top_m) for box in task.boxes)]
+        self.columns, self.rows = (math.ceil(max(axis) / self.cell_m) + 1 for axis in zip(*far_m, strict=True))
+        cells = range(self.columns * self.rows)
+        self.shelves = frozenset(cell for cell in cells if self._is_shelf(*self.middle(cell)))
+        lanes = [cell for cell in cells if cell not in self.shelves and len(list(self.around(cell))) == 2]
+        self.stations = tuple(cell for cell in lanes if 0 < cell < self.columns - 1) or (0,)
+        self.picks = tuple(cell for cell in lanes if cell >= self.columns) or tuple(cells)
+
+    def _is_shelf(self, x: float, y: float) -> bool:
+        return any(b.left_m <= x <= b.right_m and b.bottom_m <= y <= b.top_m for b in self.task.boxes)
+
+    def middle(self, cell: int) -> Point:
+        """Of a cell, m."""
+        return cell % self.columns * self.cell_m, cell // self.columns * self.cell_m
+
+    def cell_at(self, place_m: Point) -> int:
+        """The cell nearest to a place."""
+        x, y = (round(at / self.cell_m) for at in place_m)
+        return int(min(self.rows - 1, max(0, y)) * self.columns + min(self.columns - 1, max(0, x)))
+
+    def around(self, cell: int) -> Iterator[tuple[int, int]]:
+        """The cells beside it, and what one of them costs: lanes are driven to and fro by turns."""
+        x, y = cell % self.columns, cell // self.columns
+        east, north = y // CELLS_A_STEP % 2 == 0, x // CELLS_A_STEP % 2 == 1
+        for dx, dy, along in ((1, 0, east), (-1, 0, not east), (0, 1, north), (0, -1, not north)):
+            if 0 <= x + dx < self.columns and 0 <= y + dy < self.rows:
+                beside = cell + dx + dy * self.columns
+                if beside not in self.shelves:
+                    yield beside, 1 if along else 1 + AGAINST
+
+    def goal(self, rob_id: int, leg: int) -> int:
+        """The cell of a robot's next errand: at even legs a shelf, at odd ones a station."""
+        cells = self.stations if leg % 2 else self.picks
+        return cells[(7 * rob_id + 13 * leg + 5 * self.task.seed) % len(cells)]
+
+    def way(self, start: int, goal: int, more: dict[int, int]) -> list[int]:
+        """The cheapest way, without its start; [] if there is none. `more`: what a cell costs beside. A*."""
+        goal_x, goal_y = goal % self.columns, goal // self.columns
+        best, seen = [(0, 0, start, start)], {}
+        while best:
+            _, spent, cell, before = heapq.heappop(best)
+            if cell in seen:
+                continue
+            seen[cell] = before
+            if cell == goal:
+                way = []
+                while cell != start:
+                    way.append(cell)
+                    cell = seen[cell]
+                return way[::-1]
+            for beside, cost in self.around(cell):
+                if beside not in seen:
+                    cost_there = spent + cost + more.get(beside, 0)
+                    left = abs(beside % self.columns - goal_x) + abs(beside // self.columns - goal_y)
+                    heapq.heappush(best, (cost_there + left, cost_there, beside, cell))
+        return []
+
+
+class Warehouse(PeerController):
+    """One robot of the warehouse."""
+
+    def __init__(self, rob_id: int, task: Task) -> None:
+        super().__init__(rob_id, task)
+        self.floor = _floor_of(task)
+        self.here = self.floor.cell_at(task.starts_m[rob_id - 1])
+        for other in self.others.values():  # nobody moves before it was heard
+            other.here = self.floor.cell_at((other.x_m, other.y_m))
+
+    def turn(self, t_ms: int, place_m: Point) -> None:
+        """The next cell is its own, or is asked for."""
+        floor = self.floor
+        if self.holds != NOWHERE and _near(place_m, floor.middle(self.holds), ARRIVED * floor.cell_m):
+            self.here, self.holds = self.holds, NOWHERE
+        if self.wants != NOWHERE and self.holds == NOWHERE and self._may_hold(self.wants, t_ms):
+            self.holds, self.wants = self.wants, NOWHERE
+        goal = floor.goal(self.rob_id, self.done)
+        if _near(place_m, floor.middle(goal), BEYOND_CELLS * floor.cell_m):
+            self.done += 1
+            goal = floor.goal(self.rob_id, self.done)
+        more: dict[int, int] = {}
+        for other in self.others.values():
+            for cell in (other.here, other.holds):
+                more[cell] = STUCK if self.is_silent(other, t_ms) else BEHIND
+        way = floor.way(self.here if self.holds == NOWHERE else self.holds, goal, more)
+        self.wants = way[0] if way else NOWHERE
+
+    def _may_hold(self, cell: int, t_ms: int) -> bool:
+        return not any(
+            cell in (other.here, other.holds, self.floor.cell_at((other.x_m, other.y_m)))
+            or (not self.is_silent(other, t_ms) and self._waits_for(rob_id, other, cell, t_ms))
+            for rob_id, other in self.others.items()
+        )
+
+    def _waits_for(self, rob_id: int, other: Peer, cell: int, t_ms: int) -> bool:
+        # Of two who hold a cell, the later has heard the earlier since it asked: that it holds, or that it asks too.
+        return t_ms - other.heard_ms >= self.period_ms or (cell == other.wants and rob_id < self.rob_id)
+
+    def aim(self) -> Point:
+        """The middle of the cell that is its own."""
+        return self.floor.middle(self.here if self.holds == NOWHERE else self.holds)
+
+
+class Errands(Stage):
+    """Who has been at its shelf and then at its station has delivered."""
+
+    counts = "deliveries"
+    lost = "so many fewer deliveries by correct robots"
+    bites_from = 2.0
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._floor = _floor_of(task)
+        self._legs = dict.fromkeys(range(1, len(task.starts_m) + 1), 0)
+
+    def look(self, rob_id: int, _t_s: float, place_m: Point, *, lies: bool) -> bytes:
+        """A robot at its shelf loads, and at its station unloads."""
+        goal_m = self._floor.middle(self._floor.goal(rob_id, self._legs[rob_id]))
+        if not lies and _near(place_m, goal_m, BEYOND_CELLS * self._floor.cell_m):
+            self._legs[rob_id] += 1
+        return b""
+
+    def marks(self) -> list[Point]:
+        """The stations."""
+        return [self._floor.middle(cell) for cell in self._floor.stations]
+
+    def score(self, left_out: Collection[int]) -> float:
+        """Deliveries."""
+        return float(sum(legs // 2 for rob_id, legs in self._legs.items() if rob_id not in left_out))
+
+
+def _near(one_m: Point, other_m: Point, within_m: float) -> bool:
+    dx, dy = one_m[0] - other_m[0], one_m[1] - other_m[1]
+    return dx * dx + dy * dy <= within_m * within_m
+
+
+@cache
+def _floor_of(task: Task) -> Floor:
+    return Floor(task)
+
+
+PROTOCOL = Protocol(Warehouse, Errands)

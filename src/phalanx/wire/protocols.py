@@ -1,0 +1,39 @@
+"""The byte table's page of the protocols beside flocking: what robots claim, and what they remember of each other.
+
+Their robots run in plain Python (robot/controllers/protocols): no kernel reads these, so table.py does not list them.
+"""
+
+from __future__ import annotations
+
+from .record import Field, Record
+
+KIND_CLAIM = 0x0D
+NOWHERE = 0xFFFF  # instead of a place's number
+
+PLACES = (
+    Field("here", "u16", "number of the place where it is, or has been last; 0xFFFF: none"),
+    Field("holds", "u16", "of the place that it goes to, and that is its own until then"),
+    Field("wants", "u16", "of the place that it asks for next"),
+)
+CLAIM = Record(
+    "claim",
+    (Field("id", "u16", "robot id"), Field("t", "u64", "ms, a-node's clock"), *PLACES),
+    "broadcast behind a `state`: which places a robot takes on",
+    KIND_CLAIM,
+)
+PEER = Record(
+    "peer",
+    (
+        Field("heard", "u64", "ms, a-node's clock: its last claim"),
+        Field("x_m", "f32", "where it said it was"),
+        Field("y_m", "f32", ""),
+        *PLACES,
+    ),
+    "what is remembered of another robot of the mission, by rising id",
+)
+PEER_MEMORY = Record(
+    "peer_memory",
+    (*PLACES, Field("done", "u16", "legs of its errands"), Field("rest", "rest", "a `peer` for each other robot")),
+    "what a robot of these protocols remembers",
+)
+RECORDS = (CLAIM, PEER, PEER_MEMORY)

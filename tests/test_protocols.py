@@ -1,0 +1,178 @@
+"""The protocols beside flocking: what each promises, that it can be audited, and that its liars are stopped."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from phalanx.config import BtiConfig
+from phalanx.errors import UsageError
+from phalanx.experiments.bti.attack_trial import stop_bound_s
+from phalanx.robot.attacks import IN_PROTOCOLS
+from phalanx.robot.controllers.protocol import find_protocol
+from phalanx.robot.controllers.protocols.warehouse import Floor
+from phalanx.sim.determinism.check import check_controller
+from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import PROTOCOLS, AttackSpec, Scenario
+from phalanx.wire import protocols, table
+from phalanx.wire.record import MalformedRecord
+from protocol_world import ProtocolWorld, task_of
+
+ROBOTS = 5
+
+
+def small(name: str, *attacks: AttackSpec, defence: str = "bound", end_s: float = 13.0) -> Scenario:
+    bti = BtiConfig(f_max=1)
+    scenario = replace(find_scenario(name), robots=ROBOTS, bti=bti, n_max=8, defence=defence)
+    return replace(scenario, attacks=attacks, duration_s=end_s)
+
+
+def run_of(scenario: Scenario) -> Run:
+    run = Run(scenario)
+    run.advance(scenario.duration_s)
+    return run
+
+
+# --- all of them --------------------------------------------------------------------------------------------------
+
+
+def test_a_first_byte_is_one_records_here_too():
+    told = [*table.PAYLOADS, *protocols.RECORDS]
+    tags = [record.tag for record in told if record.tag not in (None, table.KIND_AUDIT)]
+    assert len(tags) == len(set(tags))
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_each_has_a_scenario_a_lie_and_a_measure(name):
+    assert find_scenario(name).controller == name
+    assert name in {attack.against for attack in IN_PROTOCOLS.values()}
+    assert find_protocol(name).stage.counts
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_it_goes_on_from_each_checkpoint_with_the_same_bytes(name):
+    straight, relayed = (ProtocolWorld(name, task_of(name, ROBOTS)) for _ in range(2))
+    relayed.relayed = True
+    for world in (straight, relayed):
+        assert all(True for _ in world.steps(12.0))
+    assert straight.said == relayed.said
+    assert len(straight.said) > 12.0 / 0.25 * ROBOTS
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_whatever_a_frame_or_a_checkpoint_holds_nothing_raises_but_what_may(name, data):
+    robot = ProtocolWorld(name, task_of(name, ROBOTS)).robots[2]
+    heads = st.sampled_from(
+        [robot.encode()[:1], b"\x01", *(bytes([each.tag]) for each in protocols.RECORDS if each.tag)]
+    )
+    sizes = st.sampled_from([26, *(record.size - 1 for record in (*protocols.RECORDS, table.STATE))])
+    for _ in range(5):
+        frame = data.draw(heads) + data.draw(sizes.flatmap(lambda n: st.binary(min_size=n, max_size=n)))
+        robot.on_recv(2000, frame)
+        told = robot.on_input(3, 2000, frame)
+        assert len(told[0].payload) == table.ACCELERATION.size
+    before = robot.encode()
+    try:
+        robot.decode(data.draw(st.binary(min_size=len(before), max_size=len(before))))
+    except MalformedRecord:
+        robot.decode(before)
+    robot.on_input(4, 2250, table.SENSOR.form.pack(table.KIND_SENSOR, 2, 2250, 0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("lie", IN_PROTOCOLS)
+def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
+    run = run_of(small(IN_PROTOCOLS[lie].against, AttackSpec(name=lie, at_s=2.0, robot=2)))
+    summary = run.summary()
+    (told,) = summary["compromised"]
+    assert told["first_deviation_s"] is not None
+    bound_s = stop_bound_s(run.scenario, output_missing=True)
+    assert told["safe_mode_s"] - told["first_deviation_s"] <= bound_s
+    assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+    assert run.world.fleet.robot["audits_passed"].sum() >= ROBOTS
+
+
+def test_a_lie_is_of_one_protocol():
+    with pytest.raises(UsageError, match="hog-cells says nothing that robots of flock hear"):
+        Scenario(attacks=(AttackSpec(name="hog-cells"),))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_it_can_be_audited(name):
+    assert check_controller(name).agrees
+
+
+# --- the warehouse ------------------------------------------------------------------------------------------------
+
+
+def test_a_way_is_as_cheap_as_any():
+    floor = Floor(task_of("warehouse", 10))
+    for goal in (floor.picks[3], floor.stations[-1]):
+        dear = dict.fromkeys(range(30, 36), 7)
+        least = {goal: 0}  # backwards, until nothing gets cheaper
+        while True:
+            cheaper = {
+                cell: min(
+                    (
+                        cost + dear.get(beside, 0) + least[beside]
+                        for beside, cost in floor.around(cell)
+                        if beside in least
+                    ),
+                    default=math.inf,
+                )
+                for cell in range(floor.columns * floor.rows)
+                if cell != goal and cell not in floor.shelves
+            } | {goal: 0}
+            if cheaper == least:
+                break
+            least = cheaper
+        for start in floor.picks[::5]:
+            way = floor.way(start, goal, dear)
+            spent = sum(dict(floor.around(a))[b] + dear.get(b, 0) for a, b in itertools.pairwise([start, *way]))
+            assert spent == least[start]
+            assert not set(way) & floor.shelves
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10_000))
+def test_no_two_robots_are_in_one_cell_whatever_is_lost_but_four_times_running(seed):
+    dice, lost_last = random.Random(seed), {}
+
+    def lost(one: int, other: int, step: int) -> bool:
+        so_far = lost_last.get((one, other), 0)
+        lost_last[one, other] = so_far + 1 if so_far < 3 and dice.random() < 0.3 else 0
+        return lost_last[one, other] > 0
+
+    crossing = ((9.0, 6.0), (6.0, 9.0), (12.0, 9.0), (9.0, 12.0), (9.0, 3.0))  # cells around one of 3 m
+    # All, or some of them, speak at the same moment.
+    task = replace(task_of("warehouse", ROBOTS, seed), starts_m=crossing, state_every=1 + 2 * (seed % 2))
+    floor, world = Floor(task), ProtocolWorld("warehouse", task, lost)
+    for _ in world.steps(8.0):
+        theirs = [cell for robot in world.robots.values() for cell in {robot.here, robot.holds} - {protocols.NOWHERE}]
+        assert len(theirs) == len(set(theirs))
+        for one, other in itertools.combinations(world.place_m.values(), 2):
+            assert math.dist(one, other) > floor.cell_m / 2
+    assert [robot.here for robot in world.robots.values()] != [floor.cell_at(start) for start in crossing]
+
+
+def test_what_is_fetched_and_brought_is_counted_and_not_of_who_lies():
+    task = task_of("warehouse", ROBOTS)
+    world = ProtocolWorld("warehouse", task)
+    assert all(True for _ in world.steps(90.0))
+    legs = {rob_id: robot.done for rob_id, robot in world.robots.items()}
+    assert world.stage.score(()) == pytest.approx(sum(each // 2 for each in legs.values()), abs=ROBOTS)
+    assert world.stage.score(()) >= ROBOTS
+    assert world.stage.score(world.ids) == 0.0
+    floor, stage = Floor(task), find_protocol("warehouse").stage(task)
+    for leg in range(4):
+        stage.look(1, 0.0, floor.middle(floor.goal(1, leg)), lies=leg > 1)
+    assert stage.score(()) == 1.0
