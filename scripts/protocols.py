@@ -24,7 +24,7 @@ from phalanx.sim.scenarios.scenario import PROTOCOLS, AttackSpec
 
 IMAGES = Path(__file__).parents[1] / "docs" / "img"
 OTHERS = ("spoof", "false-state", "omit-sends", "hijack")
-END_S, STEP_S = 60.0, 0.5
+END_S, STEP_S = 90.0, 0.5
 
 
 @cache
@@ -44,7 +44,7 @@ def cell(name: str, defence: str, attack: str) -> str:
     (run, _), (beside, _) = lived(name, defence, attack), lived(name, defence, "")
     assert run.stage
     assert beside.stage
-    lost = beside.stage.score(run.compromised) - run.stage.score(run.compromised)
+    lost = run.stage.lost_beside(beside.stage, run.compromised)
     told = run.summary()["compromised"][0]
     safe_s = told["safe_mode_s"]
     after = "not stopped" if safe_s is None else f"stopped {safe_s - told['first_deviation_s']:.1f} s"

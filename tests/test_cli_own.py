@@ -157,7 +157,7 @@ class TestController:
         "words, complaint",
         [
             ("nowhere.py:Mine", "no file nowhere.py"),
-            ("flok", "no controller 'flok'\nphalanx: hint: did you mean flock? flock, guard, or FILE.py:CLASS"),
+            ("flok", "no controller 'flok'\nphalanx: hint: did you mean flock? flock, guard, "),
             (f"{ROOT / 'examples' / 'own_controller.py'}:GOAL_M", "GOAL_M in"),
         ],
     )

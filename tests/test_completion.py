@@ -10,8 +10,9 @@ import sys
 
 import pytest
 
-from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
+from phalanx.robot.attacks import ATTACKS, IN_SWARMS
 from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.scenario import PROTOCOLS
 
 SCENARIOS, MISSIONS, MAPS = (list(built_in(kind)) for kind in ("scenarios", "missions", "maps"))
 
@@ -50,11 +51,11 @@ def offered(shell, line: str) -> list[str]:
     "line, names, files",
     [
         ("phalanx sim run ", SCENARIOS, ["mine.yaml"]),
-        ("phalanx sim run flock-12 --attack ", ["none", *IN_FLOCKS], ["mine.py"]),
+        ("phalanx sim run flock-12 --attack ", ["none", *IN_SWARMS], ["mine.py"]),
         ("phalanx attack run ", ATTACKS, ["mine.py"]),
-        ("phalanx sim run flock-12 --controller ", ["flock", "guard"], ["mine.py"]),
-        ("phalanx attack run spoof --controller ", ["flock", "guard"], ["mine.py"]),
-        ("phalanx sim check ", ["flock", "guard", "wheels"], ["mine.py"]),
+        ("phalanx sim run flock-12 --controller ", ["flock", "guard", *PROTOCOLS], ["mine.py"]),
+        ("phalanx attack run spoof --controller ", ["flock", "guard", *PROTOCOLS], ["mine.py"]),
+        ("phalanx sim check ", ["flock", "guard", "wheels", *PROTOCOLS], ["mine.py"]),
         ("phalanx mission build ", MISSIONS, ["mine.yaml"]),
         ("phalanx mission build --map ", MAPS, ["mine.yaml"]),
         ("phalanx mission run ", MISSIONS, ["made.phxm", "mine.yaml"]),

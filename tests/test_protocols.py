@@ -15,6 +15,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_PROTOCOLS
+from phalanx.robot.controllers.places import PLACES
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor
 from phalanx.sim.determinism.check import check_controller
@@ -67,7 +68,7 @@ def test_it_goes_on_from_each_checkpoint_with_the_same_bytes(name):
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_whatever_a_frame_or_a_checkpoint_holds_nothing_raises_but_what_may(name, data):
     robot = ProtocolWorld(name, task_of(name, ROBOTS)).robots[2]
@@ -176,3 +177,48 @@ def test_what_is_fetched_and_brought_is_counted_and_not_of_who_lies():
     for leg in range(4):
         stage.look(1, 0.0, floor.middle(floor.goal(1, leg)), lies=leg > 1)
     assert stage.score(()) == 1.0
+
+
+# --- patrol, exploration ------------------------------------------------------------------------------------------
+
+
+def test_no_place_is_missed_and_few_are_seen_twice():
+    world = ProtocolWorld("exploration", task_of("exploration", ROBOTS))
+    assert all(True for _ in world.steps(120.0))
+    assert world.stage.score(()) == 100.0
+    assert world.stage.score((1,)) < 100.0
+    assert {world.robots[1].last_visit_ms(121_000, place) > 0 for place in PLACES} == {True}
+
+
+def test_who_falls_silent_is_doubted_in_what_it_said_shortly_before():
+    task = task_of("exploration", ROBOTS)
+    robot = ProtocolWorld("exploration", task).make(1)
+
+    def says(t_ms: int, here: int) -> None:
+        robot.on_recv(t_ms, protocols.CLAIM.encode(id=2, t=t_ms, here=here, holds=here, wants=here))
+
+    says(2000, 7)
+    says(2000 + task.doubt_ms, 8)
+    soon_ms, later_ms = 3000 + task.doubt_ms, 60_000
+    assert robot.last_visit_ms(soon_ms, 7) == 2000
+    assert robot.last_visit_ms(soon_ms, 8) == 2000 + task.doubt_ms
+    assert robot.last_visit_ms(later_ms, 7) == 2000
+    assert robot.last_visit_ms(later_ms, 8) == 0
+
+
+def test_a_patrol_watches_most_places_most_of_the_time():
+    world = ProtocolWorld("patrol", task_of("patrol", 6))
+    assert all(True for _ in world.steps(90.0))
+    assert world.stage.score(()) > 70.0
+    assert world.stage.score(world.ids) == 0.0
+    assert all(visits for visits in world.stage.visits)
+
+
+@pytest.mark.parametrize("name", ["patrol", "exploration"])
+def test_of_two_who_go_to_one_place_one_goes_elsewhere(name):
+    world = ProtocolWorld(name, task_of(name, 6))
+    both = 0
+    for _ in world.steps(30.0):
+        held = [robot.holds for robot in world.robots.values() if robot.holds != protocols.NOWHERE]
+        both += len(held) - len(set(held))
+    assert both <= 6 * 6  # steps, from when they choose to when they hear of it

@@ -54,7 +54,7 @@ def _try_in_flock(
     first: AttackSpec, said: dict[str, Any], defence: Any, controller: str | None
 ) -> tuple[FlockTrial, tuple[float, float] | None]:
     """What it came to, and where the swarm goes; None if only its controller knows."""
-    protocol = first.attack.against if first.attack.scene == "protocol" else controller
+    protocol = first.attack.against or controller  # of the flock's attacks none is against anything
     on_stage = protocol in PROTOCOLS
     swarm = find_scenario(str(protocol)) if on_stage else Scenario(name="attack", duration_s=DURATION_S)
     scenario = changed(swarm, said, defence=defence)

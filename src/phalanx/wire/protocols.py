@@ -36,4 +36,9 @@ PEER_MEMORY = Record(
     (*PLACES, Field("done", "u16", "legs of its errands"), Field("rest", "rest", "a `peer` for each other robot")),
     "what a robot of these protocols remembers",
 )
-RECORDS = (CLAIM, PEER, PEER_MEMORY)
+VISIT = Record(
+    "visit",
+    (Field("at", "u64", "ms, a-node's clock; 0: never"), Field("id", "u16", "of the robot that says it was there")),
+    "behind a `peer_memory`, of each place: who was there last",
+)
+RECORDS = (CLAIM, PEER, PEER_MEMORY, VISIT)

@@ -197,6 +197,5 @@ def _said_of_stage(stage: Stage) -> dict[str, Any]:
 
 def _harm(attack: Attack, liars: Sequence[Liar], attacked: Run, honest: Run) -> float:
     if attacked.stage and honest.stage:
-        # Of the same robots: what a liar would have done itself is no harm to others.
-        return honest.stage.score(attacked.compromised) - attacked.stage.score(attacked.compromised)
+        return attacked.stage.lost_beside(honest.stage, attacked.compromised)
     return max(attack.harm.of(liar, attacked, honest) for liar in liars)

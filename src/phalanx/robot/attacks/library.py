@@ -62,6 +62,13 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         protocol("hog-cells", "pretences.HogCells", against="warehouse",
                  does="claims, of the cells that others ask for, those of the two that are about to drive",
                  stopped_by="replay claims the cells that lie on its way"),
+        protocol("claim-visits", "pretences.ClaimVisits", against="patrol",
+                 does="says that it has just been at each place of the half that it never visits",
+                 stopped_by="replay has been where its sensor says"),
+        protocol("claim-area", "pretences.ClaimArea", against="exploration",
+                 does="says of one place after the other that it has seen it",
+                 stopped_by="replay has been where its sensor says; and what a robot said that fell silent soon after "
+                            "is seen again"),
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.peers import fields_of
+from phalanx.robot.controllers.places import PLACES
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE
 
+from .attack import Scene
 from .liar import Liar
 
 
@@ -18,6 +20,7 @@ class Pretender(Liar):
         claimed: by id, when it was heard last, ms, and the three places that it claimed.
     """
 
+    scene: ClassVar[Scene] = "protocol"
     period_ms = 250
 
     def __init__(self, *args: Any, **more: Any) -> None:
@@ -44,3 +47,29 @@ class HogCells(Pretender):
         next_first = sorted((heard_ms, places) for heard_ms, places in self.claimed.values())
         wanted = [wants for _, (_, _, wants) in next_first if wants != NOWHERE]
         return self.claim(now_ms, *wanted[:2]) if len(wanted) > 1 else []
+
+
+class ClaimArea(Pretender):
+    """Says that it is at one place after the other."""
+
+    _turn = 0
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """The next of them."""
+        place = self.places[self._turn % len(self.places)]
+        self._turn += 1
+        return self.claim(now_ms, place, self.places[self._turn % len(self.places)])
+
+    @property
+    def places(self) -> range:
+        """Of which it says so."""
+        return PLACES
+
+
+class ClaimVisits(ClaimArea):
+    """Says so of half of them, for ever, so that nobody goes there."""
+
+    @property
+    def places(self) -> range:
+        """The upper half."""
+        return PLACES[len(PLACES) // 2 :]

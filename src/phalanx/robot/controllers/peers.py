@@ -71,8 +71,8 @@ class PeerController(Controller):
     def aim(self) -> Point:
         """Where it drives now, m."""
 
-    def told(self, rob_id: int, t_ms: int) -> None:
-        """Another robot has claimed places, which are remembered by now."""
+    def told(self, rob_id: int, t_ms: int, was: int) -> None:
+        """Another robot, which said last that it is at the place `was`, has claimed places, remembered by now."""
 
     # --- what all do ---------------------------------------------------------------------------------------------
 
@@ -87,9 +87,9 @@ class PeerController(Controller):
         if said is None or other is None:
             return
         if said[0] == KIND_CLAIM:
-            other.heard_ms = t_ms
+            other.heard_ms, was = t_ms, other.here
             other.here, other.holds, other.wants = said[BEHIND_T:]
-            self.told(said[ID], t_ms)
+            self.told(said[ID], t_ms, was)
         else:
             other.x_m, other.y_m, _, _ = said[BEHIND_T:]
 

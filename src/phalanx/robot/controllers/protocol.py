@@ -43,12 +43,14 @@ class Stage(ABC):
         counts: what `score` counts, and its unit.
         lost: what it is to others when there is less of it, for people.
         bites_from: from so much less on, an attack bites.
+        shared: whether it is one thing for all, and not each robot's own work: then a liar's part of it is lost, too.
         seen_bytes: of what `look` returns.
     """
 
     counts: ClassVar[str]
     lost: ClassVar[str]
     bites_from: ClassVar[float]
+    shared: ClassVar[bool] = True
     seen_bytes: ClassVar[int] = 0
 
     def __init__(self, task: Task) -> None:
@@ -60,6 +62,10 @@ class Stage(ABC):
 
         What it does there is done: who lies does nothing for the others.
         """
+
+    def lost_beside(self, honest: Stage, liars: Collection[int]) -> float:
+        """So much less than in the same run where these were honest."""
+        return honest.score(() if self.shared else liars) - self.score(liars)
 
     def marks(self) -> list[Point]:
         """Places that a picture shows, m: what it is all about."""

@@ -84,5 +84,5 @@ def written_scenario(scenario: Scenario) -> dict[str, Any]:
 
 
 def _attack_meant(word: str) -> str:
-    near = difflib.get_close_matches(word, IN_FLOCKS, 1, ALIKE) or [word]
+    near = difflib.get_close_matches(word, IN_SWARMS, 1, ALIKE) or [word]
     return f"- name: {near[0]}"

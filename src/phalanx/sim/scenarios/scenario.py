@@ -259,8 +259,9 @@ class Scenario:
             if not attack.own and attack.name not in IN_SWARMS:
                 hint = f"{did_you_mean(attack.name, IN_SWARMS)}one of {', '.join(sorted(IN_SWARMS))}"
                 raise UsageError(f"no attack {attack.name!r}", hint)
-            if attack.attack.scene == "protocol" and attack.attack.against != self.controller:
-                hint = f"controller: {attack.attack.against}"
+            against = attack.attack.against if attack.attack.scene == "protocol" else ""
+            if against not in ("", self.controller):
+                hint = f"controller: {against}"
                 raise UsageError(f"{attack.name} says nothing that robots of {self.controller} hear", hint)
             if attack.robot is not None:
                 if not 1 <= attack.robot <= self.robots:

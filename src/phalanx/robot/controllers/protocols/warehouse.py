@@ -4,7 +4,7 @@ A robot finds its way by A*, along lanes that are better driven one way, and ask
 `wants` a cell in one broadcast, and `holds` it from a later one on: when it has heard everybody else since the last,
 nobody holds the cell or is there, and nobody with a lower id wants it. So two never hold the same, whatever is lost, as
 long as nobody misses another four times running. A robot lets go of its last cell when it has come to the next. Who is
-silent stands where it was heard last, for good.
+silent stands for good where it said it was, and in the cells about there that it claimed.
 
 Source: RoboRebound §2.1 (MAPF); Hart, Nilsson and Raphael 1968 (A*); Wurman, D'Andrea and Mountz 2008 (one robot a
 cell, cells reserved); the rule is ours: docs/protocols.md.
@@ -24,6 +24,7 @@ from phalanx.wire.protocols import NOWHERE
 CELLS_A_STEP = 3  # robots start on each third cell: where lanes cross
 AGAINST, BEHIND, STUCK = 20, 2, 60  # what a cell costs against its lane, behind somebody, behind somebody silent
 ARRIVED = 0.3  # of a cell: so near to its middle
+FITS_CELLS = 1.5  # so near to a cell one can be that is on the way to it
 BEYOND_CELLS = 1.3  # so near to an errand's cell it counts as done: a robot may stand in it for good
 
 
@@ -117,17 +118,24 @@ class Warehouse(PeerController):
             goal = floor.goal(self.rob_id, self.done)
         more: dict[int, int] = {}
         for other in self.others.values():
-            for cell in (other.here, other.holds):
+            for cell in self._cells(other, t_ms):
                 more[cell] = STUCK if self.is_silent(other, t_ms) else BEHIND
         way = floor.way(self.here if self.holds == NOWHERE else self.holds, goal, more)
         self.wants = way[0] if way else NOWHERE
 
     def _may_hold(self, cell: int, t_ms: int) -> bool:
         return not any(
-            cell in (other.here, other.holds, self.floor.cell_at((other.x_m, other.y_m)))
+            cell in self._cells(other, t_ms)
             or (not self.is_silent(other, t_ms) and self._waits_for(rob_id, other, cell, t_ms))
             for rob_id, other in self.others.items()
         )
+
+    def _cells(self, other: Peer, t_ms: int) -> list[int]:
+        # Whoever has fallen silent may have been stopped for its claims: those count that fit where it said it was.
+        at_m, cells = (other.x_m, other.y_m), [other.here, other.holds]
+        if self.is_silent(other, t_ms):
+            cells = [cell for cell in cells if _near(at_m, self.floor.middle(cell), FITS_CELLS * self.floor.cell_m)]
+        return [self.floor.cell_at(at_m), *cells]
 
     def _waits_for(self, rob_id: int, other: Peer, cell: int, t_ms: int) -> bool:
         # Of two who hold a cell, the later has heard the earlier since it asked: that it holds, or that it asks too.
@@ -144,6 +152,7 @@ class Errands(Stage):
     counts = "deliveries"
     lost = "so many fewer deliveries by correct robots"
     bites_from = 2.0
+    shared = False
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)

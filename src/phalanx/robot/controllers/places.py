@@ -1,0 +1,122 @@
+"""What patrols and explorers have in common: places to be at, each taken on by one robot, and who was where when.
+
+A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. That somebody was
+at a place is believed of whoever says so, and no longer believed if that robot has fallen silent so soon after that it
+may have been stopped for this very lie: by P1 a liar is silent within `doubt_ms`.
+
+Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Collection, Iterator
+
+from phalanx.wire.protocols import NOWHERE, VISIT
+from phalanx.wire.record import MalformedRecord
+
+from .peers import PeerController
+from .protocol import Point, Stage, Task
+
+NEAR = 0.25  # of a step: so near to a place one is there
+PLACES_A_SIDE = 6
+
+
+def place_m(task: Task, place: int) -> Point:
+    """Where a place is: they are a square grid of the robots' own step, from the origin."""
+    return place % PLACES_A_SIDE * task.step_m, place // PLACES_A_SIDE * task.step_m
+
+
+PLACES = range(PLACES_A_SIDE * PLACES_A_SIDE)
+
+
+class PlaceController(PeerController):
+    """A robot that goes from place to place.
+
+    Attributes:
+        visits: of each place, when somebody was there last, ms, and who; 0 for nobody.
+    """
+
+    def __init__(self, rob_id: int, task: Task) -> None:
+        super().__init__(rob_id, task)
+        self.visits = [(0, 0)] * len(PLACES)
+
+    @abstractmethod
+    def worth(self, t_ms: int, place: int, away_m: float) -> float | None:
+        """What it is worth to go to a place so far away; None for nothing."""
+
+    def turn(self, t_ms: int, at_m: Point) -> None:
+        """It is at its place, or takes on another."""
+        if self.holds != NOWHERE and math.sqrt(self._squared_m(at_m, self.holds)) < NEAR * self.task.step_m:
+            self.here, self.holds = self.holds, NOWHERE
+            self.visits[self.here] = t_ms, self.rob_id
+        taken = {each.holds: rob_id for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
+        if taken.get(self.holds, self.rob_id) < self.rob_id:
+            self.holds = NOWHERE
+        if self.holds == NOWHERE:
+            self.holds = max(self._choices(t_ms, at_m, taken), default=(0.0, NOWHERE))[1]
+
+    def _choices(self, t_ms: int, at_m: Point, taken: Collection[int]) -> Iterator[tuple[float, int]]:
+        for place in PLACES:
+            worth = self.worth(t_ms, place, math.sqrt(self._squared_m(at_m, place)))
+            if worth is not None and place not in taken:
+                yield worth, place
+
+    def _squared_m(self, at_m: Point, place: int) -> float:
+        x, y = place_m(self.task, place)
+        return (at_m[0] - x) * (at_m[0] - x) + (at_m[1] - y) * (at_m[1] - y)
+
+    def last_visit_ms(self, t_ms: int, place: int) -> int:
+        """When somebody was there who is believed; 0 for never."""
+        at_ms, rob_id = self.visits[place]
+        other = self.others.get(rob_id)
+        doubted = other and self.is_silent(other, t_ms) and other.heard_ms - at_ms < self.task.doubt_ms
+        return 0 if doubted else at_ms
+
+    def told(self, rob_id: int, t_ms: int, was: int) -> None:
+        """Somebody says that it has come to a place."""
+        here = self.others[rob_id].here
+        if here != was and here in PLACES:
+            self.visits[here] = t_ms, rob_id
+
+    def aim(self) -> Point:
+        """The place that it has taken on, or has."""
+        place = self.holds if self.holds in PLACES else self.here
+        return place_m(self.task, place) if place in PLACES else self.task.starts_m[self.rob_id - 1]
+
+    def encode(self) -> bytes:
+        """A `peer_memory`, and a `visit` of each place behind it."""
+        return super().encode() + b"".join(VISIT.form.pack(*each) for each in self.visits)
+
+    def decode(self, encoding: bytes) -> None:
+        """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
+        end = len(encoding) - VISIT.size * len(PLACES)
+        super().decode(encoding[: max(0, end)])
+        self.visits = [(at_ms, rob_id) for at_ms, rob_id in VISIT.form.iter_unpack(encoding[end:])]
+        if self.holds != NOWHERE and self.holds not in PLACES:
+            raise MalformedRecord(f"no place {self.holds}")
+
+
+class PlaceStage(Stage):
+    """Who was at which place when; what that is worth is the protocol's."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self.now_s = 0.0
+        self.visits: list[list[tuple[float, int]]] = [[] for _ in PLACES]
+
+    def look(self, rob_id: int, t_s: float, at_m: Point, *, lies: bool) -> bytes:
+        """A robot near a place is there."""
+        self.now_s = max(self.now_s, t_s)
+        column, row = (round(each / self.task.step_m) for each in at_m)
+        if not lies and 0 <= column < PLACES_A_SIDE and 0 <= row < PLACES_A_SIDE:
+            place = row * PLACES_A_SIDE + column
+            x, y = place_m(self.task, place)
+            if math.hypot(x - at_m[0], y - at_m[1]) < NEAR * self.task.step_m:
+                self.visits[place].append((t_s, rob_id))
+        return b""
+
+    def marks(self) -> list[Point]:
+        """The places."""
+        return [place_m(self.task, place) for place in PLACES]
