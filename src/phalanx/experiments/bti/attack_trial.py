@@ -11,8 +11,8 @@ import numpy as np
 from phalanx.errors import UsageError
 from phalanx.experiments.trial import Trial, said_of
 from phalanx.robot.attacks.attack import Attack
+from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.liar import Liar
-from phalanx.robot.controllers.protocol import Stage
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.radio.channel import AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, SENT
@@ -175,13 +175,12 @@ def try_attack(
     summary = attacked.summary()
     promised_s = stop_bound_s(scenario, output_missing=False) if declared == "stopped" else None
     return FlockTrial(
-        **said_of(attack, scenario.defence) | (_said_of_stage(attacked.stage) if attacked.stage else {}),
+        **said_of(attack, scenario.defence) | _harm(attack, liars, attacked, honest),
         bound_s=promised_s,
         stops=tuple(
             Stop(told["robot"], told["first_deviation_s"], told["safe_mode_s"], liar.output_missing)
             for told, liar in zip(summary["compromised"], liars, strict=True)
         ),
-        harm=_harm(attack, liars, attacked, honest) if correct.any() else None,
         attacked=summary,
         honest=honest.summary(),
         honest_distance_m=float(to_goal_m.mean()) if correct.any() else None,
@@ -191,11 +190,12 @@ def try_attack(
     )
 
 
-def _said_of_stage(stage: Stage) -> dict[str, Any]:
-    return {"harm_unit": stage.counts, "harm_words": stage.lost, "harm_bites_from": stage.bites_from}
-
-
-def _harm(attack: Attack, liars: Sequence[Liar], attacked: Run, honest: Run) -> float:
-    if attacked.stage and honest.stage:
-        return attacked.stage.lost_beside(honest.stage, attacked.compromised)
-    return max(attack.harm.of(liar, attacked, honest) for liar in liars)
+def _harm(attack: Attack, liars: Sequence[Liar], attacked: Run, honest: Run) -> dict[str, Any]:
+    """The damage to others; where they have a task, who is led astray is measured by that."""
+    if len(liars) == len(attacked.ids):
+        return {"harm": None}
+    if attacked.stage and honest.stage and attack.harm is ASTRAY:
+        stage = attacked.stage
+        told = {"harm_unit": stage.counts, "harm_words": stage.lost, "harm_bites_from": stage.bites_from}
+        return told | {"harm": stage.lost_beside(honest.stage, attacked.compromised)}
+    return {"harm": max(attack.harm.of(liar, attacked, honest) for liar in liars)}

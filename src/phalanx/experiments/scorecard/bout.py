@@ -85,6 +85,8 @@ def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any
     lasted_s = [stop.after_s for stop in deviated if stop.after_s is not None]
     return {
         "harm": trial.harm,
+        "harm_unit": trial.harm_unit,
+        "bites_from": trial.harm_bites_from,
         "liars": len(trial.stops),
         "deviated": len(deviated),
         "stopped": len(lasted_s),
@@ -136,6 +138,8 @@ def _on_errand(trial: MissionTrial) -> dict[str, Any]:
     )
     return {
         "harm": trial.harm,
+        "harm_unit": trial.harm_unit,
+        "bites_from": trial.harm_bites_from,
         "liars": 1,
         "deviated": 1,
         "stopped": int(stopped),

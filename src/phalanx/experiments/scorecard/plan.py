@@ -20,7 +20,7 @@ from phalanx.robot.attacks.library import ATTACKS
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file
-from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
+from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
 # When liars begin, and for how long they are watched: T_val and more than a round of audits beside it.
 AT_S, WATCHED_S = 12.0, 24.0
@@ -113,7 +113,7 @@ class Card:
             (protocol, words)
             for protocol in self._grounds
             for words, attack in self._attacks.items()
-            if (attack.on_wheels if protocol == WHEELS else attack.scene in MISSIONS.get(protocol, ("flock",)))
+            if _is_tried(attack, protocol)
         ]
 
     @cached_property
@@ -128,6 +128,14 @@ class Card:
         said = (protocol, attack, defence, seed, repr(scenario), *map(self._contents.get, (attack, str(controller))))
         point = (("protocol", protocol), ("attack", _short(attack)), ("defence", defence))
         return Bout(key_of(*said), point, seed, attack, defence, protocol, scenario, controller)
+
+
+def _is_tried(attack: Attack, protocol: str) -> bool:
+    if protocol == WHEELS:
+        return attack.on_wheels
+    if attack.scene == "protocol":
+        return protocol in PROTOCOLS and attack.against in ("", protocol)
+    return attack.scene in MISSIONS.get(protocol, ("flock",))
 
 
 def known_protocols() -> list[str]:
