@@ -21,6 +21,7 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.protocol import Stage, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal
@@ -41,10 +42,15 @@ FOREVER_MS = (1 << 32) - 1
 
 def params_of(scenario: Scenario) -> NDArray[np.float64]:
     """What the scenario's controller is given: the mission, the same for all robots."""
-    bundled = dispatch.BUNDLED[scenario.controller]
+    bundled = _driving(scenario)
     # As printed, neighbours' claims have no bound.
     flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
     return bundled.params(scenario.guard if bundled.config is GuardConfig else flock)
+
+
+def _driving(scenario: Scenario) -> Declaration:
+    """Whose body the robots have, and what its kernels are given: a protocol's is the flock's."""
+    return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
 
 
 def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.random.Generator) -> Plan:
@@ -91,7 +97,7 @@ class Run:
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        bundled = dispatch.BUNDLED["flock" if self.stage else scenario.controller]  # whose body protocols drive
+        bundled = _driving(scenario)
         if scenario.controller not in in_scenarios():
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         advised = bundled.advised is not None and controller is None
