@@ -17,13 +17,22 @@ ROOT = Path(__file__).resolve().parent.parent
 _PIN = re.compile(r"^([A-Za-z0-9._-]+)==(\S+?)(?: ; (.+?))? \\$")
 _VIA = re.compile(r"^    #(?: via)? +([A-Za-z0-9].*)$")
 _NAME = re.compile(r"^[A-Za-z0-9._-]+")
+# C of others that is compiled into ours (firmware/port/monocypher/SOURCE.md).
+MONOCYPHER = {
+    "type": "library",
+    "bom-ref": "pkg:github/LoupVaillant/Monocypher@4.0.3",
+    "name": "monocypher",
+    "version": "4.0.3",
+    "purl": "pkg:github/LoupVaillant/Monocypher@4.0.3",
+    "licenses": [{"expression": "BSD-2-Clause OR CC0-1.0"}],
+}
 
 
 def bill_of_materials(version: str) -> dict[str, Any]:
     """The whole document; the same for the same lock files."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     purl = f"pkg:pypi/{project['name']}@{version}"
-    components = [*_python(project["dependencies"]), *_npm()]
+    components = [*_python(project["dependencies"]), *_npm(), MONOCYPHER]
     return {
         "$schema": "http://cyclonedx.org/schema/bom-1.6.schema.json",
         "bomFormat": "CycloneDX",

@@ -105,7 +105,7 @@ def test_bash_completes(shell):
     )
     bound, *offers = told(shell, "bash", "-c", script)
     assert bound == "complete -o nosort -F _phalanx_completion phalanx"
-    assert offers == ["bti-fig8", "bti-fig9"]
+    assert offers == ["bti-fig2", "bti-fig8", "bti-fig9"]
 
 
 @pytest.mark.parametrize("name", ["bash", "zsh", "fish"])

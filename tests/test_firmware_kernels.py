@@ -16,7 +16,7 @@ from asked_nodes import Nodes
 from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Refused, seal_mission_key
 from phalanx.config import BtiConfig
-from phalanx.errors import PeerError
+from phalanx.errors import PeerError, Unavailable
 
 ROOT = Path(__file__).parent.parent
 MASTER, MISSION = bytes(range(20)), bytes(range(50, 70))
@@ -196,3 +196,11 @@ def test_nothing_a_c_node_says_touches_other_nodes_shows_a_key_or_passes_for_a_m
     assert (nodes.snode[1] == others[1]).all()
     for key in (MASTER, MISSION):
         assert not any(key[at : at + 6] in heard for at in range(15))
+
+
+def test_compiled_nodes_that_are_older_than_their_callers_are_told_and_refuse_nothing_in_silence():
+    def of_tomorrow(node: trusted.Row) -> int:
+        raise NotImplementedError
+
+    with pytest.raises(Unavailable, match="no phx_of_tomorrow"):
+        trusted._in_c(of_tomorrow)

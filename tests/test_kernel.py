@@ -131,13 +131,14 @@ def stamps_of(root: Path, *modules: str) -> list[str]:
     return run.stdout.split()
 
 
-def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path):
+# Two imports away from the loop: loop -> node -> rounds; and the trusted nodes, which C became.
+@pytest.mark.parametrize("changed", ["bti/rounds.py", "_firmware_bound.abi3.so"])
+def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path, changed):
     copy = tmp_path / "phalanx"
     shutil.copytree(SRC, copy, ignore=shutil.ignore_patterns("__pycache__", "pages", "data"))
     before = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
-    # Two imports away from the loop: loop -> node -> rounds.
-    rounds = copy / "bti" / "rounds.py"
-    rounds.write_text(rounds.read_text() + "\n# changed\n")
+    with (copy / changed).open("ab") as file:
+        file.write(b"\n# changed\n")
     after = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
     assert before[0] != after[0]
     assert before[1] == after[1]

@@ -74,6 +74,7 @@ def test_the_bill_of_materials_has_what_is_asked_for_and_what_is_bundled():
         assert names["pkg:npm", name]["version"] == version
         assert len(names["pkg:npm", name]["hashes"][0]["content"]) == 128
     assert not {("pkg:npm", name) for name in ("vite", "vitest", "typescript", "eslint")} & names.keys()
+    assert ("pkg:github", "monocypher") in names, "C of others that is compiled into ours"
     purls = [part["purl"] for part in bill["components"]]
     assert len(set(purls)) == len(purls)
 

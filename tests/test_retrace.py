@@ -10,6 +10,8 @@ import pytest
 from phalanx.bti.log import CHECKPOINT
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
+from phalanx.daemon.arena import play_in_arena
+from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import Kept, read_kept, record_log
 from phalanx.errors import UsageError
 from phalanx.robot.retrace import entries_of
@@ -115,3 +117,14 @@ def test_what_is_no_log_is_said_in_a_line(tmp_path, data):
     path.write_bytes(data)
     with pytest.raises(UsageError, match=r"x\.log"):
         read_kept(path)
+
+
+@pytest.mark.parametrize("controller", ["warehouse", "wheels"])
+def test_a_log_of_what_no_robots_own_process_runs_is_refused_in_a_line(tmp_path, controller):
+    scenario = {"robots": 2, "controller": controller, "bti": {"f_max": 1}}
+    path = tmp_path / "x.log"
+    path.write_bytes(json.dumps({"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": scenario}).encode() + b"\n")
+    with pytest.raises(UsageError, match=f"{controller} is not for a robot's own process"):
+        read_kept(path).first_lie()
+    with pytest.raises(UsageError, match=f"{controller} is not for a robot's own process"):
+        play_in_arena(read_kept(path).scenario, tmp_path, Weather(), print)

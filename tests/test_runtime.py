@@ -58,14 +58,14 @@ def lived(request):
             full.append(True)
         return left
 
-    def note(world, robots, planners=pybot.NO_PLANNERS):
+    def note(world, robots, *advice_and_stage):
         kind = int(world.clock[0].kind)
         mine = int(world.clock[0].robot) == ME
         if mine and kind in NAMES:
             raw = world.reading if kind == loop.CONTROL else world.frame
             data = raw[: world.frame_len[0]].tobytes() if kind != loop.SENT else bool(world.clock[0].arrived)
             noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
-        handle(world, robots, planners)
+        handle(world, robots, *advice_and_stage)
         if mine:
             robot = world.fleet.robot[ME]
             noted.append((None, "log", (world.fleet.log[ME, : robot.log_len].tobytes(), bool(full))))

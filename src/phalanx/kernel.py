@@ -60,7 +60,9 @@ _GLOB = re.compile(rb"\.glob\(\"([^\"]+)\"")
 
 @cache
 def _imported(path: Path) -> tuple[Path, ...]:
-    """The modules of ours that a module imports, by their files."""
+    """The modules of ours that a module imports, by their files; what C became imports none."""
+    if path.suffix != ".py":
+        return ()
     here = ["phalanx", *path.relative_to(_ROOT).parts[:-1]]
     text = path.read_bytes()
     found = {file for pattern in _GLOB.findall(text) for file in path.parent.glob(pattern.decode())}
@@ -68,9 +70,9 @@ def _imported(path: Path) -> tuple[Path, ...]:
         base = [*here[: len(here) - len(dots) + 1 if dots else 0], *filter(None, module.decode().split("."))]
         for name in ["", *_NAME.findall(named.decode())]:
             first, *rest = [*base, *filter(None, name.split("."))] or [""]
-            file = _ROOT.joinpath(*rest).with_suffix(".py") if rest else _ROOT
-            if first == "phalanx" and file.is_file():
-                found.add(file)
+            if first == "phalanx" and rest:
+                here_is = _ROOT.joinpath(*rest)
+                found |= {file for end in (".py", ".abi3.so") if (file := here_is.with_suffix(end)).is_file()}
     return tuple(sorted(found))
 
 

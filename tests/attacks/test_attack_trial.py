@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -64,7 +65,10 @@ def test_every_option_of_every_attack_is_taken_with_each_of_its_values_and_no_ot
         for name, option in kind.options.items():
             for value in option.values:
                 kind.check({name: value})
-            with pytest.raises(UsageError, match=f"{kind.name} have {name}=7.5"):
+            for value in (7.5,) if option.values else (option.least - 0.01, math.nan, math.inf, "often"):
+                with pytest.raises(UsageError, match=f"{kind.name} have {name}="):
+                    kind.check({name: value})
+            if not option.values:
                 kind.check({name: 7.5})
         with pytest.raises(UsageError, match="no 'nothing'"):
             kind.check({"nothing": 1.0})

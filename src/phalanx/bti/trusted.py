@@ -22,6 +22,7 @@ from phalanx._firmware_bound import ffi as bound_ffi
 from phalanx._firmware_bound import lib as bound_lib
 from phalanx._firmware_paper import ffi as paper_ffi
 from phalanx._firmware_paper import lib as paper_lib
+from phalanx.errors import Unavailable
 from phalanx.kernel import written
 from phalanx.wire import driven, table
 from phalanx.wire.fields import U32_BYTES, Row
@@ -109,6 +110,8 @@ def _in_c(declared: _F) -> _F:
         for profile, (_, lib) in FIRMWARE.items()
         if hasattr(lib, f"phx_{name}")
     }
+    if not scope:
+        raise Unavailable(f"the compiled trusted nodes have no phx_{name}", "make setup, or pip install, compiles them")
     parameters = inspect.signature(declared).parameters
     given = [f"{each.name}.ctypes.data" if each.annotation == "Row" else each.name for each in parameters.values()]
     told = ", ".join(each for each in given if each != "profile")

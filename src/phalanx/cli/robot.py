@@ -51,7 +51,7 @@ def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
 def arena(
     scenario: str,
     attacks: tuple[str, ...],
-    loss: float,
+    loss: float | None,
     keep: Path | None,
     record: Path | None,
     as_json: bool,
@@ -61,7 +61,8 @@ def arena(
     weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
     liars = find_attacks(attacks) if attacks else None
     chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
-    chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
+    if loss is not None:
+        chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
     sim.warn(chosen)
     with contextlib.ExitStack() as stack:
         folder = _folder(keep, stack)

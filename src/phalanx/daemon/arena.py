@@ -30,7 +30,7 @@ from phalanx.io.ports import LOOPBACK
 from phalanx.io.private_file import write_private
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
 from phalanx.sim.scenarios.file import written_scenario
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.wire.table import BOARD
 
 from .driver import GO, PACKET_BYTES, READY, sense_path, wheels_path
@@ -134,15 +134,7 @@ class Arena:
     """
 
     def __init__(self, scenario: Scenario, folder: Path, weather: Weather) -> None:
-        if scenario.robots > MOST_ROBOTS:
-            raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
-        if scenario.defence != "bound":
-            raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
-        if any(spec.own for spec in scenario.attacks):
-            raise UsageError("an attack of your own, in an arena", "one of the library: phalanx attack list")
         self.field = Field(scenario)
-        if weather.cut >= scenario.robots:
-            raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
         self._weather, dice = weather, random.Random(scenario.seed)  # noqa: S311 - weather
         clocks = [
             (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
@@ -342,6 +334,19 @@ async def _until_told(settings: RobotSettings) -> None:
         await job
 
 
+def _check(scenario: Scenario, weather: Weather) -> None:
+    """What no arena plays is said before anything is compiled. Raises: UsageError."""
+    for_robots(scenario)
+    if scenario.robots > MOST_ROBOTS:
+        raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
+    if scenario.defence != "bound":
+        raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
+    if any(spec.own for spec in scenario.attacks):
+        raise UsageError("an attack of your own, in an arena", "one of the library: phalanx attack list")
+    if weather.cut >= scenario.robots:
+        raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
+
+
 def play_in_arena(
     scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None = None
 ) -> Field:
@@ -349,6 +354,7 @@ def play_in_arena(
 
     Raises: UsageError: no program for trusted nodes, an attack that no arena plays; Unavailable.
     """
+    _check(scenario, weather)
     program()
     with contextlib.suppress(PermissionError):
         os.nice(NICER)  # a processor that others keep busy would make robots late, and liars of them

@@ -24,7 +24,7 @@ from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
 from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario
 from phalanx.sim.scenarios.run import params_of
-from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
 
 MAGIC = b"\x89MCAP"
@@ -67,7 +67,9 @@ class Kept:
         """Where it stops being an honest robot's log; None if it does not.
 
         `controller` makes a researcher's own, if that is what the robot ran. Source: RoboRebound §3.7.
+        Raises: UsageError: no robot's own process runs this mission.
         """
+        for_robots(self.scenario)
         bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario))
         retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
         return retracer.first_lie(self.raw, self.robot, self.t_key_ms)

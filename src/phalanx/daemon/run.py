@@ -17,7 +17,7 @@ from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
+from phalanx.sim.scenarios.scenario import Scenario, for_robots
 
 from .driver import make_driver
 from .kept_log import KeptLog
@@ -33,10 +33,7 @@ log = logging.getLogger(__name__)
 def mission_of(settings: RobotSettings) -> Scenario:
     """The scenario that the file names. Raises: UsageError, Unavailable."""
     words = settings.said.mission
-    scenario = find_scenario(words if words in built_in("scenarios") else str(settings.path(words)))
-    if scenario.controller in PROTOCOLS:
-        raise UsageError(f"mission is {words}: {scenario.controller} runs in simulations alone", "controller: flock")
-    return scenario
+    return for_robots(find_scenario(words if words in built_in("scenarios") else str(settings.path(words))))
 
 
 def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, MakeController | None]:

@@ -41,7 +41,7 @@ class RobotFile:
     trusted: str = field(default="process:trusted.flash", metadata=told(f"where its trusted nodes are: {TRUSTED}"))
     wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
     clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
-    clock_ahead_ms: int = within(0, 0, 1 << 31, "and began so late")
+    clock_ahead_ms: int = within(0, 0, 1 << 31, "what it shows at its start, ms")
     controller: str = field(
         default="", metadata=told("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
     )

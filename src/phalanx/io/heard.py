@@ -20,7 +20,7 @@ TELL_S = 0.05
 class Heard:
     """The numbers in a file at `path`, which is made if it is not there; times are of the machine's monotonic clock.
 
-    All are 0 until the gateway tells one: then nobody knows.
+    0 until the gateway has told them: not known.
     """
 
     def __init__(self, path: Path) -> None:

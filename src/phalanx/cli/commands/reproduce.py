@@ -23,7 +23,7 @@ FINDINGS = (
 )
 
 
-quick_option = option("--quick", help="A small form: less of what is not said, as two seeds.", is_flag=True)
+quick_option = option("--quick", help="Measure little: two seeds, say, where no other number is given.", is_flag=True)
 
 
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")

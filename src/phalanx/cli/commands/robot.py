@@ -50,7 +50,9 @@ def provision() -> None:
     shell_complete=an_attack_by_robots,
     metavar="NAME[:robot=I,at=T,…]",
 )
-@option("--loss", type=SHARE, default=0.0, help="Share of frames that are lost; what is for one is tried again.")
+@option(
+    "--loss", type=SHARE, help="Share of frames that are lost; what is for one is tried again. Without, SCENARIO's."
+)
 @option("--repeats", type=SHARE, default=0.0, help="Share of frames that arrive twice.")
 @option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Frames are late by up to so much.")
 @option("--cut", type=int, default=0, metavar="N", help="Cut the field in two: the first N robots, and the others.")

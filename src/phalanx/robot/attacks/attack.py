@@ -5,6 +5,7 @@ How it is carried out is a class, and only its name stands here until somebody a
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,12 +39,15 @@ HOLE_OF_THE_PAPER = by_defence("bites", "bites", "stopped")
 class Option:
     """One thing that can be asked of an attack."""
 
-    values: tuple[float | str, ...] = ()  # what it may be; empty for any number
+    values: tuple[float | str, ...] = ()  # what it may be; empty for any number from `least` on
+    least: float = 0.0
     defences: tuple[Defence, ...] = DEFENCES  # under which it makes a difference
 
     def takes(self, value: float | str) -> bool:
         """Whether it may be this."""
-        return value in self.values if self.values else not isinstance(value, str)
+        if self.values:
+            return value in self.values
+        return not isinstance(value, str) and self.least <= value < math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +97,8 @@ class Attack:
                 )
             if not self.options[name].takes(value):
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)
-                allowed = " or ".join(str(each) for each in self.options[name].values) or "a number"
+                option = self.options[name]
+                allowed = " or ".join(str(each) for each in option.values) or f"a number from {option.least:g} on"
                 raise UsageError(f"options of {self.name} have {name}={shown}", f"{name} is {allowed}")
 
     def idle(self, options: Mapping[str, float | str], defence: Defence) -> list[str]:

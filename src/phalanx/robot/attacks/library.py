@@ -23,7 +23,7 @@ protocol = partial(Attack, scene="protocol")  # its harm is what its protocol co
 LIBRARY: dict[str, tuple[Attack, ...]] = {
     "What it says and does": (
         Attack("spoof", "spoof.Spoof", STOPPED, ASTRAY, 5,
-               options={"strong": Option((0, 1), ("none",)), "every": Option()},
+               options={"strong": Option((0, 1), ("none",)), "every": Option(least=0.1)},
                does="claims on behalf of other robots that they stand between a victim and the goal",
                stopped_by="replay never sends such a state: no auditor issues a token, and the tokens it has run out"),
         Attack("masquerade", "claims.Masquerade", STOPPED, ASTRAY, 1,

@@ -312,6 +312,13 @@ def in_scenarios() -> list[str]:
     return [name for name, each in BUNDLED.items() if each.config in (FlockConfig, GuardConfig)] + [*PROTOCOLS]
 
 
+def for_robots(scenario: Scenario) -> Scenario:
+    """The same. Raises: UsageError: its controller runs in simulations alone, or waits for orders."""
+    if scenario.controller in PROTOCOLS or scenario.controller not in in_scenarios():
+        raise UsageError(f"{scenario.controller} is not for a robot's own process", "controller: flock, or guard")
+    return scenario
+
+
 def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
     """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
 
