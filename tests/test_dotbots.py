@@ -245,7 +245,7 @@ class TestSwarm:
             soon(lambda: swarm.hold() or controller.orders_of("D" * 16))
             swarm.release()
             swarm.drive(A, 50, 50)
-            soon(lambda: controller.orders_of(A)[-1]["data"]["left_y"] == 50)
+            soon(lambda: controller.orders_of(A)[-1]["data"].get("left_y") == 50)
 
     def test_who_is_under_way_is_stopped_at_the_end_and_nobody_else(self):
         with Controller() as controller:

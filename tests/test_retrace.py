@@ -109,6 +109,8 @@ def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):
         b'{"robot": 9, "mission": 1, "t_key_ms": 5, "scenario": {"robots": 2, "bti": {"f_max": 1}}}\n',
         b'{"robot": 1, "mission": 1, "t_key_ms": -5, "scenario": {"robots": 2, "bti": {"f_max": 1}}}\n',
         b'{"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": {"robbots": 2}}\n',
+        b'{"robot": 1e999, "mission": 1, "t_key_ms": 5, "scenario": {"robots": 2, "bti": {"f_max": 1}}}\n',
+        b"\x89MCAP0\r\n",
         b"[" * 100_000,
     ],
 )

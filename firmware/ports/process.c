@@ -161,7 +161,7 @@ int main(int argc, char **argv)
         fprintf(stderr, "node: %s: %s\n", argv[2], strerror(errno));
         return 1;
     }
-    flash = open(argv[1], O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    flash = open(argv[1], O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
     if (flash < 0) {
         fprintf(stderr, "node: %s: %s\n", argv[1], strerror(errno));
         return 1;

@@ -12,23 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
 from phalanx.config.written import read_at_most
-from phalanx.errors import UsageError
+from phalanx.errors import PhalanxError, UsageError
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
 from phalanx.sim.recorder import NS, Recorder
-from phalanx.sim.scenarios.file import parse_scenario
+from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.run import params_of
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
 
 MAGIC = b"\x89MCAP"
-MOST_BYTES = 1 << 30
+MOST_BYTES = 1 << 26
 HINT = "phalanx robot log makes one"
 KINDS = {
     ENTRY_INPUT: "input",
@@ -74,6 +73,12 @@ class Kept:
         retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
         return retracer.first_lie(self.raw, self.robot, self.t_key_ms)
 
+    @property
+    def head(self) -> dict[str, Any]:
+        """The first line of a log."""
+        told = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
+        return told | {"scenario": written_scenario(self.scenario)}
+
     def entries(self) -> list[Entry]:
         """In their order."""
         return list(entries_of(self.raw))
@@ -89,7 +94,9 @@ def read_kept(path: Path) -> Kept:
         head, raw = _of_recording(path) if data.startswith(MAGIC) else _of_log(data)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw)
-    except (ValueError, KeyError, TypeError, RecursionError, McapError) as error:
+    except PhalanxError:
+        raise
+    except Exception as error:  # what reads a format raises what it likes
         raise UsageError(f"{path} is no log of a robot", HINT) from error
     if not (1 <= kept.robot <= scenario.robots and 0 <= kept.t_key_ms < 1 << 32):
         raise UsageError(f"{path} is of a robot that is not in its mission", HINT)
@@ -117,13 +124,13 @@ def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
 class LogRecording(Recorder):
     """A kept log, as it is written down."""
 
-    def __init__(self, path: Path, kept: Kept, head: dict[str, Any]) -> None:
+    def __init__(self, path: Path, kept: Kept) -> None:
         super().__init__(path)
-        self._kept, self._head = kept, head
+        self._kept = kept
 
     def _begin(self) -> None:
         self._channel("/entries", "json", str(ENTRY_SCHEMA["title"]), "jsonschema", json.dumps(ENTRY_SCHEMA).encode())
-        self._writer.add_metadata("robot", {"head": json.dumps(self._head)})
+        self._writer.add_metadata("robot", {"head": json.dumps(self._kept.head)})
 
     def write(self) -> int:
         """All entries; how many there are. Raises: Unavailable: the disk is full."""
@@ -143,7 +150,5 @@ class LogRecording(Recorder):
 
 def record_log(log_file: Path, out: Path) -> int:
     """A recording of a daemon's log; how many entries it has. Raises: UsageError, Unavailable."""
-    kept = read_kept(log_file)
-    head, _ = _of_log(log_file.read_bytes())
-    with LogRecording(out, kept, head) as recording:
+    with LogRecording(out, read_kept(log_file)) as recording:
         return recording.write()

@@ -10,11 +10,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.config.written import read_at_most
+from phalanx.errors import PhalanxError, Unavailable, UsageError
 
 from .life import Life
 
 EVERY_S = 1.0
+MOST_BYTES = 1 << 20
+HINT = "phalanx robot run starts one"
 OLD_S = 5.0
 
 
@@ -72,7 +75,8 @@ def tell(path: Path, state: dict[str, Any]) -> None:
     """The file tells this now. Raises: Unavailable: it cannot be written."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+        beside.unlink(missing_ok=True)  # in a folder that is shared it may be somebody's link to something else
+        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             file.write(json.dumps(state).encode() + b"\n")
         beside.replace(path)
     except OSError as error:
@@ -84,9 +88,10 @@ def tell(path: Path, state: dict[str, Any]) -> None:
 def told(path: Path) -> dict[str, Any]:
     """What a robot told last. Raises: UsageError: it never told anything there."""
     try:
-        state: dict[str, Any] = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise UsageError(f"no robot has told of itself in {path}", "phalanx robot run starts one") from error
+        state: dict[str, Any] = json.loads(read_at_most(path, MOST_BYTES, HINT))
+        int(state["pid"]), float(state["told_s"])
+    except (PhalanxError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise UsageError(f"no robot has told of itself in {path}", HINT) from error
     return state
 
 

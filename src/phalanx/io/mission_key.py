@@ -33,7 +33,7 @@ def read_mission_key(path: Path, robot: int) -> MissionKey:
         if str(robot) not in robots:
             raise UsageError(f"{path} has no key for robot {robot}", "phalanx keys list shows who gets one")
         k, r, mac = (bytes.fromhex(robots[str(robot)][name]) for name in ("k", "r", "mac"))
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise UsageError(f"{path} is no mission key", hint) from error
     if not len(k) == len(r) == KEY_BYTES or len(mac) != MAC_BYTES or not 1 <= number < 1 << 32:
         raise UsageError(f"{path} is no mission key", hint)

@@ -107,7 +107,7 @@ class Store:
                     f"another sweep writes to {self.folder}", "wait for it, or choose another --out"
                 ) from error
             self._check_head()
-            for torn in self.runs.glob("*.tmp"):
+            for torn in self.runs.glob("part-*.tmp"):
                 torn.unlink()
             for part in self._all_parts():
                 self.done.update(self._read(part, ["key"]).column("key").to_pylist())

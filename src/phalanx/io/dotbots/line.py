@@ -97,7 +97,8 @@ class Line:
         while not self._over.is_set():
             try:
                 await self._connected(due)
-            except (OSError, aiohttp.ClientError, TimeoutError, PeerError) as error:
+            # An address that it names may raise a ValueError; a line that has ended would stop no robot.
+            except (OSError, aiohttp.ClientError, TimeoutError, PeerError, ValueError) as error:
                 if self.lost_at_s is None:
                     again_s = AGAIN_S[0]
                 self._down(_in_words(error))
@@ -109,8 +110,11 @@ class Line:
 
     async def _connected(self, due: asyncio.Event) -> None:
         """One connection, until it is lost or all is over."""
+        traces = aiohttp.TraceConfig()
+        traces.on_request_redirect.append(_refuse)
         async with aiohttp.ClientSession(
             self.url.http,
+            trace_configs=[traces],
             timeout=aiohttp.ClientTimeout(total=ANSWER_S),
             cookie_jar=aiohttp.DummyCookieJar(),
             auto_decompress=False,
@@ -181,6 +185,11 @@ def _socket(session: aiohttp.ClientSession, path: str) -> AbstractAsyncContextMa
     # Without compression: a kilobyte of it may be a gigabyte.
     ends = aiohttp.ClientWSTimeout(ws_close=FLUSH_S / 2)
     return session.ws_connect(path, heartbeat=ALIVE_EVERY_S, max_msg_size=LONGEST_BYTES, timeout=ends)
+
+
+async def _refuse(*_: object) -> None:
+    """A websocket's session can be told in no other way to go nowhere else."""
+    raise aiohttp.ClientError("it sends us elsewhere")
 
 
 async def _site(session: aiohttp.ClientSession) -> bytes:

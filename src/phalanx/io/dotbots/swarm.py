@@ -93,14 +93,13 @@ class DotbotSwarm:
         """All stand still until `release`: said at once, and twice a second again."""
         now_s = time.monotonic()
         with self._lock:
-            first = self._held_at_s is None
             if self._held_at_s is not None and now_s - self._held_at_s < HOLD_AGAIN_S:
                 return
             self._held_at_s = now_s
             self._under_way.clear()
             for address in self._line.robots:
-                words = _standing(address) if first else (_wheels(address, 0, 0),)
-                self._line.orders.put(address, "wheels", *words)
+                # With the route's end each time: who says one less takes the place of what waits for the line.
+                self._line.orders.put(address, "wheels", *_standing(address))
 
     def release(self) -> None:
         """They may be driven again."""

@@ -40,8 +40,8 @@ class Option:
     """One thing that can be asked of an attack."""
 
     values: tuple[float | str, ...] = ()  # what it may be; empty for any number from `least` on
-    least: float = 0.0
     defences: tuple[Defence, ...] = DEFENCES  # under which it makes a difference
+    least: float = 0.0
 
     def takes(self, value: float | str) -> bool:
         """Whether it may be this."""
