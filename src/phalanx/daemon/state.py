@@ -12,6 +12,7 @@ from typing import Any
 
 from phalanx.config.written import read_at_most
 from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.sim.audited.watch import vouchers
 
 from .life import Life
 
@@ -23,15 +24,10 @@ OLD_S = 5.0
 
 def state_of(life: Life, mission: int) -> dict[str, Any]:
     """What `phalanx robot status --json` prints."""
-    robot, settings = life.fleet.robot[0], life.fleet.settings[0]
+    robot = life.fleet.robot[0]
     runtime = life.runtime
     assert runtime
     now_ms = life.now_ms
-    newest: dict[int, int] = {}
-    for which, count in enumerate((int(robot.tokens_start), int(robot.tokens_pending))):
-        for token in life.fleet.token[0, which, :count]:
-            newest[int(token.tor)] = max(int(token.t), newest.get(int(token.tor), 0))
-    left = {tor: (t + int(settings.t_val) - now_ms) / 1000 for tor, t in sorted(newest.items())}
     return {
         "robot": life.id,
         "mission": mission,
@@ -41,7 +37,7 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "began_monotonic_s": life.began_s,
         "lived_s": (now_ms - life.began_ms) / 1000,
         "safe_mode": runtime.in_safe_mode,
-        "tokens": [{"auditor": tor, "left_s": left_s} for tor, left_s in left.items() if left_s > 0],
+        "tokens": [{"auditor": tor, "left_s": left_s} for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))],
         "tokens_needed": life.scenario.bti.tokens_needed,
         "tokens_got": int(robot.tokens_got),
         "requests_sent": int(robot.requests_sent),
