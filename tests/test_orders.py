@@ -197,6 +197,13 @@ class TestStop:
         this.on_recv(0, gateway.wheels(1, 5, 7, 7))
         assert wheels(this, 0) == (7, 7)
 
+    def test_a_go_that_is_older_than_the_stop_does_not_undo_it(self):
+        this, gateway = robot(), signer()
+        held_back, stop, go = gateway.go(1), gateway.stop(2), gateway.go(3)
+        before = heard(stop, this)
+        assert heard(held_back, this) == before
+        assert heard(go, this) != before
+
     def test_a_stop_comes_through_though_numbers_were_used_up(self):
         this = robot()
         this.on_recv(0, wheels_order(1, 2**63 - 1, 9, 9, said=5))

@@ -85,11 +85,14 @@ def _is_route(frame: Row, size: int) -> bool:
 def is_news(t_ms: int, frame: Row, state: Row, at: int) -> bool:
     """Whether the order, if its signer said it, is one that the robot has not heard and that nobody held back.
 
-    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since.
+    A stop needs no number, so that none is too old to stop; but its signer must have said nothing since. Nor since a
+    go, whose number may be new though it is older than the stop that was heard.
     """
     number, said = get_u64(frame, NUMBER), get_u64(frame, SAID)
+    if frame[ACTION] in (TELL_STOP, TELL_GO) and said <= get_u64(state, at + LATEST):
+        return False
     if frame[ACTION] == TELL_STOP:
-        if number != 0 or said <= get_u64(state, at + LATEST):
+        if number != 0:
             return False
     elif number <= get_u64(state, at + HIGHEST) or said < 0:
         return False
