@@ -7,9 +7,14 @@ import json
 import numpy as np
 import pytest
 
+from mcap.writer import Writer
+
+from phalanx.bti import audit
 from phalanx.bti.log import CHECKPOINT
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.request import HEAD_BYTES
 from phalanx.config import BtiConfig
+from phalanx.daemon import evidence
 from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import Kept, read_kept, record_log
@@ -88,6 +93,31 @@ def test_no_bytes_make_it_raise(kept):
         changed(kept, raw)
         changed(kept, chance.bytes(int(chance.integers(1, 400))))
     assert list(entries_of(bytes((CHECKPOINT, ENTRY_INPUT, 0)))) == list(entries_of(bytes((CHECKPOINT,))))
+
+
+def test_a_log_shorter_than_a_requests_head_is_compared_with_nothing_behind_its_end(kept, monkeypatch):
+    shown = []
+    monkeypatch.setattr(audit, "check_chains", lambda _fleet, _work, q: shown.append(len(q)) or 0)
+    assert changed(kept, bytes((CHECKPOINT,))) is None
+    assert shown == [1 + HEAD_BYTES]
+
+
+@pytest.mark.parametrize(("most", "count"), [(1 << 29, 1), (1 << 20, 2)])
+def test_a_recording_that_unpacks_to_much_more_than_a_log_is_refused(tmp_path, monkeypatch, most, count):
+    monkeypatch.setattr(evidence, "MOST_UNPACKED", most)
+    path = tmp_path / "x.mcap"
+    head = {"robot": 1, "mission": 1, "t_key_ms": 5, "scenario": written_scenario(MISSION)}
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("robot", {"head": json.dumps(head)})
+        channel = writer.register_channel("/entries", "json", 0)
+        for _ in range(count):
+            writer.add_message(channel, 0, b'{"bytes": "%s"}' % (b"0" * ((1 << 21) // count**2)), 0)
+        writer.finish()
+    assert path.stat().st_size < 2000
+    with pytest.raises(UsageError, match=r"x\.mcap is no log"):
+        read_kept(path)
 
 
 def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):

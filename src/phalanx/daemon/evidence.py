@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from mcap.reader import make_reader
+import zstandard
+from mcap.records import Channel, Chunk, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
 from phalanx.config.written import read_at_most
@@ -28,6 +31,8 @@ from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
 
 MAGIC = b"\x89MCAP"
 MOST_BYTES = 1 << 26
+# Unpacked: of all chunks together, and of one, which `Recorder` ends with the message that fills a MiB.
+MOST_UNPACKED, CHUNK_BYTES = 1 << 29, 1 << 21
 HINT = "phalanx robot log makes one"
 KINDS = {
     ENTRY_INPUT: "input",
@@ -91,7 +96,7 @@ def read_kept(path: Path) -> Kept:
     """
     data = read_at_most(path, MOST_BYTES, HINT)
     try:
-        head, raw = _of_recording(path) if data.startswith(MAGIC) else _of_log(data)
+        head, raw = _of_recording(data) if data.startswith(MAGIC) else _of_log(data)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw)
     except PhalanxError:
@@ -108,17 +113,32 @@ def _of_log(data: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(head), raw
 
 
-def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
-    with path.open("rb") as file:
-        reader: Any = make_reader(file)
-        told = next((each.metadata for each in reader.iter_metadata() if each.name == "robot"), None)
-        if told is None:
-            raise KeyError("robot")
-        raw = b"".join(
-            bytes.fromhex(json.loads(message.data)["bytes"])
-            for _, _, message in reader.iter_messages(["/entries"], log_time_order=False)
-        )
-    return json.loads(told["head"]), raw
+def _of_recording(data: bytes) -> tuple[dict[str, Any], bytes]:
+    head, numbers, raw = None, set(), bytearray()
+    for each in _records(data):
+        if isinstance(each, Metadata) and each.name == "robot":
+            head = json.loads(each.metadata["head"])
+        elif isinstance(each, Channel) and each.topic == "/entries":
+            numbers.add(each.id)
+        elif isinstance(each, Message) and each.channel_id in numbers:
+            raw += bytes.fromhex(json.loads(each.data)["bytes"])
+    if head is None:
+        raise KeyError("robot")
+    return head, bytes(raw)
+
+
+def _records(data: bytes) -> Iterator[Any]:
+    # Not mcap's own reader, which unpacks a chunk to whatever size it says that it has.
+    left = MOST_UNPACKED
+    for each in StreamReader(BytesIO(data), emit_chunks=True).records:
+        if not isinstance(each, Chunk):
+            yield each
+            continue
+        unpacked = zstandard.ZstdDecompressor().stream_reader(each.data).read(CHUNK_BYTES + 1)
+        left -= len(unpacked)
+        if left < 0 or len(unpacked) > CHUNK_BYTES:
+            raise ValueError("unpacks to more than a log is")
+        yield from breakup_chunk(replace(each, compression="", data=unpacked))
 
 
 class LogRecording(Recorder):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti import audit, log, rounds
+from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, make_work
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
@@ -30,6 +30,7 @@ OF_ENTRIES = {
     Refusal.AUDIT_FRAME_LOGGED,
     Refusal.CHECKPOINT_NOT_FLUSHED,
 }
+ENTRIES = np.dtype([("end", "i8"), ("t_ms", "i8")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,36 +100,37 @@ class Retracer:
             raw: the log from the mission key on; what is cut short at its end is left out.
             t_key_ms: when its mission key was loaded, of its trusted nodes' clock.
         """
-        entries = list(entries_of(raw))
-        if not entries:
+        # As numbers: a hostile log has 64 million entries of one byte.
+        entries = np.fromiter(((each.end, each.t_ms) for each in entries_of(raw)), ENTRIES)
+        if not entries.size:
             return None
-        ends = [each.end for each in entries]
+        newest = np.maximum.accumulate(entries["t_ms"])
+        # The check compares with the tops in a request's head, which a log has not: it is not to look behind the end.
+        q = row(raw + bytes(request.HEAD_BYTES))
+
+        def begin(count: int) -> None:
+            c = self._work.case[0]
+            c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries["end"][count - 1], 0, 0
+            c.newest, c.t = t_key_ms, newest[count - 1]
+            c.due = t_key_ms + int(rounds.phase_of(self._seed, rob_id, self._t_control))
+            self._work.tops[:] = 0
 
         def wrong(count: int) -> Refusal:
-            self._begin(entries[:count], rob_id, t_key_ms)
-            return Refusal(int(audit.check_chains(self._fleet, self._work, row(raw))))
+            begin(count)
+            return Refusal(int(audit.check_chains(self._fleet, self._work, q)))
 
-        refusal = wrong(len(entries))
-        found = None
+        count, found = len(entries), None
+        refusal = wrong(count)
         if refusal in OF_ENTRIES:
-            number = bisect_left(range(len(entries)), True, key=lambda n: wrong(n + 1) == refusal)
-            found = Finding(number, max(entries[number].t_ms, t_key_ms), refusal)
-            entries = entries[:number]
-        if entries:
-            self._begin(entries, rob_id, t_key_ms)
-            if replayed := self._replay(row(raw), rob_id):
+            count = bisect_left(range(count), True, key=lambda n: wrong(n + 1) == refusal)
+            found = Finding(count, max(int(entries["t_ms"][count]), t_key_ms), refusal)
+        if count:
+            begin(count)
+            if replayed := self._replay(q, rob_id):
                 # What was being read when it differed: an output, or what came when one was overdue.
-                number = bisect_left(ends, int(self._work.case[0].at))
-                return Finding(number, entries[number].t_ms, replayed)
+                number = int(np.searchsorted(entries["end"], int(self._work.case[0].at)))
+                return Finding(number, int(entries["t_ms"][number]), replayed)
         return found
-
-    def _begin(self, entries: list[Entry], rob_id: int, t_key_ms: int) -> None:
-        c = self._work.case[0]
-        c.tee, c.at, c.end, c.waiting, c.step = rob_id, 0, entries[-1].end, 0, 0
-        c.newest = t_key_ms
-        c.due = t_key_ms + int(rounds.phase_of(self._seed, rob_id, self._t_control))
-        c.t = max(each.t_ms for each in entries)
-        self._work.tops[:] = 0
 
     def _replay(self, q: NDArray[np.uint8], rob_id: int) -> Refusal:
         c, w, controller = self._work.case[0], self._work, self._make(rob_id)
