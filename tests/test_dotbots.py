@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import math
 import os
 import subprocess
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
+from unittest.mock import AsyncMock
 
 import pytest
+from aiohttp import WSMessage, WSMsgType
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +21,7 @@ from conftest import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
+from phalanx.io.dotbots.line import REFUSALS, _hear_refusals
 from phalanx.io.dotbots.orders import Orders
 from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.io.ports import free_port
@@ -96,7 +101,10 @@ class TestTold:
         told = fleet()
         twin = SNAPSHOT["robots"][0] | {"address": "FF" + A[2:]}
         told.hear(json.dumps({"type": "delta", "seq": 9, "robots": {twin["address"]: twin}}), NOW)
-        assert len({bot.robot.name for bot in told.robots.values()}) == 4
+        names = {address: bot.robot.name for address, bot in told.robots.items()}
+        assert len(set(names.values())) == 4
+        told.hear(json.dumps({"type": "delta", "seq": 10, "robots": {A: None, twin["address"]: twin}}), NOW)
+        assert told.robots[twin["address"]].robot.name == names[twin["address"]], "though the ending is free"
 
     @pytest.mark.parametrize(
         "said",
@@ -108,6 +116,8 @@ class TestTold:
             '{"type":"delta"}',
             json.dumps(HELLO | {"protocol": 3}),
             json.dumps(SNAPSHOT | {"part": 2}),
+            json.dumps(SNAPSHOT | {"part": 2, "parts": 2}),
+            json.dumps(SNAPSHOT | {"parts": 2, "robots": [{"address": 7}]}),
             json.dumps(SNAPSHOT | {"robots": SNAPSHOT["robots"] * (MOST_ROBOTS // 3 + 1)}),
             json.dumps({"type": "delta", "seq": 1, "robots": {"C" * 16: {"battery": 1.0}}}),
             json.dumps({"type": "delta", "seq": 1, "robots": {"../../x": None}}),
@@ -162,6 +172,13 @@ class TestTold:
         ):
             with pytest.raises(BadPayload):
                 area_of(site)
+
+
+def test_refusals_without_end_are_not_logged_without_end(caplog):
+    stream = SimpleNamespace(receive=AsyncMock(side_effect=[WSMessage(WSMsgType.TEXT, "no", None)] * 50))
+    with pytest.raises(StopAsyncIteration):
+        asyncio.run(_hear_refusals(stream))
+    assert len(caplog.messages) == REFUSALS[1]
 
 
 def test_of_orders_about_one_thing_the_newest_is_sent_and_none_that_is_old():

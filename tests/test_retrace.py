@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-
 from mcap.writer import Writer
 
 from phalanx.bti import audit

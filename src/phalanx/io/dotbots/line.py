@@ -20,6 +20,7 @@ from typing import Self
 import aiohttp
 
 from phalanx.errors import PeerError, TooLarge, Unavailable
+from phalanx.io.pace import Pace
 
 from .orders import Orders
 from .told import ANY_AREA_MM, TRAIL_POINTS, Dotbot, Fleet, area_of
@@ -37,6 +38,7 @@ ANSWER_S = 5.0
 ALIVE_EVERY_S = 4.0  # half of that without an answer, and the controller is gone
 AGAIN_S = (0.2, 3.0)  # the first and the longest wait before the next try
 FLUSH_S = 1.0
+REFUSALS = (0.1, 5.0)  # of those that are logged: a second, and at once
 
 
 class Line:
@@ -220,8 +222,12 @@ async def _text(socket: aiohttp.ClientWebSocketResponse) -> str:
 
 async def _hear_refusals(orders: aiohttp.ClientWebSocketResponse) -> None:
     """The controller answers an order only to refuse it."""
+    pace = Pace(*REFUSALS)
     while True:
-        log.warning("the controller of the DotBots refused an order: %s", ascii((await _text(orders))[:200]))
+        words = await _text(orders)
+        if not pace.wait_s(time.monotonic()):
+            pace.said()
+            log.warning("the controller of the DotBots refused an order: %s", ascii(words[:200]))
 
 
 class _Answered(aiohttp.ClientError):

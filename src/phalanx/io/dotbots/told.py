@@ -42,6 +42,26 @@ class Dotbot:
     active: bool  # heard of late, by the controller's judgement
 
 
+class _Known:
+    """Robots that were told of whole."""
+
+    def __init__(self) -> None:
+        self.here: dict[str, Dotbot] = {}
+        self.others: set[str] = set()  # boats, and whatever else is no DotBot
+        self._names: dict[str, str] = {}  # short ones, and whose each is
+
+    def add(self, address: str, words: dict[str, Any], now_s: float) -> None:
+        if _whole(words.get("application"), 0, 255) != DOTBOT:
+            self.others.add(address)
+        else:
+            short = address[-4:]
+            name = short if self._names.setdefault(short, address) == address else address
+            nobody = Robot(address, name, NOWHERE, 0, 0.0, UNSAID_LED, (), 0.0, now_s, ())
+            self.here[address] = _changed(Dotbot({}, nobody, True), {"status": 0} | words, now_s)
+        if len(self.here) + len(self.others) > MOST_ROBOTS:
+            raise BadPayload(f"more than {MOST_ROBOTS} robots")
+
+
 class Fleet:
     """The robots of one connection. `robots` is None until all have been told of; each value of it never changes.
 
@@ -50,9 +70,8 @@ class Fleet:
 
     def __init__(self) -> None:
         self.robots: Mapping[str, Dotbot] | None = None
-        self._here: dict[str, Dotbot] = {}
-        self._others: set[str] = set()  # boats, and whatever else is no DotBot
-        self._coming: list[dict[str, Any]] = []
+        self._known = _Known()
+        self._coming: _Known | None = None  # of a snapshot whose parts are not all here
 
     def hear(self, text: str, now_s: float) -> int | None:
         """Take in a message; the number to acknowledge, if it has one.
@@ -80,44 +99,32 @@ class Fleet:
     def _hear_part(self, said: dict[str, Any], now_s: float) -> None:
         parts = _whole(said.get("parts"), 1, MOST_ROBOTS)
         if (part := _whole(said.get("part"), 1, parts)) == 1:
-            self._coming = []
-        self._coming += [_object(robot) for robot in _list(said.get("robots"), MOST_ROBOTS)]
-        if len(self._coming) > MOST_ROBOTS:
-            raise BadPayload(f"more than {MOST_ROBOTS} robots")
+            self._coming = _Known()
+        if self._coming is None:
+            raise BadPayload("a part before the first")
+        for robot in _list(said.get("robots"), MOST_ROBOTS):  # checked now: its words might be 4 MiB of anything
+            self._coming.add(_address(_object(robot).get("address")), robot, now_s)
         if part == parts:
-            self._here, self._others = {}, set()
-            for robot in self._coming:
-                self._whole_robot(_address(robot.get("address")), robot, now_s)
-            self._coming = []
+            self._known, self._coming = self._coming, None
             self._publish()
 
     def _hear_changes(self, said: dict[str, Any], now_s: float) -> None:
+        known = self._known
         for address, patch in _object(said.get("robots")).items():
             _address(address)
             if patch is None:
-                self._here.pop(address, None)
-                self._others.discard(address)
+                known.here.pop(address, None)
+                known.others.discard(address)
             elif "address" in _object(patch):
-                self._whole_robot(address, patch, now_s)
-            elif address in self._here:
-                self._here[address] = _changed(self._here[address], patch, now_s)
-            elif address not in self._others:
+                known.add(address, patch, now_s)
+            elif address in known.here:
+                known.here[address] = _changed(known.here[address], patch, now_s)
+            elif address not in known.others:
                 raise BadPayload("a change of a robot that it did not tell of")
         self._publish()
 
-    def _whole_robot(self, address: str, words: dict[str, Any], now_s: float) -> None:
-        if _whole(words.get("application"), 0, 255) != DOTBOT:
-            self._others.add(address)
-        else:
-            short = address[-4:]
-            taken = any(other != address and bot.robot.name == short for other, bot in self._here.items())
-            nobody = Robot(address, address if taken else short, NOWHERE, 0, 0.0, UNSAID_LED, (), 0.0, now_s, ())
-            self._here[address] = _changed(Dotbot({}, nobody, True), {"status": 0} | words, now_s)
-        if len(self._here) + len(self._others) > MOST_ROBOTS:
-            raise BadPayload(f"more than {MOST_ROBOTS} robots")
-
     def _publish(self) -> None:
-        self.robots = MappingProxyType(dict(self._here))
+        self.robots = MappingProxyType(dict(self._known.here))
 
 
 def area_of(site: bytes) -> tuple[int, int]:
@@ -140,7 +147,7 @@ def area_of(site: bytes) -> tuple[int, int]:
 def _changed(before: Dotbot, patch: dict[str, Any], now_s: float) -> Dotbot:
     """An RFC 7396 merge patch of the fields that we read; null is no value."""
     said = {name: None if patch[name] is None else form(patch[name]) for name, form in _FORMS.items() if name in patch}
-    words = {**before.words, **said}
+    words = {**before.words, **{name: value for name, value in said.items() if not name.startswith("trail")}}
     robot, trail = before.robot, before.robot.history
     if "trail" in said or "trail_reset" in said:
         trail = said.get("trail") or ()
