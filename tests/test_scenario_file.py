@@ -225,7 +225,7 @@ class TestSchema:
         samples = {"integer": 5, "number": 5.5, "string": "bound", "array": [], "object": {}}
         for key, shape in properties.items():
             value = shape.get("default", samples.get(shape.get("type"), 5))
-            if key == "goal_m":
+            if key in ("goal_m", "area_m"):
                 value = [1.0, 2.0]
             if key == "duration_s":
                 value = 1

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import click
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Keys, Robot, create, opened
+from phalanx.io.keyring import Robot, create, opened, pem
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.wire.table import BOARD
@@ -37,13 +37,14 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
 
 
 def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
-    """The next mission's key, sealed for each robot; `rotate`: and a new key that signs orders."""
+    """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders and stops."""
     _not_there(out)
     with opened(file, passphrase(passphrase_file)) as keys:
         number, sealed = keys.issue()
         if rotate:
             keys.renew("orders")
-        signers = {who: _public(keys, who) for who in keys.signers}
+            keys.renew("stops")
+        signers = {who: keys.public(who) for who in keys.signers}
     write_private(out, issued(number, sealed, signers))
     talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")
 
@@ -67,18 +68,15 @@ def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Pa
     """A key that signs, as PEM."""
     with opened(file, passphrase(passphrase_file)) as keys:
         key = keys.signer(signer)
-    if public:
-        pem = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
-    else:
-        pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    write_private(out, pem)
+    checks = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    write_private(out, checks if public else pem(key))
     talk(f"{out} {'checks' if public else 'signs'} {signer}")
 
 
 def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     """Who has keys."""
     with opened(file, passphrase(passphrase_file)) as keys:
-        signers = {who: _public(keys, who) for who in keys.signers}
+        signers = {who: keys.public(who) for who in keys.signers}
     rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
     if as_json:
         print_json({"name": keys.name, "missions": keys.missions, "signers": signers, "robots": rows})
@@ -92,10 +90,6 @@ def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
 
 def _story(robot: Robot) -> str:
     return f"master key given {robot.given}" + (f", retired {robot.retired}" if robot.retired else "")
-
-
-def _public(keys: Keys, who: str) -> str:
-    return keys.signer(who).public_key().public_bytes_raw().hex()
 
 
 def _not_there(out: Path) -> None:

@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .login import kept_token, login_for, login_in
-from .mission.files import Wanted
+from .mission.files import Wanted, read_signing_key
 from .options import link_config
 from .qr import qr_text
 from .run import run
@@ -59,8 +60,7 @@ def up(
     if seed < 0:
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
-    controller = parse_dotbot_url(swarm_url) if swarm_url is not None else None
-    if controller:
+    if swarm_url is not None:
         _refuse_beside_real_robots(robots=robots, mission=missions, world=world, defence=defence, f_max=f_max)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
@@ -76,8 +76,8 @@ def up(
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
-        _dotbots(controller, options.wait_s)
-        if controller
+        _real_robots(swarm_url, options.wait_s)
+        if swarm_url is not None
         else _robots(wanted, world, count, seed, defence, f_max) as lived
     ):
         swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
@@ -96,8 +96,19 @@ def _refuse_beside_real_robots(**said: Any) -> None:
         if value not in (None, ()):
             raise UsageError(
                 f"--swarm and --{name.replace('_', '-')}",
-                "real robots are as many as there are, are driven, and do not audit each other: leave one out",
+                "real robots are as many as there are, are driven, and protected as they are: leave one out",
             )
+
+
+def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
+    if Path(words).suffix not in (".yaml", ".yml"):
+        return _dotbots(parse_dotbot_url(words), wait_s)
+    from phalanx.daemon.swarm import RobotSwarm  # noqa: PLC0415 - as much to import as all the rest
+    from phalanx.daemon.swarm_file import read_swarm  # noqa: PLC0415
+
+    settings = read_swarm(Path(words))
+    folder, said = settings.path.parent, settings.said
+    return RobotSwarm(settings, read_signing_key(folder / said.gateway), read_signing_key(folder / said.operator))
 
 
 @contextlib.contextmanager

@@ -17,20 +17,21 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
-from phalanx.io.keyring import Keys
+from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued
 from phalanx.io.ports import LOOPBACK
 from phalanx.io.private_file import write_private
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
 from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
+from phalanx.sim.scenarios.starts import WHEELS
 from phalanx.wire.table import BOARD
 
 from .driver import GO, PACKET_BYTES, READY, sense_path, wheels_path
@@ -53,6 +54,7 @@ END_TIMEOUT_S = 5.0
 LAST_ANSWERS_S = 0.2
 MOST_ROBOTS = 64
 NICER = -10
+STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
 OnStep = Callable[[Field], None]
 
 
@@ -73,9 +75,14 @@ class Places:
             each.close()
 
 
-def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int], clocks: list[tuple[int, int]]) -> Places:
-    """Keys, a file for each robot, and the sockets of its body, in the folder. Raises: Unavailable: no room there."""
-    keys, today = Keys.new("arena"), time.strftime("%Y-%m-%d")
+def lay_out(
+    scenario: Scenario, folder: Path, air_port: int, ports: list[int], clocks: list[tuple[int, int]], keys: Keys
+) -> Places:
+    """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
+
+    Raises: Unavailable: no room there.
+    """
+    today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
     places = Places(scenario, folder, ports)
     write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
     ids = range(1, scenario.robots + 1)
@@ -85,7 +92,7 @@ def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int], c
         places.sensors.append(_listens(sense_path(folder, rob_id)))
         places.wheels.append(_listens(wheels_path(folder, rob_id)))
     write_private(folder / "key.json", issued(*keys.issue(), {}))
-    for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=True):
+    for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
         said = {
             "robot": rob_id,
             "mission": "mission.yaml",
@@ -96,11 +103,18 @@ def lay_out(scenario: Scenario, folder: Path, air_port: int, ports: list[int], c
             "clock_ppm": ppm,
             "clock_ahead_ms": ahead_ms,
             "driver": "arena:.",
-            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [f"{LOOPBACK}:{air_port}"]},
+            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air]},
         }
         path = folder / f"robot-{rob_id}.yaml"
         write_private(path, json.dumps(said, indent=1).encode())
         places.robots.append(read_robot(path))
+    if len(ports) > scenario.robots:
+        here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
+        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at}
+        for role, who in STATION.items():
+            write_private(folder / f"{role}.pem", pem(keys.signer(who)))
+            said[role] = f"{role}.pem"
+        write_private(folder / "swarm.yaml", json.dumps(said, indent=1).encode())
     return places
 
 
@@ -134,22 +148,27 @@ class Arena:
     """
 
     def __init__(self, scenario: Scenario, folder: Path, weather: Weather) -> None:
+        keys = Keys.new("arena")
+        if scenario.controller == WHEELS:
+            gateway, operator = (keys.public(who) for who in STATION.values())
+            scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
         self.field = Field(scenario)
         self._weather, dice = weather, random.Random(scenario.seed)  # noqa: S311 - weather
         clocks = [
             (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
             for _ in range(scenario.robots)
         ]
-        ports = free_ports(scenario.robots)
+        # One more for a gateway, if there is somebody to obey it.
+        ports = free_ports(scenario.robots + (scenario.controller == WHEELS))
         self._ether = Ether(
             self.field.world,
             scenario.radio,
             weather,
             ports,
-            lambda i: bool(self.field.world.safe[i]),
+            lambda i: i < scenario.robots and bool(self.field.world.safe[i]),
             dice,
         )
-        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks)
+        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0

@@ -29,9 +29,11 @@ from phalanx.sim.radio.channel import (
     DUE,
     SENT,
 )
+from phalanx.wire.driven import EVERYBODY, ORDER
 from phalanx.wire.fields import get_u16, row
 from phalanx.wire.table import FRAME_MAX
 
+AT_ID = ORDER.at("id")
 AT_ONCE = 64
 LEAST_DELAY_S = 0.0005
 BUFFER_BYTES = 1 << 22
@@ -59,7 +61,7 @@ class Ether:
 
     Args:
         world: who is where; its counts of frames grow.
-        ports: each robot's, by its index.
+        ports: each robot's, by its index, and behind them perhaps that of a gateway in range of all.
         is_silent: whether a robot's radio is off, by index.
         dice: of loss, delay and repetition.
 
@@ -77,7 +79,7 @@ class Ether:
         dice: random.Random,
     ) -> None:
         self._world, self._config, self._weather, self._dice = world, config, weather, dice
-        self._ports, self._is_silent = ports, is_silent
+        self._ports, self._is_silent, self._robots = ports, is_silent, len(world.fleet.robot)
         self._index = {(LOOPBACK, port): i for i, port in enumerate(ports)}
         self._rates = rates_of(config)
         self._airtime_us(bytes(request.AUDIT_HEAD_BYTES), 0)  # called once, as it may compile
@@ -127,6 +129,11 @@ class Ether:
                 came.set()
 
     def _say(self, i: int, frame: bytes) -> None:
+        if i == self._robots:
+            self._say_order(frame)
+            return
+        if self._robots < len(self._ports) and self._dice.random() >= self._config.loss:
+            self._put(self._robots, frame)
         reach = self._world.reach
         near = reach.ids[reach.start[i] : reach.start[i + 1]].tolist()
         is_audit = bool(frame[0] & request.AUDIT)
@@ -151,6 +158,13 @@ class Ether:
                 told[ARRIVED] += 1
                 for _ in range(1 + (self._dice.random() < self._weather.repeats)):
                     self._put(j, frame)
+
+    def _say_order(self, frame: bytes) -> None:
+        """A station's, which no count of robots' frames has in it; nor is it tried again."""
+        to = get_u16(row(frame), AT_ID) if len(frame) > AT_ID + 1 else 0
+        for j in range(self._robots) if to == EVERYBODY else [to - 1]:
+            if j < self._robots and self._dice.random() >= self._config.loss:
+                self._put(j, frame)
 
     def _addressee(self, frame: bytes) -> int:
         return int(get_u16(row(frame), request.AT_DST))

@@ -74,7 +74,7 @@ class Kept:
         Raises: UsageError: no robot's own process runs this mission.
         """
         for_robots(self.scenario)
-        bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario))
+        bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario, self.mission))
         retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
         return retracer.first_lie(self.raw, self.robot, self.t_key_ms)
 

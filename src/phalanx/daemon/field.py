@@ -23,6 +23,8 @@ STOP = b"\0"  # what motors are told by trusted nodes; commands begin with anoth
 class Field(Run):
     """A scenario whose robots are elsewhere; robots by their index."""
 
+    has_station = True
+
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self._moving = np.zeros(scenario.robots, bool)

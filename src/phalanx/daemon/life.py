@@ -57,6 +57,7 @@ class Life:
         radio: Radio,
         planner: MakePlanner | None = None,
         controller: MakeController | None = None,
+        mission: int = 1,
     ) -> None:
         if scenario.defence != "bound":
             raise UsageError(f"defence is {scenario.defence}", "bound: no other has boards")
@@ -68,7 +69,7 @@ class Life:
         self.fleet = make_fleet(
             1,
             scenario.bti,
-            params_of(scenario),
+            params_of(scenario, mission),
             profile=BOUND,
             controller=0 if controller else dispatch.NUMBERS[scenario.controller],
             mission_seed=scenario.seed,

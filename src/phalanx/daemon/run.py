@@ -18,6 +18,7 @@ from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
+from phalanx.sim.scenarios.starts import WHEELS
 
 from .driver import make_driver
 from .kept_log import KeptLog
@@ -32,8 +33,18 @@ log = logging.getLogger(__name__)
 
 def mission_of(settings: RobotSettings) -> Scenario:
     """The scenario that the file names. Raises: UsageError, Unavailable."""
-    words = settings.said.mission
-    return for_robots(find_scenario(words if words in built_in("scenarios") else str(settings.path(words))))
+    scenario = mission_in(settings.base, settings.said.mission)
+    if scenario.controller == WHEELS and settings.said.radio.group:
+        raise UsageError("a group, for robots that obey orders", "peers alone: each would log what the others are told")
+    return scenario
+
+
+def mission_in(folder: Path, words: str) -> Scenario:
+    """The scenario of that name, or in that file of the folder. Raises: UsageError, Unavailable."""
+    scenario = for_robots(find_scenario(words if words in built_in("scenarios") else str(folder / words)))
+    if scenario.controller == WHEELS and not (scenario.gateway_key and scenario.operator_key):
+        raise UsageError(f"{words} names no gateway_key and operator_key", "as phalanx keys list shows them")
+    return scenario
 
 
 def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, MakeController | None]:
@@ -89,7 +100,7 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
         stack.callback(hardware.close)
         planner = find_planner(str(settings.path(said.planner))) if said.planner else None
-        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner, controller)
+        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner, controller, sealed.seq)
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits, controller)

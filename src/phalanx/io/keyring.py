@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from phalanx.bti.nodes import MissionKey, seal_mission_key
 from phalanx.crypto.hkdf import hkdf_sha256
@@ -29,7 +30,7 @@ from .private_file import write_private
 
 ROOT_BYTES = 32
 LAST_ROBOT, LAST_MISSION = 2**16 - 1, 2**32 - 1
-SIGNERS = ("missions", "orders")
+SIGNERS = ("missions", "orders", "stops")
 
 
 @dataclass(slots=True)
@@ -107,6 +108,10 @@ class Keys:
         """The key that signs missions or orders."""
         return Ed25519PrivateKey.from_private_bytes(self.signers[who])
 
+    def public(self, who: str) -> str:
+        """What checks that, 64 hexadecimal digits."""
+        return self.signer(who).public_key().public_bytes_raw().hex()
+
     def _master(self, robot: int) -> bytes:
         return hkdf_sha256(self.root, b"phalanx master key" + robot.to_bytes(2, "little"), KEY_BYTES)
 
@@ -121,7 +126,8 @@ class Keys:
         try:
             told: dict[str, Any] = json.loads(plain)
             robots = {int(robot): Robot(**about) for robot, about in told["robots"].items()}
-            signers = {who: bytes.fromhex(told["signers"][who]) for who in SIGNERS}
+            kept = {"stops": _new_signer().hex()} | told["signers"]  # an earlier version had none for them
+            signers = {who: bytes.fromhex(kept[who]) for who in SIGNERS}
             return cls(str(told["name"]), bytes.fromhex(told["root"]), int(told["missions"]), robots, signers)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise Damaged("sealed by another version") from error
@@ -129,6 +135,11 @@ class Keys:
 
 def _new_signer() -> bytes:
     return Ed25519PrivateKey.generate().private_bytes_raw()
+
+
+def pem(key: Ed25519PrivateKey) -> bytes:
+    """A signing key as a file of its own; whoever reads it signs."""
+    return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
 
 
 def create(path: Path, name: str, passphrase: str) -> Keys:

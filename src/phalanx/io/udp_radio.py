@@ -48,6 +48,7 @@ class UdpRadio:
 
     Attributes:
         refused: datagrams that were dropped unread, by reason.
+        came_from: who said the frame that is handed over.
     Raises: UsageError: no such address; Unavailable: it cannot listen there.
     """
 
@@ -58,6 +59,7 @@ class UdpRadio:
         self._heard = frozenset(self._peers)
         self.refused = {"foreign": 0, "too_large": 0, "empty": 0}
         self.unsent = 0
+        self.came_from: Address = ("", 0)
         family = _family(self._here)
         if any(_family(each) != family for each in (*self._peers, *self._to)):
             raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "one kind for all")
@@ -88,10 +90,18 @@ class UdpRadio:
     def send(self, frame: bytes) -> None:
         """See `Radio`."""
         for each in self._to:
-            try:
-                self._socket.sendto(frame, each)
-            except OSError:  # nobody listens there yet, or no room: as lost as on the air
-                self.unsent += 1
+            self.send_to(frame, each)
+
+    def send_to(self, frame: bytes, address: Address) -> None:
+        """The frame goes to one alone, or is lost."""
+        try:
+            self._socket.sendto(frame, address)
+        except OSError:  # nobody listens there yet, or no room: as lost as on the air
+            self.unsent += 1
+
+    def fileno(self) -> int:
+        """Of the socket, for `select`."""
+        return self._socket.fileno()
 
     def listen(self, on_frame: Callable[[bytes], None]) -> None:
         """See `Radio`."""
@@ -111,6 +121,7 @@ class UdpRadio:
             elif not raw:
                 self.refused["empty"] += 1
             else:
+                self.came_from = came_from[:2]
                 on_frame(raw)
 
     def close(self) -> None:

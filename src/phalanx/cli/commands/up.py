@@ -30,9 +30,9 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--swarm",
     "swarm_url",
-    help="Real robots instead: DotBots, behind PyDotBot's controller there (docs/dotbots.md), which is waited for as"
-    " long as a broker.",
-    metavar="dotbot://HOST:PORT",
+    help="Real robots instead: those of a file, which obey signed orders (docs/robot.md), or DotBots, behind PyDotBot's"
+    " controller there (docs/dotbots.md), which is waited for as long as a broker.",
+    metavar="FILE.yaml|dotbot://HOST:PORT",
 )
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(

@@ -17,6 +17,7 @@ from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import NO_CROWD
 from phalanx.config.guard import GuardConfig
+from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
@@ -40,9 +41,18 @@ from .scenario import AttackSpec, Scenario, in_scenarios
 FOREVER_MS = (1 << 32) - 1
 
 
-def params_of(scenario: Scenario) -> NDArray[np.float64]:
-    """What the scenario's controller is given: the mission, the same for all robots."""
+def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
+    """What the scenario's controller is given: the mission, the same for all robots; `mission` is its key's number."""
     bundled = _driving(scenario)
+    if bundled.config is WheelsConfig:
+        return bundled.params(
+            WheelsConfig(
+                state_every=scenario.bti.steps_per_state,
+                mission=mission,
+                gateway_key=bytes.fromhex(scenario.gateway_key),
+                operator_key=bytes.fromhex(scenario.operator_key),
+            )
+        )
     # As printed, neighbours' claims have no bound.
     flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
     return bundled.params(scenario.guard if bundled.config is GuardConfig else flock)
@@ -79,6 +89,8 @@ class Run:
     Source: docs/spec/world.md.
     """
 
+    has_station = False  # whether somebody gives orders
+
     def __init__(
         self,
         scenario: Scenario,
@@ -98,7 +110,7 @@ class Run:
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
         bundled = _driving(scenario)
-        if scenario.controller not in in_scenarios():
+        if scenario.controller not in in_scenarios() and not self.has_station:
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         advised = bundled.advised is not None and controller is None
         if planner and not advised:
@@ -113,6 +125,7 @@ class Run:
             seed=scenario.seed,
             contact_m=scenario.contact_m,
             obstacles=scenario.obstacles,
+            area_m=scenario.area_m,
             hub=scenario.hub,
             plain=plain,
             bti=scenario.bti,

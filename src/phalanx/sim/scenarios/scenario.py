@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import string
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral
@@ -22,6 +23,8 @@ from phalanx.robot.controllers.declaration import bundled
 from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.guarded import WISH
 
+from .starts import WHEELS, starts_of
+
 PROTOCOLS = tuple(protocols())  # in plain Python
 CONTROLLERS = (*bundled(), *PROTOCOLS)
 GUARD = "guard"  # the one that planners advise
@@ -33,6 +36,10 @@ MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
 CLOSER, SPARE = 1.5, 4
 ROWS = ("line", "ring")  # one robot behind the other
+# A robot's log has room for orders, and for what all are told: as much as this many neighbours would say.
+ORDERS_AS_NEIGHBOURS = 40
+KEY_DIGITS = 64
+MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +106,11 @@ class Scenario:
     obstacles: tuple[Disc | Box, ...] = field(
         default=(), metadata=told("on the ground; the flock must be told to avoid them (c1_beta, c2_beta)")
     )
+    area_m: tuple[float, float] = field(default=(2.0, 2.0), metadata=told("what robots on wheels stay within"))
+    gateway_key: str = field(
+        default="", metadata=told("whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
+    )
+    operator_key: str = field(default="", metadata=told("whose stop they obey, the same"))
     contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
     n_max: int | None = field(
         default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")
@@ -136,6 +148,7 @@ class Scenario:
             raise UsageError(f"no controller {self.controller!r}", f"one of {', '.join(in_scenarios())}")
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
+        self._check_driven()
         self._check_attacks()
         self._agree()
 
@@ -156,19 +169,7 @@ class Scenario:
     @property
     def starts_m(self) -> list[tuple[float, float]]:
         """N places, where the robots stand at first; all are at rest."""
-        n, step_m = self.robots, self.grid_step_m
-        if self.formation == "ring":
-            radius_m, turn = step_m / 2 / math.sin(math.pi / max(n, 2)), math.tau / n
-            around = [(math.cos(i * turn), math.sin(i * turn)) for i in range(n)]
-            # To the millimetre: a cosine's last bit is not the same on all machines.
-            return [(round(radius_m * (1 + x), 3), round(radius_m * (1 + y), 3)) for x, y in around]
-        edge = n if self.formation == "line" else self.robots_per_edge
-        apart_m = edge * step_m + math.ceil(self.radio.range_m)
-        return [
-            (i % edge * step_m + nth * apart_m, i // edge * step_m)
-            for nth, robots in enumerate(self.grids)
-            for i in range(robots)
-        ]
+        return starts_of(self)
 
     @property
     def task(self) -> Task:
@@ -253,6 +254,16 @@ class Scenario:
         changed: dict[str, object] = {name: value for name, value in changes.items() if value is not None}
         return replace(self, bti=bti, **changed)  # type: ignore[arg-type]
 
+    def _check_driven(self) -> None:
+        for name in ("gateway_key", "operator_key"):
+            key = getattr(self, name)
+            if key and not (len(key) == KEY_DIGITS and set(key) <= set(string.hexdigits)):
+                raise UsageError(f"{name} is {key[:KEY_DIGITS]!r}", "64 hexadecimal digits: phalanx keys list")
+        for side_m in self.area_m:
+            check_within("area_m", side_m, 0.2, MOST_AREA_M)
+        if self.controller == WHEELS:
+            starts_of(self)
+
     def _check_attacks(self) -> None:
         seen = set()
         for attack in self.attacks:
@@ -274,7 +285,8 @@ class Scenario:
 
     def _neighbours(self) -> int:
         provided = min(self.robots - 1, math.ceil(CLOSER * self.robots_in_range) + SPARE, MOST_NEIGHBOURS)
-        return max(provided, self.bti.f_max + 1)
+        orders = ORDERS_AS_NEIGHBOURS if self.controller == WHEELS else 0
+        return max(provided, self.bti.f_max + 1) + orders
 
     def _flock(self, bti: BtiConfig) -> FlockConfig:
         obstacles = () if self.controller in PROTOCOLS else self.obstacles  # these go around by laws of their own
@@ -313,9 +325,9 @@ def in_scenarios() -> list[str]:
 
 
 def for_robots(scenario: Scenario) -> Scenario:
-    """The same. Raises: UsageError: its controller runs in simulations alone, or waits for orders."""
-    if scenario.controller in PROTOCOLS or scenario.controller not in in_scenarios():
-        raise UsageError(f"{scenario.controller} is not for a robot's own process", "controller: flock, or guard")
+    """The same. Raises: UsageError: its controller runs in simulations alone."""
+    if scenario.controller in PROTOCOLS or scenario.controller not in (*in_scenarios(), WHEELS):
+        raise UsageError(f"{scenario.controller} is not for a robot's own process", "flock, guard or wheels")
     return scenario
 
 

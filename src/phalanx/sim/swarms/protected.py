@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from numpy.typing import NDArray
 
 from phalanx.bti.refusal import Refusal
@@ -23,19 +23,23 @@ from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.shield import AttackChoice, Audit, Shield
+from phalanx.robot.signer import Signer
+from phalanx.robot.station import Station
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
-from phalanx.sim.audited.world import PYTHON, clock_ms
+from phalanx.sim.audited.world import PYTHON, World, clock_ms
+from phalanx.sim.radio.channel import BROADCAST
 from phalanx.sim.scenarios.run import FOREVER_MS
-from phalanx.wire.driven import GATEWAY
+from phalanx.sim.scenarios.scenario import ORDERS_AS_NEIGHBOURS
+from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR, SIGNER_KEY_BYTES
 from phalanx.wire.fields import get_u64
 
 from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
-from .roster import HISTORY_STEP_MM, Roster, member
-from .station import COLOUR, MOTION, ORDERS_AS_NEIGHBOURS, Station
+from .ordered import Ordered
+from .roster import HISTORY_STEP_MM, member
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
 MOST_ROBOTS = 100
@@ -72,7 +76,27 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
     return places
 
 
-class ProtectedSwarm(Roster):
+class StationAir:
+    """The simulated radio as the station in the middle has it: the row behind the robots'."""
+
+    def __init__(self, world: World, row: int) -> None:
+        self._world, self._row = world, row
+
+    def is_busy(self) -> bool:
+        """See `phalanx.robot.station.Air`."""
+        return bool(self._world.air.nic[self._row].long_used)
+
+    def is_deaf(self, robot: int) -> bool:
+        """See `phalanx.robot.station.Air`."""
+        return bool(self._world.safe[robot - 1])
+
+    def say(self, frame: bytes, robot: int) -> None:
+        """See `phalanx.robot.station.Air`."""
+        to = BROADCAST if robot == EVERYBODY else robot - 1
+        loop.transmit(self._world, self._row, np.frombuffer(bytearray(frame), np.uint8), len(frame), to)
+
+
+class ProtectedSwarm(Ordered):
     """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970. If the
@@ -95,7 +119,15 @@ class ProtectedSwarm(Roster):
                 f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
                 f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
-        super().__init__(member(i) for i in range(count))
+        keys = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, STATION])))
+        # In a simulation they keep nothing secret.
+        station = Station(
+            *(
+                Signer(Ed25519PrivateKey.from_private_bytes(keys.bytes(SIGNER_KEY_BYTES)), MISSION, who)
+                for who in (GATEWAY, OPERATOR)
+            )
+        )
+        super().__init__((member(i) for i in range(count)), range(1, count + 1), station)
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
         self._config = replace(DEMO, f_max=f_max, n_max=count + ORDERS_AS_NEIGHBOURS)
@@ -103,8 +135,6 @@ class ProtectedSwarm(Roster):
         places_mm = draw_places(count, chance)
         for i, robot in here.items():
             places_mm[i] = robot.at.x_mm, robot.at.y_mm
-        keys = np.random.SeedSequence([seed, STATION])
-        self._station = Station(MISSION, np.random.Generator(np.random.PCG64(keys)))
         middle_m = np.array([AREA_MM]) / 2000
         self.world = make_world(
             Setup(
@@ -116,8 +146,8 @@ class ProtectedSwarm(Roster):
                     WheelsConfig(
                         state_every=self._config.steps_per_state,
                         mission=MISSION,
-                        gateway_key=self._station.gateway.public,
-                        operator_key=self._station.operator.public,
+                        gateway_key=station.gateway.public,
+                        operator_key=station.operator.public,
                     )
                 ),
                 body=driven_by(wheels.CONTROLLER),
@@ -129,6 +159,7 @@ class ProtectedSwarm(Roster):
             ),
             chance,
         )
+        self._air = StationAir(self.world, count)
         self.world.vel[:count, 0] = chance.uniform(0, FULL_TURN_DEG, count)
         self._battery_mv = BATTERY_EMPTY_MV + chance.uniform(0.5, 1.0, count) * (BATTERY_FULL_MV - BATTERY_EMPTY_MV)
         # Said by another thread, heard at the next step.
@@ -166,33 +197,9 @@ class ProtectedSwarm(Roster):
         direction_deg, battery_v = round(float(self.world.vel[i, 0])), float(self._battery_mv[i]) / 1000
         return each.seen(Point(x_m * 1000, y_m * 1000), direction_deg, battery_v, self._stopped_at_s.get(i, now_s))
 
-    @property
-    def longest_route(self) -> int:
-        """Most points of a route."""
-        return orders.WAYPOINTS_MAX
-
-    def drive(self, address: str, left_pct: int, right_pct: int) -> None:
-        """Turn the wheels for 300 ms; ends waypoint following."""
-        i = self._find(address)
-        self._members[i].route = ()
-        left, right = max(-100, min(100, left_pct)), max(-100, min(100, right_pct))
-        self._station.tell(i, MOTION, partial(self._station.gateway.wheels, left_pct=left, right_pct=right))
-
     def stop(self, address: str) -> None:
         """Stand still until told otherwise."""
         self._to_stop.add(self._find(address))
-
-    def hold(self) -> None:
-        """All that do not lie stand still until `release`: the operator says so to all, before all else, and again."""
-        self._station.held = True
-
-    def release(self) -> None:
-        """They may be driven again."""
-        self._station.held = False
-
-    def set_led(self, address: str, led: Led) -> None:
-        """Show a colour."""
-        self._show(self._find(address), led)
 
     def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
         """Visit these points in order; none stops the robot.
@@ -200,21 +207,14 @@ class ProtectedSwarm(Roster):
         Raises: UsageError: more than `longest_route`.
         """
         i = self._find(address)
-        if len(route) > self.longest_route:
-            raise UsageError(f"a route of {len(route)} points", f"at most {self.longest_route}")
-        points = [(round(point.x_mm), round(point.y_mm)) for point in route]
-        near = round(min(max(threshold_mm, 1), orders.THRESHOLD_MAX_MM))
-        self._station.tell(i, MOTION, partial(self._station.gateway.route, threshold_mm=near, points_mm=points))
-        here = Point(*(self.world.pos[i] * 1000).tolist())
-        self._members[i].route = (here, *route) if route else ()
-        self._members[i].threshold_mm = threshold_mm
+        self._follow(i, route, threshold_mm, Point(*(self.world.pos[i] * 1000).tolist()))
 
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
         self._hear_stops()
         end_s = self._now_s + dt_s
         while self._now_s < end_s:
-            self._now_s = min(end_s, self._station.speak(self.world, len(self._members), self._now_s))
+            self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self._liars)
@@ -294,17 +294,15 @@ class ProtectedSwarm(Roster):
 
     # --- inside -------------------------------------------------------------------------------------------------------
 
-    def _show(self, i: int, led: Led) -> None:
-        make = partial(self._station.gateway.led, red=led.red, green=led.green, blue=led.blue)
-        self._station.tell(i, COLOUR, make)
+    @property
+    def _now_ms(self) -> int:
+        """Of the station's clock, which is the world's."""
+        return int(self.world.clock[0].now_us) // 1000
 
     def _hear_stops(self) -> None:
         while self._to_stop:
             self.drive(self._members[self._to_stop.pop()].address, 0, 0)
-        if self._station.held:
-            for each in self._members:
-                each.route = ()
 
     def _arrived(self, i: int) -> bool:
-        state, told = self.world.fleet.state[i], self._station.told(i)
+        state, told = self.world.fleet.state[i], self._station.told(i + 1)
         return told is not None and get_u64(state, HEARD_AT) >= told and not state[wheels.COUNT]

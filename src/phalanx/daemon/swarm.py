@@ -1,0 +1,255 @@
+"""Robots that are processes of their own, as a `phalanx.robot.shield.Shielded` swarm: a gateway's radio among theirs.
+
+It tells them signed orders, and hears where they say they are and which tokens they give each other. Nothing that it
+hears is checked but for where it comes from: it is for people to look at, and no robot's life depends on it.
+"""
+
+from __future__ import annotations
+
+import logging
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from phalanx.errors import PeerError, Unavailable, Unknown
+from phalanx.io.private_file import write_private
+from phalanx.io.udp_radio import Address, UdpRadio, parsed
+from phalanx.robot import Led, Point, Robot
+from phalanx.robot.shield import AttackChoice, Audit, Shield
+from phalanx.robot.station import Station
+from phalanx.sim.swarms.ordered import Ordered
+from phalanx.sim.swarms.roster import HISTORY_STEP_MM, member
+from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR
+from phalanx.wire.table import AUDIT_TOKEN, KIND_AUDIT, KIND_WHEELS_STATE, TOKEN_REPLY, WHEELS_STATE
+
+from .swarm_file import SwarmSettings
+
+log = logging.getLogger(__name__)
+
+TURN_S = 0.02
+LAST_WORDS_S = 0.3
+# Of a robot that says so much less often than it should nobody can say more than that it is silent.
+SILENT_STATES = 4
+# Each start's words are as a year later than the last one's: whatever the clock was set to, they are news (orders.md).
+YEAR_MS = 365 * 86_400_000
+SUB = AUDIT_TOKEN.at("sub")
+
+
+class RobotSwarm(Ordered):
+    """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
+
+    A robot is there from when it was heard first. What it shows of the shields is what it hears: a token counts from
+    when it came by. The clock says seconds since 1970.
+
+    Raises: UsageError: the mission names other keys; Unavailable: it cannot listen, or keep what it has said.
+    """
+
+    def __init__(
+        self,
+        settings: SwarmSettings,
+        gateway: Ed25519PrivateKey,
+        operator: Ed25519PrivateKey,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        said = sorted(settings.said.robots, key=lambda each: each.robot)
+        ids = [each.robot for each in said]
+        station = Station(settings.signer(gateway, GATEWAY), settings.signer(operator, OPERATOR))
+        super().__init__((member(rob_id - 1) for rob_id in ids), ids, station)
+        self._settings, self._clock = settings, clock
+        self._at: dict[int, Address] = {each.robot: parsed(each.at) for each in said}
+        self._peers = list(dict.fromkeys(each.at for each in said))  # in an arena all are at one
+        self._places: dict[int, tuple[Point, int]] = {}
+        self._heard_at_s: dict[int, float] = {}
+        self._first_at_s: dict[int, float] = {}
+        self._tokens: dict[tuple[int, int], float] = {}
+        self._audits: deque[Audit] = deque(maxlen=1000)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live, name="robots", daemon=True)
+
+    def __enter__(self) -> Self:
+        first_ms = self._reserve()
+        for signer in (self._station.gateway, self._station.operator):
+            signer.number = first_ms
+        # This clock goes on while the machine sleeps: what robots learnt of it stays true.
+        self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
+        self._radio = UdpRadio(self._settings.said.here, self._peers)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
+    ) -> None:
+        for each in self._members:
+            if each.route:
+                self.stop(each.address)
+        self._over.set()
+        self._thread.join(2 * LAST_WORDS_S)
+        self._radio.close()
+
+    def _reserve(self) -> int:
+        """From here on the words of this start count, ms; what is said is above all that was ever said."""
+        path, now_ms = self._settings.path.with_suffix(".said"), int(self._clock() * 1000)
+        try:
+            first_ms = max(now_ms, int(path.read_text()) + YEAR_MS)
+        except FileNotFoundError:
+            first_ms = now_ms
+        except (OSError, ValueError) as error:
+            raise Unavailable(f"cannot read {path}", "remove it, and issue the next mission's key") from error
+        write_private(path, b"%d\n" % first_ms, replace=True)
+        return first_ms
+
+    # --- its thread ---------------------------------------------------------------------------------------------------
+
+    def _live(self) -> None:
+        until_s = float("inf")
+        while (now_s := time.monotonic()) < until_s:
+            try:
+                next_s = self._station.speak(self, now_s, self._said_ms)
+                select.select([self._radio], [], [], min(max(0.0, next_s - now_s), TURN_S))
+                self._radio.read(self._hear)
+            except Exception:  # whatever it was, a stop has still to be said
+                log.exception("the robots' radio")
+                time.sleep(TURN_S)
+            if self._over.is_set():
+                until_s = min(until_s, now_s + LAST_WORDS_S)
+
+    @property
+    def _said_ms(self) -> int:
+        return int((time.clock_gettime(time.CLOCK_BOOTTIME) + self._ahead_s) * 1000)
+
+    def is_busy(self) -> bool:
+        """See `phalanx.robot.station.Air`."""
+        return False
+
+    def is_deaf(self, robot: int) -> bool:
+        """See `phalanx.robot.station.Air`: what is heard of it is no proof."""
+        return robot not in self._at
+
+    def say(self, frame: bytes, robot: int) -> None:
+        """See `phalanx.robot.station.Air`."""
+        if robot == EVERYBODY:
+            self._radio.send(frame)
+        else:
+            self._radio.send_to(frame, self._at[robot])
+
+    def _hear(self, frame: bytes) -> None:
+        try:
+            if frame[0] == KIND_WHEELS_STATE:
+                self._hear_state(WHEELS_STATE.decode(frame))
+            elif frame[0] == KIND_AUDIT and len(frame) > SUB and frame[SUB] == TOKEN_REPLY:
+                self._hear_token(AUDIT_TOKEN.decode(frame))
+        except PeerError:
+            log.debug("a frame that is none")
+
+    def _is(self, robot: int) -> bool:
+        return self._at.get(robot) == self._radio.came_from
+
+    def _hear_state(self, state: dict[str, Any]) -> None:
+        robot = state["id"]
+        if not self._is(robot):
+            return
+        i = self._ids.index(robot)
+        # A liar may say that it is anywhere: pages have the area alone.
+        width_mm, height_mm = self.area_mm
+        x_mm, y_mm = min(max(state["x_mm"], 0.0), width_mm), min(max(state["y_mm"], 0.0), height_mm)
+        self._places[robot] = Point(x_mm, y_mm), round(state["direction_deg"])
+        self._heard_at_s[robot] = self._clock()
+        self._first_at_s.setdefault(robot, time.monotonic())
+        each = self._members[i]
+        each.led = Led(state["red"], state["green"], state["blue"])
+        each.went(x_mm, y_mm, HISTORY_STEP_MM)
+        if each.route:
+            last = each.route[-1]
+            if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:
+                each.route = ()
+
+    def _hear_token(self, token: dict[str, Any]) -> None:
+        tor, tee = token["src"], token["dst"]
+        if self._is(tor) and tee in self._at and tor != tee:
+            self._tokens[tor, tee] = time.monotonic()
+            self._audits.append(Audit(auditor=self._address(tor), auditee=self._address(tee), refusal=""))
+
+    # --- the swarm ----------------------------------------------------------------------------------------------------
+
+    @property
+    def area_mm(self) -> tuple[int, int]:
+        """Width and height of the mission's area."""
+        width_m, height_m = self._settings.scenario.area_m
+        return round(1000 * width_m), round(1000 * height_m)
+
+    def robots(self) -> Sequence[Robot]:
+        """Every robot that was ever heard, where it said it is. None tells of its battery."""
+        return [
+            each.seen(*self._places[robot], 0.0, self._heard_at_s[robot])
+            for robot, each in zip(self._ids, self._members, strict=True)
+            if robot in self._heard_at_s
+        ]
+
+    def stop(self, address: str) -> None:
+        """Stand still until told otherwise."""
+        self.drive(address, 0, 0)
+
+    def follow(self, address: str, route: Sequence[Point], threshold_mm: float) -> None:
+        """Visit these points in order; none stops the robot. Raises: UsageError: more than `longest_route`."""
+        i = self._find(address)
+        self._follow(i, route, threshold_mm, self._places[self._ids[i]][0])
+
+    def _find(self, address: str) -> int:
+        i = super()._find(address)
+        if self._ids[i] not in self._places:
+            raise Unknown("no such robot was heard yet")
+        return i
+
+    def _address(self, robot: int) -> str:
+        return self._members[self._ids.index(robot)].address
+
+    # --- the shields --------------------------------------------------------------------------------------------------
+
+    def shields(self) -> Sequence[Shield]:
+        """One for every robot that was ever heard."""
+        now_s = time.monotonic()
+        return [self._shield(robot, now_s) for robot in self._ids if robot in self._heard_at_s]
+
+    def _shield(self, robot: int, now_s: float) -> Shield:
+        bti = self._settings.scenario.bti
+        full_s = bti.t_val_ms / 1000
+        left = sorted(((left_s, tor) for tor, left_s in self._vouchers(robot, full_s, now_s)), reverse=True)
+        silent_s = SILENT_STATES * bti.steps_per_state * bti.t_control_ms / 1000
+        is_silent = self._clock() - self._heard_at_s[robot] > silent_s
+        # A token that only we did not hear stops nobody: by then there is another.
+        longer_s = full_s + bti.t_audit_ms / 1000
+        doubted = now_s - self._first_at_s[robot] > longer_s and (
+            sum(1 for _ in self._vouchers(robot, longer_s, now_s)) < bti.tokens_needed
+        )
+        return Shield(
+            address=self._address(robot),
+            needed=bti.tokens_needed,
+            full_s=full_s,
+            vouchers=tuple((self._address(tor), left_s) for left_s, tor in left),
+            safe_mode=doubted or (is_silent and len(left) < bti.tokens_needed),
+            attack="",
+        )
+
+    def _vouchers(self, robot: int, good_s: float, now_s: float) -> Iterator[tuple[int, float]]:
+        for tor in self._ids:
+            left_s = self._tokens.get((tor, robot), -good_s) + good_s - now_s
+            if left_s > 0:
+                yield tor, left_s
+
+    def new_audits(self) -> Sequence[Audit]:
+        """Those that ended with a token since the last call, oldest first; refusals are not said on the air."""
+        return [self._audits.popleft() for _ in range(len(self._audits))]
+
+    def attacks(self) -> Sequence[AttackChoice]:
+        """None: no button compromises real robots."""
+        return ()
+
+    def compromise(self, address: str, attack: str) -> None:
+        """Nothing. Raises: Unknown: no such attack."""
+        raise Unknown(f"no attack {attack[:64]!r} of {address[:64]!r}")

@@ -1,0 +1,80 @@
+"""What a gateway's file says of robots that are processes of their own: their mission, where they listen, who signs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from phalanx.config.parameter import check_limits, told
+from phalanx.config.reader import Reader
+from phalanx.config.written import read_at_most
+from phalanx.errors import UsageError
+from phalanx.io.mission_key import read_mission_key
+from phalanx.robot.signer import Signer
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.starts import WHEELS
+
+from .run import mission_in
+
+MOST_BYTES = 1 << 16
+HINT = "docs/robot.md has an example"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotAt:
+    """Where a robot listens. Raises: UsageError: a value is out of range."""
+
+    robot: int = field(metadata={"within": (1, 0xFFFF), **told("its number")})
+    at: str = field(metadata=told("its radio's ADDRESS:PORT, as `here` in its own file"))
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SwarmFile:
+    """A gateway's robots. Paths are relative to the file's folder. Raises: UsageError: a value is out of range."""
+
+    mission: str = field(metadata=told("the robots' scenario, the same file"))
+    key: str = field(metadata=told("the mission's key, the same file as the robots'"))
+    gateway: str = field(metadata=told("signs visitors' orders: PEM, of phalanx keys export"))
+    operator: str = field(metadata=told("signs the operator's stop: the same"))
+    here: str = field(metadata=told("where the gateway's radio listens, ADDRESS:PORT; a peer of each robot's"))
+    robots: tuple[RobotAt, ...] = field(metadata=told("all that visitors may drive"))
+
+    def __post_init__(self) -> None:
+        numbers = [each.robot for each in self.robots]
+        if not numbers or len(set(numbers)) < len(numbers):
+            raise UsageError("robots are none, or one is there twice", "each robot once")
+
+
+@dataclass(frozen=True, slots=True)
+class SwarmSettings:
+    """A swarm's file as it was read, where it lies, and what it names."""
+
+    said: SwarmFile
+    path: Path
+    scenario: Scenario
+    mission: int
+
+    def signer(self, key: Ed25519PrivateKey, who: int) -> Signer:
+        """Who signs with that key. Raises: UsageError: the mission names another."""
+        name = ("gateway_key", "operator_key")[who]
+        signer = Signer(key, self.mission, who)
+        if signer.public.hex() != getattr(self.scenario, name).lower():
+            raise UsageError(
+                f"{self.said.mission} names another {name} than {signer.public.hex()}", "phalanx keys list"
+            )
+        return signer
+
+
+def read_swarm(path: Path) -> SwarmSettings:
+    """The swarm in a file. Raises: UsageError: none, or with a mistake in a line; Unavailable: it cannot be read."""
+    said: SwarmFile = Reader(str(path), HINT).root(SwarmFile, read_at_most(path, MOST_BYTES, HINT), "swarm file")
+    scenario = mission_in(path.parent, said.mission)
+    if scenario.controller != WHEELS:
+        raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
+    mission = {read_mission_key(path.parent / said.key, each.robot).seq for each in said.robots}
+    return SwarmSettings(said, path, scenario, mission.pop())

@@ -1,0 +1,122 @@
+"""The station that a gateway and its operator speak through, to robots that check who ordered what.
+
+It says the gateway's beacon and the operator's stop to all, and visitors' orders each to its robot, all of it signed.
+It speaks no faster than the channel and a robot's log have room for, whatever visitors do: of several orders of one
+kind that wait for one robot only the newest is said. Its radio and its clock are whoever's asks it to speak: those of a
+simulation, or of a gateway.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from phalanx.wire.driven import EVERYBODY
+from phalanx.wire.table import ENTRY_HEADER_BYTES
+
+from .signer import Signer
+
+# A robot's log has room for so many bytes of orders a second.
+ORDER_BYTES_PER_S = 700
+# All robots' together: a tenth of the channel.
+ORDERS_PER_S = 330
+BEACON_S = 1.0
+# What all are told may be lost on the air: a stop, and its end, is said so often at once, and then with each beacon.
+AT_ONCE, AGAIN_S = 5, 0.1
+MOTION, COLOUR = 0, 1  # kinds of orders
+# What makes an order's frame of the robot's id and the signer's clock, ms.
+Make = Callable[[int, int], bytes]
+
+
+class Air(Protocol):
+    """What a station speaks through."""
+
+    def is_busy(self) -> bool:
+        """Whether what was said last is still waiting to go out."""
+
+    def is_deaf(self, robot: int) -> bool:
+        """Whether it is known that the robot was stopped for good."""
+
+    def say(self, frame: bytes, robot: int) -> None:
+        """The frame goes out to a robot, or to EVERYBODY."""
+
+
+class Station:
+    """One radio that is no robot; robots go by their ids.
+
+    Attributes:
+        gateway, operator: who signs what it says.
+        held: whether the operator has all robots stand still; may be set by another thread.
+    """
+
+    def __init__(self, gateway: Signer, operator: Signer) -> None:
+        self.gateway, self.operator = gateway, operator
+        self.held = False
+        self._was_held = False
+        self._at_once = 0
+        self._beacon_at_s, self._operator_at_s = 0.0, math.inf
+        self._may_speak_at_s = 0.0
+        self._may_order_at_s: dict[int, float] = {}
+        # By robot and kind, the longest waiting first.
+        self._waiting: dict[tuple[int, int], Make] = {}
+        self._told: dict[int, int] = {}
+
+    def tell(self, robot: int, kind: int, make: Make) -> None:
+        """An order for the robot waits, in the place of one of its kind; for any thread."""
+        self._waiting[robot, kind] = make
+
+    def told(self, robot: int) -> int | None:
+        """The number of the last order to the robot; None if one to move is still to be said."""
+        return None if (robot, MOTION) in self._waiting else self._told.get(robot, 0)
+
+    def speak(self, air: Air, now_s: float, said_ms: int) -> float:
+        """What is due goes out, one frame at a time; `said_ms` is the signers' clock.
+
+        Returns: when to ask again, s; never if nothing waits.
+        """
+        self._hear_operator(now_s)
+        if now_s >= self._may_speak_at_s and not air.is_busy() and not self._say_to_all(air, now_s, said_ms):
+            self._say_to_one(air, now_s, said_ms)
+        pace_s = 1 / ORDERS_PER_S if self._waiting or self._at_once else math.inf
+        return now_s + pace_s
+
+    def _hear_operator(self, now_s: float) -> None:
+        held = self.held
+        if held != self._was_held:
+            self._was_held, self._at_once, self._operator_at_s = held, AT_ONCE, now_s
+        if held:
+            for key in list(self._waiting):  # another thread may tell something meanwhile
+                if key[1] == MOTION:
+                    self._waiting.pop(key)
+            # What a long route has used up of a robot's log is made good when it stands.
+            self._may_order_at_s.clear()
+
+    def _say_to_all(self, air: Air, now_s: float, said_ms: int) -> bool:
+        if now_s >= self._operator_at_s:
+            self._operator_at_s = now_s + (AGAIN_S if self._at_once else BEACON_S)
+            self._at_once = max(0, self._at_once - 1)
+            frame = self.operator.stop(said_ms) if self._was_held else self.operator.go(said_ms)
+        elif now_s >= self._beacon_at_s:
+            self._beacon_at_s = now_s + BEACON_S
+            frame = self.gateway.beacon(said_ms)
+        else:
+            return False
+        self._say(air, frame, EVERYBODY, now_s)
+        return True
+
+    def _say_to_one(self, air: Air, now_s: float, said_ms: int) -> None:
+        for robot, kind in list(self._waiting):
+            if air.is_deaf(robot):
+                del self._waiting[robot, kind]
+            # Who has not heard yet that it may move would not obey.
+            elif now_s >= self._may_order_at_s.get(robot, 0.0) and not (kind == MOTION and self._at_once):
+                frame = self._waiting.pop((robot, kind))(robot, said_ms)
+                self._told[robot] = self.gateway.number
+                self._may_order_at_s[robot] = now_s + (ENTRY_HEADER_BYTES + len(frame)) / ORDER_BYTES_PER_S
+                self._say(air, frame, robot, now_s)
+                return
+
+    def _say(self, air: Air, frame: bytes, robot: int, now_s: float) -> None:
+        air.say(frame, robot)
+        self._may_speak_at_s = now_s + 1 / ORDERS_PER_S

@@ -1,0 +1,264 @@
+"""A gateway before robots that are processes of their own: signed orders by radio, and what pages show of them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+import boards
+from conftest import called, eventually
+from ordered import KEYS, PUBLIC, robot
+from phalanx.bti.refusal import Refusal
+from phalanx.cli.mission.files import read_signing_key
+from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.swarm import YEAR_MS, RobotSwarm
+from phalanx.daemon.swarm_file import read_swarm
+from phalanx.errors import Unavailable, Unknown, UsageError
+from phalanx.gateway import UpOptions, up
+from phalanx.io import Client
+from phalanx.io.keyring import Keys, pem
+from phalanx.io.mission_key import issued
+from phalanx.robot import Led, Point
+from phalanx.wire.driven import GATEWAY, OPERATOR, WHEELS_MEMORY
+from phalanx.wire.table import AUDIT_TOKEN, WHEELS_STATE
+
+pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
+PHALANX = (sys.executable, "-m", "phalanx", "--log-level", "error")
+MISSION = """controller: wheels
+robots: 3
+grid_step_m: 0.6
+contact_m: 0.08
+bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 200, steps_per_state: 2, delta_ms: 95, skew_ms: 200}
+"""
+NAMED = f"gateway_key: {PUBLIC[GATEWAY].hex()}\noperator_key: {PUBLIC[OPERATOR].hex()}\n"
+STATE = {"t": 1, "x_mm": 500.0, "y_mm": 600.0, "direction_deg": 90.0, "red": 1, "green": 2, "blue": 3}
+
+
+class Robots:
+    """Two radios, of robots 1 and 2, whose controllers hear what comes."""
+
+    def __init__(self):
+        self.sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
+        for each in self.sockets:
+            each.bind(("127.0.0.1", 0))
+            each.settimeout(5)
+        self.at = [f"127.0.0.1:{each.getsockname()[1]}" for each in self.sockets]
+        self.sockets.pop().close()  # that is where the gateway listens
+        self.here = self.at.pop()
+        self.controllers = [robot(1, mission=1), robot(2, mission=1)]
+
+    def say(self, which: int, frame: bytes) -> None:
+        host, _, port = self.here.partition(":")
+        self.sockets[which].sendto(frame, (host, int(port)))
+
+    def obeys(self, which: int, is_so) -> bool:
+        """Whether what comes leads there, in 5 s of the robot's own clock, which began at 0."""
+        this = self.controllers[which]
+        while not is_so(WHEELS_MEMORY.decode(this.encode())):
+            try:
+                this.on_recv(round(time.monotonic() * 1000) % (1 << 32), self.sockets[which].recv(2048))
+            except TimeoutError:
+                return False
+            this.on_input(0, 0, b"")
+        return True
+
+
+@pytest.fixture
+def robots():
+    made = Robots()
+    yield made
+    for each in made.sockets:
+        each.close()
+
+
+@pytest.fixture
+def file(tmp_path, robots):
+    """A swarm's file and all that it names."""
+    keys = Keys.new("test")
+    for rob_id in (1, 2):
+        keys.provision(rob_id, "2026-01-01")
+    (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+    (tmp_path / "mission.yaml").write_text(MISSION + NAMED)
+    at = [{"robot": rob_id, "at": where} for rob_id, where in enumerate(robots.at, 1)]
+    said = {"mission": "mission.yaml", "key": "key.json", "here": robots.here, "robots": at}
+    for name, who in (("gateway", GATEWAY), ("operator", OPERATOR)):
+        (tmp_path / f"{name}.pem").write_bytes(pem(KEYS[who]))
+        said[name] = f"{name}.pem"
+    path = tmp_path / "swarm.yaml"
+    path.write_text(json.dumps(said, indent=1))
+    return path
+
+
+@contextmanager
+def gateway(file, clock=time.time):
+    with RobotSwarm(read_swarm(file), KEYS[GATEWAY], KEYS[OPERATOR], clock) as swarm:
+        yield swarm
+
+
+def soon(is_so) -> None:
+    until_s = time.monotonic() + 5
+    while not is_so():
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+class TestFile:
+    @pytest.mark.parametrize(
+        ("was", "is_now", "trouble"),
+        [
+            ("controller: wheels", "controller: flock", "controller: flock"),
+            (NAMED, "", "names no gateway_key and operator_key"),
+            (PUBLIC[GATEWAY].hex(), PUBLIC[OPERATOR].hex(), "names another gateway_key"),
+            (PUBLIC[OPERATOR].hex(), "ab", "operator_key is 'ab'"),
+            ("grid_step_m: 0.6", "grid_step_m: 6", "area_m has no room"),
+        ],
+        ids=["flock", "nobody", "another", "short", "large"],
+    )
+    def test_what_is_wrong_with_the_mission_is_said_before_anybody_is_told_anything(self, file, was, is_now, trouble):
+        mission = file.with_name("mission.yaml")
+        mission.write_text(mission.read_text().replace(was, is_now))
+        ended = called("up", "--swarm", str(file), "--duration", "0.1")
+        assert (ended.returncode, ended.stdout) == (2, "")
+        assert trouble in ended.stderr
+        assert not file.with_suffix(".said").exists()
+
+    def test_a_robot_that_the_missions_key_is_not_for_is_refused(self, file):
+        file.write_text(file.read_text().replace('"robot": 2', '"robot": 3'))
+        with pytest.raises(UsageError, match="no key for robot 3"):
+            read_swarm(file)
+
+    def test_real_robots_are_as_many_as_they_are(self, file):
+        ended = called("up", "--swarm", str(file), "--robots", "4")
+        assert ended.returncode == 2
+        assert "--swarm and --robots" in ended.stderr
+
+
+class TestSwarm:
+    def test_a_robot_is_there_from_when_it_was_heard_and_only_from_where_it_is(self, file, robots):
+        with gateway(file) as swarm:
+            robots.say(1, WHEELS_STATE.encode(id=1, **STATE))  # the second, in the first one's name
+            robots.say(1, b"\x07nonsense")
+            robots.say(1, WHEELS_STATE.encode(id=2, **STATE | {"x_mm": 1e6}))
+            soon(swarm.robots)
+            (there,) = swarm.robots()
+            assert there.at == Point(2000.0, 600.0), "inside the area, wherever a liar says that it is"
+            assert (there.direction_deg, there.led) == (90, Led(1, 2, 3))
+            with pytest.raises(Unknown):
+                swarm.drive("DECAFBAD00000001", 50, 50)
+            swarm.set_led(there.address, Led(7, 8, 9))
+            assert robots.obeys(1, lambda state: state["green"] == 8)
+            swarm.drive(there.address, 40, -400)
+            assert robots.obeys(1, lambda state: (state["left"], state["right"]) == (40, -100))
+            swarm.follow(there.address, [Point(100.0, 200.0)], 50.0)
+            assert robots.obeys(1, lambda state: state["count"] == 1)
+        assert robots.obeys(1, lambda state: state["count"] == 0), "under way by our word, at our end"
+
+    def test_the_operators_stop_is_heard_by_robots_that_never_spoke_and_ends_at_go(self, file, robots):
+        with gateway(file) as swarm:
+            swarm.hold()
+            assert all(robots.obeys(which, lambda state: state["held"] == 1 << OPERATOR) for which in (0, 1))
+            swarm.release()
+            assert all(robots.obeys(which, lambda state: state["held"] == 0) for which in (0, 1))
+
+    def test_a_gateway_is_obeyed_after_each_start_whatever_its_clock_says(self, file, robots):
+        robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
+        for nth, clock_s in enumerate((2e9, 1e9, 2e9 + 5), 1):
+            with gateway(file, lambda now_s=clock_s: now_s) as swarm:
+                robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
+                soon(swarm.robots)
+                swarm.set_led(swarm.robots()[0].address, Led(nth, 0, 0))
+                assert robots.obeys(0, lambda state, nth=nth: state["red"] == nth)
+                swarm.hold()
+                assert robots.obeys(0, lambda state: state["held"] == 1 << OPERATOR)
+                swarm.release()
+                assert robots.obeys(0, lambda state: state["held"] == 0)
+        assert int(file.with_suffix(".said").read_text()) == 2e12 + 2 * YEAR_MS
+
+    def test_what_was_said_is_not_guessed_if_its_file_is_damaged(self, file):
+        file.with_suffix(".said").write_text("soon")
+        with pytest.raises(Unavailable, match="cannot read"):
+            gateway(file).__enter__()
+
+    def test_shields_are_the_tokens_that_came_by(self, file, robots):
+        with gateway(file) as swarm:
+            for which in (0, 1):
+                robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
+            token = {"request": 1, "t": 5, "mac": bytes(8)}
+            robots.say(0, AUDIT_TOKEN.encode(src=1, dst=2, **token))
+            robots.say(0, AUDIT_TOKEN.encode(src=2, dst=1, **token))  # in another's name
+            robots.say(0, AUDIT_TOKEN.encode(src=1, dst=1, **token))
+            soon(lambda: len(swarm.robots()) == 2 and any(shield.vouchers for shield in swarm.shields()))
+            audits = swarm.new_audits()
+            first, second = swarm.shields()
+            assert (first.vouchers, first.safe_mode, second.safe_mode, second.needed) == ((), False, False, 2)
+            ((auditor, left_s),) = second.vouchers
+            assert auditor == first.address == audits[0].auditor
+            assert 2 < left_s <= 2.5
+            # Neither speaks any more, and one token is not enough.
+            soon(lambda: all(shield.safe_mode for shield in swarm.shields()))
+            assert (swarm.attacks(), swarm.new_audits()) == ((), [])
+            with pytest.raises(Unknown):
+                swarm.compromise(first.address, "hijack")
+
+
+async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path):
+    boards.built("node")
+    (tmp_path / "mission.yaml").write_text(MISSION)
+    kept = tmp_path / "kept"
+    words = ("robot", "arena", str(tmp_path / "mission.yaml"), "--duration", "9", "--keep", str(kept), "--json")
+    arena = subprocess.Popen((*PHALANX, *words), stdout=subprocess.PIPE, text=True)
+    try:
+        await eventually((kept / "robot-3.json").exists, 120)  # their mission has begun
+        settings = read_swarm(kept / "swarm.yaml")
+        keys = [read_signing_key(kept / name) for name in ("gateway.pem", "operator.pem")]
+        gateways, events = [], asyncio.Queue()
+        with RobotSwarm(settings, *keys) as swarm:
+            going = asyncio.ensure_future(
+                up(UpOptions(port=0), events.put_nowait, gateways.append, swarm=lambda: swarm)
+            )
+            while (ready := await asyncio.wait_for(events.get(), 30))["event"] != "ready":
+                pass
+            async with Client(ready["qr_url"]) as phone:
+                await eventually(lambda: [s.safe_mode for s in swarm.shields() if len(s.vouchers) > 1] == [False] * 3)
+                first, second, _ = swarm.robots()
+                corner = {"threshold": 60, "waypoints": [{"x": 1900, "y": 1900}]}
+                ahead = {"left_x": 0, "left_y": 60, "right_x": 0, "right_y": 60}
+
+                async def moves(nth: int) -> None:
+                    before = swarm.robots()[nth].at
+                    await eventually(lambda: swarm.robots()[nth].at != before)
+
+                for _ in range(5):
+                    await phone.command(first.address, "move_raw", ahead)
+                    await asyncio.sleep(0.1)
+                await moves(0)
+                await phone.command(second.address, "waypoints", corner)
+                await moves(1)
+                gateways[0].hold(True)
+                heard = [each.heard_at_s for each in swarm.robots()]
+                # What they say a second later is of robots that stand.
+                await eventually(lambda: all(r.heard_at_s > h + 1 for r, h in zip(swarm.robots(), heard, strict=True)))
+                stood = [each.at for each in swarm.robots()]
+                await phone.command(second.address, "waypoints", corner)
+                await asyncio.sleep(0.6)
+                assert [each.at for each in swarm.robots()] == stood
+                assert swarm.robots()[1].route == ()
+            going.cancel()
+            await asyncio.gather(going, return_exceptions=True)
+        summary = json.loads((await asyncio.to_thread(arena.communicate))[0])
+    finally:
+        arena.kill()
+        arena.wait()
+    assert summary["correct_in_safe_mode"] == []
+    # Whoever has the log can tell who ordered what: with another mission's keys or number it is no honest robot's.
+    log = read_kept(kept / "robot-2.log")
+    assert log.first_lie() is None
+    assert replace(log, mission=log.mission + 1).first_lie().refusal == Refusal.OUTPUT_WRONG
