@@ -97,9 +97,11 @@ def failed(report: Report) -> dict[str, str]:
     return {check.name: str(check.finding) for check in report.checks if check.finding}
 
 
-@pytest.mark.parametrize("words", ["flock", "guard", "wheels"])
+@pytest.mark.parametrize(
+    "words", ["flock", *(pytest.param(each, marks=pytest.mark.long) for each in ("guard", "wheels"))]
+)
 def test_ours_are_the_same_everywhere(words, monkeypatch):
-    monkeypatch.setattr(check, "OTHERS", 3 if words == "flock" else 1)
+    monkeypatch.setattr(check, "OTHERS", 1)
     report = check_controller(words, seed=3)
     assert failed(report) == {}
     assert report.agrees
@@ -124,6 +126,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             {PROCESSES, COMPILED, BESIDE, FROM, OVER},
             r"encode at byte [0-7]: ",
             id="chance",
+            marks=pytest.mark.long,
         ),
         pytest.param(
             {ACTED: "return self.act(t_ms, list({'north', 'south', 'east', 'west'}).index('west'), 0.0)"},
@@ -136,6 +139,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             {PROCESSES, FROM},
             r"call \d+ \(reading \d+, \d+ ms\): output 1, Act at byte 1[1-4]",
             id="where an object lies in memory",
+            marks=pytest.mark.long,
         ),
         pytest.param(
             {COUNTED: "EVERYBODY[:] = [t_ms]", ACTED: "return self.act(t_ms, (EVERYBODY or [0])[0] % 1000, 0.0)"},
@@ -148,6 +152,7 @@ def test_so_is_the_one_that_the_others_are_made_from(checked):
             {PROCESSES},
             r"output 1, Act at byte ",
             id="the minute of the hour",
+            marks=pytest.mark.long,
         ),
         pytest.param(
             {ACTED: "return self.act(t_ms, __import__('datetime').datetime.now().hour, 0.0)"},
@@ -238,6 +243,7 @@ def test_it_is_found_where_it_differs(checked, change, where, place):
     assert not report.agrees
 
 
+@pytest.mark.long
 def test_it_says_in_which_of_the_two_what_is(checked):
     found = failed(checked({COUNTED: "self.heard += time.monotonic() // 86400 + 1"}))
     assert re.search(r"in process 1; [0-9a-f]+ in process 2 \(hash seed 1, UTC-9, 1.4 days later\)$", found[PROCESSES])

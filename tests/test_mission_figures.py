@@ -143,6 +143,7 @@ def test_the_graph_is_divided_evenly_and_wholly_among_the_explorers() -> None:
     assert max(map(len, shares)) <= 9
 
 
+@pytest.mark.long
 def test_four_explorers_find_everything_and_none_sees_more_of_the_floor_than_the_papers() -> None:
     rows = measure_case("seed 0")
     table = Table("mission-fig9", {}, mission_fig9.COLUMNS, {"seed 0": rows})

@@ -42,7 +42,7 @@ def built(folder: Path, name: str, *words: str) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "profile", "lacks"),
     [
-        ("delivery", "sealed", "not in this world: codes on the walls;"),
+        pytest.param("delivery", "sealed", "not in this world: codes on the walls;", marks=pytest.mark.long),
         ("delivery", "paper", "not in this world: actions that robots can do, codes on the walls;"),
         ("inspection", "paper", "robot 2 does not stand where its mission begins"),
     ],

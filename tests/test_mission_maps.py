@@ -70,6 +70,7 @@ def test_the_audit_that_a_build_from_a_map_points_to_is_of_the_same_mission(tmp_
     assert len(problems) == int(hint[1]) + len(warned) - 1
 
 
+@pytest.mark.long
 def test_a_map_alone_is_audited_as_what_build_makes_of_it() -> None:
     plan = load_floorplan("office_30x25")
     report = json.loads(command("audit", "--map", "office_30x25", "--json").stdout)

@@ -157,7 +157,7 @@ class TestOrders:
         run(swarm, 2)
         assert all(now != before[address] for address, now in places(swarm).items())
 
-    @pytest.mark.parametrize("count", [12, 100])
+    @pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.long)])
     def test_visitors_who_flood_all_robots_with_the_longest_orders_stop_none(self, count):
         swarm = a_swarm(count)
         turn = 0

@@ -20,7 +20,8 @@ from phalanx.wire.framing import framed
 from test_serial_flock import FLOCK, played, same
 from test_serial_line import LIMITS, MASTER, sealed
 
-pytestmark = pytest.mark.timeout(900)
+# Who asks has his turn at once: a board without work polls its line as fast as it can.
+pytestmark = [pytest.mark.timeout(900), pytest.mark.waits]
 # Two rounds of audits, of three robots.
 SMALL = Scenario(robots=3, duration_s=6.0, bti=BtiConfig(f_max=1))
 

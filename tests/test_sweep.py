@@ -202,7 +202,7 @@ def _runs(pid: int) -> bool:
 
 
 class TestCluster:
-    LONGER = SMALL.replace("duration_s: 2", "duration_s: 20").replace("seeds: 3", "seeds: 4")
+    LONGER = SMALL.replace("duration_s: 2", "duration_s: 10").replace("seeds: 3", "seeds: 4")
 
     def test_killed_workers_and_a_killed_command_lose_and_count_nothing_twice(self, written, tmp_path):
         path, out = written(self.LONGER), tmp_path / "out"
@@ -233,7 +233,7 @@ class TestCluster:
         told = json.loads(done.stdout)
         assert [point["runs"] for point in told["points"]] == [4] * 4
         one = next(row for row in rows if (row["robots"], row["attack"], row["seed"]) == (6, "none", 3))
-        scenario = find_scenario("flock-12").with_options(robots=6, duration_s=20.0, attacks=(), seed=3)
+        scenario = find_scenario("flock-12").with_options(robots=6, duration_s=10.0, attacks=(), seed=3)
         assert one["digest"] == simulate(scenario).summaries[0]["digest"]
 
     @pytest.mark.long

@@ -14,7 +14,8 @@ import pytest
 import boards
 from phalanx.io.children import die_with_parent
 
-pytestmark = pytest.mark.timeout(900)
+# As in test_qemu.py: whose board has no work polls its line.
+pytestmark = [pytest.mark.timeout(900), pytest.mark.waits]
 T_VAL_MS, CHECK_MS = 500, 10
 KEYED_MS = 20  # from power-up to the mission key, at most: the c-node has nothing to wait for
 WHICH = 0x28100000  # where the c-node looks for what to do, by number

@@ -56,8 +56,8 @@ def gained(ended: Run) -> list[int]:
     [
         (crowd("slot-squat"), PLACES, 22),
         # An honest answer to every other request is a fresh token for ever if two rounds are shorter than T_val.
-        (crowd("stale-answers", t_audit_ms=6000), OLD_TOKENS, 4),
-        (crowd("wrong-checkpoint"), OTHER_CHECKPOINTS, 4),
+        pytest.param(crowd("stale-answers", t_audit_ms=6000), OLD_TOKENS, 4, marks=pytest.mark.long),
+        pytest.param(crowd("wrong-checkpoint"), OTHER_CHECKPOINTS, 4, marks=pytest.mark.long),
     ],
     ids=lambda each: each.attacks[0].name if isinstance(each, Scenario) else None,
 )

@@ -112,7 +112,8 @@ def walk(plan, profile, seed, steps):
     return state, errors
 
 
-@pytest.mark.parametrize("profile", [Profile.PAPER, pytest.param(Profile.SEALED, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("profile", list(Profile))
 def test_a_robot_with_a_lidar_decodes_node_after_node_and_no_fix_is_false(profile):
     """Five minutes; given fifteen, a robot with such a simple driver comes to all 37 nodes, if no wall catches it."""
     state, errors = walk(load_floorplan("office_40x40"), profile, 1, 3000)

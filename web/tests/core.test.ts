@@ -76,7 +76,7 @@ describe("base64url", () => {
         const raw = decodeBase64url(bytes.encode(text));
         if (raw) expect(encodeBase64url(raw)).toBe(text);
       }),
-      { numRuns: 3000 },
+      { numRuns: 600 },
     );
   });
 });
@@ -115,7 +115,7 @@ describe("envelope", () => {
       fc.property(words, (plaintext) => {
         reasonOf(() => openIt(sealJwe(plaintext, epoch.key, iv())));
       }),
-      { numRuns: 500 },
+      { numRuns: 100 },
     );
   });
 
@@ -127,7 +127,7 @@ describe("envelope", () => {
         forged[at] = (forged[at] ?? 0) ^ flip;
         expect(["malformed_jwe", "not_authentic"]).toContain(reasonOf(() => openIt(forged)));
       }),
-      { numRuns: 500 },
+      { numRuns: 100 },
     );
   });
 
@@ -186,7 +186,7 @@ describe("replay cache", () => {
           passed.add(message);
         }
       }),
-      { numRuns: 500 },
+      { numRuns: 100 },
     );
   });
 
@@ -343,7 +343,7 @@ describe("link", () => {
       fc.property(topics, tokens, fc.double(), (topic, token, now_s) => {
         expect(["notified", "replied", "rejected"]).toContain(make().receive(topic, token, now_s).kind);
       }),
-      { numRuns: 500 },
+      { numRuns: 100 },
     );
   });
 });
@@ -363,7 +363,7 @@ describe("QR url", () => {
           expect((error as Error).message).not.toContain("987654321098");
         }
       }),
-      { numRuns: 500 },
+      { numRuns: 100 },
     );
   });
 

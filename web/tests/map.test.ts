@@ -119,7 +119,7 @@ describe("names", () => {
           for (const { x, y } of at) expect(left < x + 8 && x - 8 < right && top < y + 8 && y - 8 < bottom).toBe(false);
         });
       }),
-      { numRuns: 6 },
+      { numRuns: 3 },
     );
   });
 

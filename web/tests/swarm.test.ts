@@ -321,7 +321,7 @@ describe("hostile peers", () => {
         }
         expect(swarm.roster.length).toBe(swarm.robots.size);
       }),
-      { numRuns: 1000 },
+      { numRuns: 200 },
     );
   });
 
@@ -363,7 +363,7 @@ describe("trail", () => {
         expect(Array.from({ length: trail.length }, (_, i) => trail.x(i))).toEqual(all.slice(-TRAIL_POINTS));
         if (length > 0) expect(trail.y(trail.length - 1)).toBe(2 * (length - 1));
       }),
-      { numRuns: 30 },
+      { numRuns: 8 },
     );
   });
 });
