@@ -150,7 +150,7 @@ def test_what_is_no_log_is_said_in_a_line(tmp_path, data):
         read_kept(path)
 
 
-@pytest.mark.parametrize("controller", ["warehouse", "wheels"])
+@pytest.mark.parametrize("controller", ["warehouse", "patrol"])
 def test_a_log_of_what_no_robots_own_process_runs_is_refused_in_a_line(tmp_path, controller):
     scenario = {"robots": 2, "controller": controller, "bti": {"f_max": 1}}
     path = tmp_path / "x.log"

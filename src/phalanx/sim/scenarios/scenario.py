@@ -261,8 +261,6 @@ class Scenario:
                 raise UsageError(f"{name} is {key[:KEY_DIGITS]!r}", "64 hexadecimal digits: phalanx keys list")
         for side_m in self.area_m:
             check_within("area_m", side_m, 0.2, MOST_AREA_M)
-        if self.controller == WHEELS:
-            starts_of(self)
 
     def _check_attacks(self) -> None:
         seen = set()
@@ -325,9 +323,10 @@ def in_scenarios() -> list[str]:
 
 
 def for_robots(scenario: Scenario) -> Scenario:
-    """The same. Raises: UsageError: its controller runs in simulations alone."""
+    """The same. Raises: UsageError: its controller runs in simulations alone, or robots have no room."""
     if scenario.controller in PROTOCOLS or scenario.controller not in (*in_scenarios(), WHEELS):
         raise UsageError(f"{scenario.controller} is not for a robot's own process", "flock, guard or wheels")
+    starts_of(scenario)  # which have room
     return scenario
 
 
