@@ -19,9 +19,10 @@ from pathlib import Path
 HERE = Path(__file__).parent
 LOGIC = "node snode anode bound bucket".split()
 PRIMITIVES = "hash mac".split()
-INTERFACE = re.compile(r"phx_[sa]node_\w+")
-PARTS = """#include "phx.h"
-char ram_snode[sizeof(phx_snode)], ram_anode[sizeof(phx_anode)];
+SEALED = ["seal"]  # for a-nodes without a radio of their own: beside the rest, and in none of its sums
+INTERFACE = re.compile(r"phx_([sa]node|sealed)_\w+")
+PARTS = """#include "phx_seal.h"
+char ram_snode[sizeof(phx_snode)], ram_anode[sizeof(phx_anode)], ram_seals[sizeof(phx_seals)];
 """
 
 
@@ -44,13 +45,13 @@ def functions(path: Path) -> Iterator[tuple[str, int]]:
 def lines() -> Iterator[tuple[str, int]]:
     """Lines of the logic by purpose; every function has just one, and the README has the same numbers."""
     purposes = json.loads((HERE / "budget.json").read_text())["lines"]
-    found = [each for name in LOGIC for each in functions(HERE / "src" / f"{name}.c")]
-    count = {name: n for name, n in found if name}
+    found = {source: list(functions(HERE / "src" / f"{source}.c")) for source in [*LOGIC, *SEALED]}
+    count = {name: n for each in found.values() for name, n in each if name}
     named = [name for purpose in purposes.values() for name in purpose["functions"].split()]
     if sorted(named) != sorted(count):
         sys.exit(f"budget.json does not say once what these are for: {sorted(set(named) ^ set(count))}")
     readme = (HERE / "README.md").read_text()
-    total = sum(n for _, n in found)
+    total = sum(n for source in LOGIC for _, n in found[source])
     for what, n in [
         *((what, sum(count[name] for name in said["functions"].split())) for what, said in purposes.items()),
         ("in all, with what they include", total),
@@ -99,7 +100,7 @@ def used(target: str, allowed: set[str]) -> Mapping[str, int]:
         "make", "-s", "--no-print-directory", f"--eval=say: ; @echo $({target}-tools) $({target}-flags)", "say"
     ).split()
     sizes, needed, given, calls = {}, set(), set(), Calls()
-    for name in [*LOGIC, *PRIMITIVES]:
+    for name in [*LOGIC, *PRIMITIVES, *SEALED]:
         text, data, bss = map(int, said_by(f"{prefix}size", str(built / f"{name}.o")).splitlines()[1].split()[:3])
         if data or bss:
             sys.exit(f"{name}.c keeps {data + bss} bytes of its own; all memory is the caller's")
@@ -128,7 +129,8 @@ def used(target: str, allowed: set[str]) -> Mapping[str, int]:
     return {
         "rom_logic": sum(sizes[name] for name in LOGIC),
         "rom_primitives": sum(sizes[name] for name in PRIMITIVES),
-        **{name: memory[name] for name in ("ram_snode", "ram_anode")},
+        "rom_sealed": sum(sizes[name] for name in SEALED),
+        **{name: memory[name] for name in ("ram_snode", "ram_anode", "ram_seals")},
         "stack_function": max(calls.stack.values()),
         "stack_call": max(calls.deepest(name) for name in calls.stack if INTERFACE.fullmatch(name)),
     }

@@ -12,6 +12,7 @@ from cffi import FFI
 
 HERE = Path(__file__).parent
 SHARED = ["bucket", "node", "snode", "anode"]
+PROFILES = {"bound": ["bound", "seal"], "paper": ["paper"]}
 # In their place: what a simulator computes all day, as fast as the processor can (port/host/host.h).
 HOST = ["hash", "mac"]
 # What checks orders' signatures, once for both profiles (port/order.h).
@@ -35,7 +36,8 @@ def declarations(header: Path) -> str:
 def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI:
     """The builder of `phalanx._firmware_<name>`, with `more` sources of port/."""
     ffi = FFI()
-    ffi.cdef("typedef struct { ...; } phx_snode;\ntypedef struct { ...; } phx_anode;\n")
+    kept = ["phx_snode", "phx_anode", *(["phx_seals"] if "seal" in PROFILES[name] else [])]
+    ffi.cdef("".join(f"typedef struct {{ ...; }} {each};\n" for each in kept))
     paths = [HERE / "include" / "phx.h", *(HERE / header for header in headers)]
     for path in paths:
         ffi.cdef(declarations(path))
@@ -43,7 +45,7 @@ def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI
         f"phalanx._firmware_{name}",
         "\n".join(f'#include "{path.name}"' for path in paths),
         # Relative to setup.py: absolute paths would end up in what is built.
-        sources=[f"firmware/src/{source}.c" for source in [*SHARED, name]]
+        sources=[f"firmware/src/{source}.c" for source in [*SHARED, *PROFILES[name]]]
         + [f"firmware/port/host/{source}.c" for source in HOST]
         + [f"firmware/port/{source}.c" for source in ["fleet", *(more or [])]],
         include_dirs=["firmware/include", "firmware/src", "firmware/port", "firmware/port/host"],
@@ -55,7 +57,7 @@ def profile(name: str, headers: list[str], more: list[str] | None = None) -> FFI
 
 def bound() -> FFI:
     """The default."""
-    return profile("bound", ["port/fleet.h", "port/host/host.h", "port/order.h"], ORDERS)
+    return profile("bound", ["include/phx_seal.h", "port/fleet.h", "port/host/host.h", "port/order.h"], ORDERS)
 
 
 def paper() -> FFI:

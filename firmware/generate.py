@@ -21,7 +21,7 @@ PAGES = HERE.parent / "web" / "client" / "wire.ts"
 
 SIZES = "HASH_BYTES MAC_BYTES KEY_BYTES NONCE_BYTES FRAME_MAX ENTRY_HEADER_BYTES AUDIT_HEADER_BYTES".split()
 CODES = "ENTRY_INPUT ENTRY_RECV ENTRY_SEND ENTRY_ACMD KIND_AUDIT".split()
-LINE = "VERSION MARK CRC_BYTES RUN_MAX TOLD_CLOCK TOLD_READINGS".split()
+LINE = "VERSION MARK CRC_BYTES RUN_MAX TOLD_CLOCK TOLD_READINGS SEALED".split()
 
 
 def c_header() -> str:
@@ -35,6 +35,7 @@ def c_header() -> str:
     made += [f"#define PHX_{name} {getattr(table, name)}u" for name in [*SIZES, *CODES]]
     for record in table.MACED:
         made += defined(record)
+    made += defined(table.SEAL)
     made += ["", "/* frames with the AUDIT bit */"]
     made += [f"#define PHX_AUDIT_{name.upper()} {table.AUDIT_HELLO.at(name)}u" for name in ("src", "dst")]
     return "\n".join([*made, "", "#endif", ""])

@@ -38,7 +38,7 @@ def lines(profile: str) -> Iterator[list[object]]:
         yield ["sha1", case["times"], case["message"], case["digest"]]
     for case in cases("lightmac"):
         yield ["lightmac", ERRORS.get(case["expect"], 0), case["key"], case["message"], case.get("mac", "")]
-    for case in cases("nodes"):
+    for case in [*cases("nodes"), *cases("sealed")]:
         if case["profile"] != profile:
             continue
         yield ["make", *case["limits"].values()]

@@ -18,7 +18,7 @@ from setuptools.command.sdist import sdist
 # The trusted nodes as a program, for robots that have no board (firmware/ports/process.c).
 PROGRAM = "trusted_node"
 SOURCES = [
-    *(f"src/{name}" for name in ("hash", "mac", "bucket", "node", "snode", "anode", "bound")),
+    *(f"src/{name}" for name in ("hash", "mac", "bucket", "node", "snode", "anode", "bound", "seal")),
     *(f"line/{name}" for name in ("frame", "calls", "keep", "robot", "serve")),
     "ports/process",
 ]

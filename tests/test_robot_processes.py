@@ -86,7 +86,7 @@ def arena(tmp_path, *words):
 
 def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     kept = tmp_path / "kept"
-    lossy = ("--loss", "0.2", "--repeats", "0.05", "--delay-ms", "30")
+    lossy = ("--loss", "0.2", "--repeats", "0.05", "--delay-ms", "30", "--sealed", "--on-air", "past:robot=4,at=1")
     summary = arena(tmp_path, "--duration", "7", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
     (liar,) = summary["compromised"]
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
@@ -96,6 +96,8 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     refusals = {(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]}
     assert refusals == {(3, "output wrong")}
     assert all(told["tokens_got"] > 0 for told in summary["processes"])
+    heard = [told["frames_refused"] for told in summary["processes"] if told["robot"] != 4]
+    assert all(told["bad_mac"] > 0 and told["repeated"] > 0 for told in heard), heard
     assert 0.7 < summary["broadcast_delivery"] < 0.9
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
     assert read_kept(kept / "robot-1.log").first_lie() is None
@@ -116,6 +118,20 @@ def test_of_a_field_that_is_cut_in_two_the_part_with_a_quorum_goes_on_whatever_c
     assert summary["without_quorum"] == [4, 5]
     assert summary["correct_in_safe_mode"] == []
     assert not any(told["refused"] for told in summary["processes"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "attack, refused", [("past", "bad_mac"), ("replay", "repeated"), ("hold", "late"), ("foreign-key", "bad_mac")]
+)
+def test_what_a_taken_over_radio_does_no_protected_robot_hears(tmp_path, attack, refused):
+    clocks = ("--clock-ppm", "200", "--delay-ms", "30")
+    summary = arena(tmp_path, "--duration", "9", "--sealed", "--on-air", f"{attack}:robot=4,at=3", *clocks)
+    assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
+    assert not any(told["refused"] for told in summary["processes"])
+    assert all(told["frames_refused"].get(refused) for told in summary["processes"] if told["robot"] != 4)
+    (hostile,) = summary["on_air"]
+    assert (hostile["safe_mode_s"] is not None) == (attack in ("hold", "foreign-key"))
 
 
 STOPPED = [name for name, attack in IN_FLOCKS.items() if attack.verdicts["bound"] == "stopped"]

@@ -1,4 +1,4 @@
-"""Writes the vectors of the trusted nodes: vectors/{present,sha1,lightmac,nodes}.json, which Python and C both run.
+"""Writes the vectors of the trusted nodes: vectors/{present,sha1,lightmac,nodes,sealed}.json, which Python and C run.
 
 PRESENT and SHA-1 are the published ones; LightMACs and what the nodes answer are the oracle's (tests/oracle), never the
 code's under test. Run it as `python vectors/make_firmware.py`; a test checks that what is committed is what it writes.
@@ -19,7 +19,8 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests"))
 
 from oracle.lightmac import lightmac, present80  # noqa: E402
-from oracle.nodes import ANode, No, SNode, u16, u32  # noqa: E402
+from oracle.nodes import No, SNode, u16, u32  # noqa: E402
+from oracle.sealed import SealedANode  # noqa: E402
 
 Case = dict[str, Any]
 
@@ -106,6 +107,8 @@ CALLS: dict[str, tuple[str, Callable[..., Any]]] = {
     "snode_poll": ("s", lambda o, n, b: o.poll(n[0], b[0])),
     "anode_recv": ("a", lambda o, n, b: o.recv(n[0], b[0])),
     "anode_send": ("a", lambda o, n, b: o.send(n[0], b[0])),
+    "sealed_send": ("a", lambda o, n, b: o.sealed_send(n[0], b[0])),
+    "sealed_recv": ("a", lambda o, n, b: o.sealed_recv(n[0], b[0])),
     "anode_actuate": ("a", lambda o, n, b: o.actuate(n[0], b[0])),
     "snode_make_auth": ("s", lambda o, n, b: o.make_auth(b[0])),
     "snode_check_auth": ("s", lambda o, n, b: o.check_auth(b[0], n[0], b[1], b[2])),
@@ -119,18 +122,19 @@ CALLS: dict[str, tuple[str, Callable[..., Any]]] = {
     "anode_is_safe": ("a", lambda o, n, b: int(o.safe)),
 }
 ROBOTS = 4
+SEALED_LIMITS = LIMITS | {"send_us_per_s": 10**6, "audit_us_per_s": 10**6, "audit_capacity_us": 3000}
 
 
 class Story:
     """Calls and the oracle's answers, as they are written down."""
 
-    def __init__(self, profile: str) -> None:
-        limits = SimpleNamespace(**LIMITS)
+    def __init__(self, profile: str, limits_of: dict[str, int] = LIMITS) -> None:
+        limits = SimpleNamespace(**limits_of)
         bound = profile == "bound"
         self.profile, self.bound, self.now = profile, bound, 0
         self.nodes = {
             "s": [SNode(bound, limits) for _ in range(ROBOTS)],
-            "a": [ANode(bound, limits) for _ in range(ROBOTS)],
+            "a": [SealedANode(bound, limits) for _ in range(ROBOTS)],
         }
         self.calls: list[Case] = []
 
@@ -246,7 +250,39 @@ def nodes() -> list[Case]:
     return [story(profile, 1) for profile in ("bound", "paper")]
 
 
-VECTORS = {"present": present, "sha1": sha1, "lightmac": lightmacs, "nodes": nodes}
+def sealed() -> list[Case]:
+    """Three robots whose clocks began at other times; frames come at once, late, twice, altered or bare."""
+    tale, chance = Story("bound", SEALED_LIMITS), random.Random(5)  # noqa: S311
+    master, mission = bytes(range(100, 120)), bytes(range(7, 27))
+    ahead = (0, 40_000, 3_000_000)
+    for i in range(len(ahead)):
+        for kind in ("snode", "anode"):
+            tale.call(f"{kind}_load_master", i, (i + 1,), (master,))
+        tale.load(i, 1, master, mission)
+    air: list[bytes] = []
+    for step in range(160):
+        tale.now += chance.choice([0, 0, 1, 7, 30, 60, 64, 65, 700, 2001])
+        i = chance.randrange(len(ahead))
+        if step % 2 == 0:
+            kind = chance.choice([b"\x01", b"\x80"])
+            frame = kind + chance.randbytes(chance.choice([0, 5, 26, 40]))
+            if step in {20, 22}:
+                frame = kind * (2034 + step - 20)
+            said = tale.call("sealed_send", i, (tale.now + ahead[i],), (frame,))
+            air += [said[7:]] if said else []
+            continue
+        for frame in air and (air[-1], chance.choice(air[-6:]), chance.choice(air)):
+            cut = chance.randrange(len(frame))
+            altered = frame[:cut] + bytes([frame[cut] ^ 1]) + frame[cut + 1 :]
+            heard = chance.choice([frame] * 8 + [altered, frame[:-14], frame[-14:]])
+            tale.call("sealed_recv", i, (tale.now + ahead[i],), (heard,))
+    tale.call("sealed_send", 3, (tale.now,), (b"\x01without a key",))
+    tale.call("sealed_recv", 3, (tale.now,), (air[-1],))
+    tale.call("sealed_recv", 0, (2**32 - 1,), (air[-1],))
+    return [{"name": "sealed, three robots", "profile": "bound", "limits": SEALED_LIMITS, "calls": tale.calls}]
+
+
+VECTORS = {"present": present, "sha1": sha1, "lightmac": lightmacs, "nodes": nodes, "sealed": sealed}
 
 
 def text(cases: list[Case]) -> str:

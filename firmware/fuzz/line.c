@@ -34,6 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     phx_line *board = calloc(1, sizeof *board), *other = calloc(1, sizeof *other), *heard = calloc(1, sizeof *heard);
     phx_snode *s = calloc(1, sizeof *s);
     phx_anode *a = calloc(1, sizeof *a);
+    phx_seals *seals = calloc(1, sizeof *seals);
     uint32_t now = 0, crc;
 
     while (size >= 3) {
@@ -46,7 +47,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         if (what & 1u || len < PHX_CALL_CHECK_BYTES || len + PHX_LINE_CRC_BYTES > PHX_LINE_IN_MAX) {
             for (uint32_t i = 0; i < len; i++)
                 if (phx_line_byte(board, data[i]))
-                    phx_line_call(board, s, a, now, (uint8_t)(what >> 1));
+                    phx_line_call(board, s, a, seals, now, (uint8_t)(what >> 1));
         } else {
             memcpy(other->out, data, len);
             crc = phx_crc32(data, len);
@@ -55,7 +56,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             other->out_len = len + PHX_LINE_CRC_BYTES;
             stop_unless(passes(other, board));
             stop_unless(board->call_len == len && memcmp(board->in, data, len) == 0);
-            phx_line_call(board, s, a, now, (uint8_t)(what >> 1));
+            phx_line_call(board, s, a, seals, now, (uint8_t)(what >> 1));
             stop_unless(board->out_len <= PHX_LINE_OUT_MAX);
             if (board->out_len > 0 && board->out_len <= PHX_LINE_IN_MAX) {
                 stop_unless(passes(board, heard));
@@ -70,5 +71,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     free(heard);
     free(s);
     free(a);
+    free(seals);
     return 0;
 }

@@ -24,7 +24,10 @@ enum {
     PHX_E_FUTURE = -8,    /* the token is of a time that has not come */
     PHX_E_AIRTIME = -9,   /* this sort of frame has had its share of the channel */
     PHX_E_CLOCK = -10,    /* the clock is at its end; the node is in Safe Mode now */
-    PHX_E_ARG = -11       /* robot id 0, an empty frame, an AUDIT frame without its header, limits that make no sense */
+    PHX_E_ARG = -11,      /* robot id 0, an empty frame, one without its header or seal, limits that make no sense */
+    PHX_E_REPEATED = -12, /* the seal was seen before, or is far behind its sender's newest */
+    PHX_E_LATE = -13,     /* the frame was held back */
+    PHX_E_FULL = -14      /* more senders than there is room for */
 };
 
 #define PHX_F_MAX 15u                      /* largest f_max */
@@ -69,6 +72,7 @@ typedef struct {
     uint16_t robot_id;
     uint8_t has_master;
     uint8_t master[PHX_KEY_BYTES];
+    uint8_t sealed;                        /* the port has its radio go through phx_seal.h */
 } phx_flash;
 
 /* What s-node and a-node have in common. */

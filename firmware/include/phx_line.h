@@ -5,7 +5,7 @@
 #ifndef PHX_LINE_H
 #define PHX_LINE_H
 
-#include "phx.h"
+#include "phx_seal.h"
 #include "phx_line_wire.h"
 
 /* One byte more than the longest frame: what is too long is refused by a node. */
@@ -49,7 +49,7 @@ void phx_line_say(phx_line *line);
 int phx_line_next(phx_line *line, uint8_t *byte);
 
 /* `told` is what this board leaves to the c-node. Returns what the port has to do, the enum above. */
-uint32_t phx_line_call(phx_line *line, phx_snode *s, phx_anode *a, uint32_t now, uint8_t told);
+uint32_t phx_line_call(phx_line *line, phx_snode *s, phx_anode *a, phx_seals *seals, uint32_t now, uint8_t told);
 /* What the call that has just been answered may pass on to the actuators; `len` bytes. */
 const uint8_t *phx_line_command(const phx_line *line, uint32_t *len);
 

@@ -8,6 +8,7 @@
 #define PHX_LINE_RUN_MAX 254u
 #define PHX_LINE_TOLD_CLOCK 1u
 #define PHX_LINE_TOLD_READINGS 2u
+#define PHX_LINE_SEALED 4u
 #define PHX_LINE_E_CALL (-64)
 #define PHX_LINE_E_HELLO (-65)
 
@@ -134,6 +135,11 @@
 #define PHX_CALL_CHECK 0x4fu
 #define PHX_CALL_CHECK_BYTES 3u
 #define PHX_CALL_CHECK_NUMBER 1u
+
+/* manufacture: the radio is sealed, for ever; until a master key is loaded */
+#define PHX_CALL_SEAL 0x50u
+#define PHX_CALL_SEAL_BYTES 3u
+#define PHX_CALL_SEAL_NUMBER 1u
 
 /* to each call */
 #define PHX_ANSWER 0x60u

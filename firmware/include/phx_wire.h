@@ -64,6 +64,19 @@
 #define PHX_TOKEN_T 5u
 #define PHX_TOKEN_HCKPT 9u
 
+/* a frame on a sealed radio */
+#define PHX_SEALED 0x15u
+#define PHX_SEALED_BYTES 27u
+#define PHX_SEALED_T 1u
+#define PHX_SEALED_SRC 5u
+#define PHX_SEALED_HASH 7u
+
+/* behind each frame on a sealed radio */
+#define PHX_SEAL_BYTES 14u
+#define PHX_SEAL_T 0u
+#define PHX_SEAL_SRC 4u
+#define PHX_SEAL_MAC 6u
+
 /* frames with the AUDIT bit */
 #define PHX_AUDIT_SRC 1u
 #define PHX_AUDIT_DST 3u

@@ -29,7 +29,7 @@ static uint32_t size_of(uint8_t tag)
         PHX_CALL_RECV_BYTES,          PHX_CALL_SEND_BYTES,        PHX_CALL_ACTUATE_BYTES,
         PHX_CALL_MAKE_AUTH_BYTES,     PHX_CALL_CHECK_AUTH_BYTES,  PHX_CALL_TOKEN_REQUEST_BYTES,
         PHX_CALL_ISSUE_TOKEN_BYTES,   PHX_CALL_CHECK_TOKEN_BYTES, PHX_CALL_INSTALL_TOKEN_BYTES,
-        PHX_CALL_CHECK_BYTES,
+        PHX_CALL_CHECK_BYTES,         PHX_CALL_SEAL_BYTES,
     };
 
     return tag >= PHX_CALL_HELLO && tag < PHX_CALL_HELLO + sizeof sizes ? sizes[tag - PHX_CALL_HELLO] : 0;
@@ -46,7 +46,7 @@ static int hello(phx_line *line, const phx_anode *a, work *w, uint8_t told)
 
     line->greeted = w->call[PHX_CALL_HELLO_VERSION] == PHX_LINE_VERSION;
     about[PHX_ABOUT_VERSION] = PHX_LINE_VERSION;
-    about[PHX_ABOUT_TOLD] = told;
+    about[PHX_ABOUT_TOLD] = (uint8_t)(told | (a->node.flash.sealed ? PHX_LINE_SEALED : 0));
     phx_put16(about + PHX_ABOUT_ID, a->node.flash.robot_id);
     phx_put32(about + PHX_ABOUT_SEQ, a->node.flash.key_seq);
     w->made = PHX_ABOUT_BYTES;
@@ -67,6 +67,15 @@ static int limits(phx_snode *s, phx_anode *a, work *w)
     error = phx_snode_make(s, &made);
     if (!error)
         error = phx_anode_make(a, &made);
+    if (!error)
+        w->todo = PHX_LINE_KEEP;
+    return error;
+}
+
+static int seal(phx_anode *a, work *w)
+{
+    int error = phx_sealed_make(a);
+
     if (!error)
         w->todo = PHX_LINE_KEEP;
     return error;
@@ -126,15 +135,17 @@ static int made(work *w, int error, uint32_t size)
     return error;
 }
 
-static int asked(phx_line *line, phx_snode *s, phx_anode *a, work *w, uint8_t told)
+static int asked(phx_line *line, phx_snode *s, phx_anode *a, phx_seals *seals, work *w, uint8_t told)
 {
     const uint8_t *call = w->call, *open = call + PHX_CALL_SEND_BYTES;
     uint32_t len = w->len - PHX_CALL_SEND_BYTES;
-    int code;
+    int code, sealed = a->node.flash.sealed;
 
     switch (call[0]) {
     case PHX_CALL_LIMITS:
         return limits(s, a, w);
+    case PHX_CALL_SEAL:
+        return seal(a, w);
     case PHX_CALL_LOAD_MASTER:
         return load_master(s, a, w);
     case PHX_CALL_LOAD_MISSION:
@@ -144,9 +155,11 @@ static int asked(phx_line *line, phx_snode *s, phx_anode *a, work *w, uint8_t to
     case PHX_CALL_POLL:
         return forwarded(w, phx_snode_poll(s, w->now, open, len, w->result));
     case PHX_CALL_RECV:
-        return forwarded(w, phx_anode_recv(a, w->now, open, len, w->result));
+        return forwarded(w, sealed ? phx_sealed_recv(seals, a, w->now, open, len, w->result)
+                                   : phx_anode_recv(a, w->now, open, len, w->result));
     case PHX_CALL_SEND:
-        return forwarded(w, phx_anode_send(a, w->now, open, len, w->result));
+        return forwarded(w, sealed ? phx_sealed_send(seals, a, w->now, open, len, w->result)
+                                   : phx_anode_send(a, w->now, open, len, w->result));
     case PHX_CALL_ACTUATE:
         code = forwarded(w, phx_anode_actuate(a, w->now, open, len, w->result));
         w->todo = code > 0 ? PHX_LINE_ACTUATE : 0;
@@ -197,7 +210,7 @@ static void answer(phx_line *line, uint16_t number, int code, uint32_t made_byte
     line->out_len += PHX_LINE_CRC_BYTES;
 }
 
-uint32_t phx_line_call(phx_line *line, phx_snode *s, phx_anode *a, uint32_t now, uint8_t told)
+uint32_t phx_line_call(phx_line *line, phx_snode *s, phx_anode *a, phx_seals *seals, uint32_t now, uint8_t told)
 {
     work w = {line->in, line->call_len, line->out + PHX_ANSWER_BYTES, 0, now, 0};
     uint16_t number = get16(w.call + PHX_CALL_CHECK_NUMBER);
@@ -210,7 +223,7 @@ uint32_t phx_line_call(phx_line *line, phx_snode *s, phx_anode *a, uint32_t now,
     else if (number == line->number)
         return 0; /* the answer to it got lost, and is still there */
     else
-        code = fits(&w) ? asked(line, s, a, &w, told) : PHX_LINE_E_CALL;
+        code = fits(&w) ? asked(line, s, a, seals, &w, told) : PHX_LINE_E_CALL;
     answer(line, number, code, w.made);
     return w.todo;
 }

@@ -8,6 +8,7 @@
 
 static phx_snode snode;
 static phx_anode anode;
+static phx_seals seals;
 static phx_line line;
 static uint32_t checked_ms;
 
@@ -19,6 +20,7 @@ phx_line *phx_robot_line(void)
 void phx_robot_power_up(void)
 {
     memset(&line, 0, sizeof line);
+    memset(&seals, 0, sizeof seals);
     checked_ms = 0;
     if (phx_keep_load(&snode, &anode))
         phx_port_halt();
@@ -44,7 +46,7 @@ void phx_robot_answer(void)
 
     if (line.in[0] == PHX_CALL_POLL && !(phx_port_told() & PHX_LINE_TOLD_READINGS))
         line.call_len = PHX_CALL_POLL_BYTES + phx_port_sense(line.in + PHX_CALL_POLL_BYTES);
-    todo = phx_line_call(&line, &snode, &anode, phx_port_now(), phx_port_told());
+    todo = phx_line_call(&line, &snode, &anode, &seals, phx_port_now(), phx_port_told());
     if (todo & PHX_LINE_KEEP && phx_keep(&snode, &anode))
         phx_port_halt();
     if (todo & PHX_LINE_CLOCK)

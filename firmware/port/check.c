@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "fleet.h"
+#include "phx_seal.h"
 #include "profile.h"
 
 #define ROBOTS 4
@@ -12,6 +13,7 @@
 
 static phx_snode *snodes;
 static phx_anode *anodes;
+static phx_seals *seals;
 static unsigned line, failures;
 
 static void fail(const char *what, long got, long wanted)
@@ -128,6 +130,7 @@ static void make(void)
         if (phx_snode_make(snodes + i, &limits) || phx_anode_make(anodes + i, &limits))
             stop("these limits are refused");
     }
+    memset(seals, 0, ROBOTS * sizeof *seals);
 }
 
 /* One call: numbers n, byte strings b; entries have room for exactly what is forwarded, none if it is too long. */
@@ -151,6 +154,7 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
     }
     if (IS("anode_power_up")) {
         phx_anode_power_up(a);
+        memset(seals + robot, 0, sizeof *seals);
         return 0;
     }
     if (IS("snode_poll"))
@@ -159,6 +163,10 @@ static int call(const char *name, uint32_t robot, const uint32_t n[3], uint8_t *
         return phx_anode_recv(a, n[0], b[0], len, out);
     if (IS("anode_send"))
         return phx_anode_send(a, n[0], b[0], len, out);
+    if (IS("sealed_send"))
+        return SEALED_SEND(seals + robot, a, n[0], b[0], len, out);
+    if (IS("sealed_recv"))
+        return SEALED_RECV(seals + robot, a, n[0], b[0], len, out);
     if (IS("anode_actuate"))
         return phx_anode_actuate(a, n[0], b[0], len, out);
     if (IS("snode_make_auth"))
@@ -203,7 +211,8 @@ static void check_call(const char *name)
     size = out_len ? out_len : (len[0] <= PHX_FRAME_MAX ? PHX_ENTRY_HEADER_BYTES + len[0] : 0);
     out = room(size);
     got = call(name, robot, n, b, len[0], out);
-    if (got >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate"))) {
+    if (got >= 0 && (IS("snode_poll") || IS("anode_recv") || IS("anode_send") || IS("anode_actuate") ||
+                     strncmp(name, "sealed_", 7) == 0)) {
         if ((uint32_t)got != out_len)
             fail(name, got, (long)out_len);
     } else if (got != code) {
@@ -222,7 +231,8 @@ int main(void)
 
     snodes = malloc(ROBOTS * sizeof *snodes);
     anodes = malloc(ROBOTS * sizeof *anodes);
-    if (!snodes || !anodes)
+    seals = malloc(ROBOTS * sizeof *seals);
+    if (!snodes || !anodes || !seals)
         stop("no memory");
     for (line = 1; scanf("%31s", name) == 1; line++) {
         if (IS("present"))
@@ -238,6 +248,7 @@ int main(void)
     }
     free(snodes);
     free(anodes);
+    free(seals);
     printf("%s: %u lines of vectors, %u failures\n", PROFILE, line - 1u, failures);
     return failures > 0 || line < 100u;
 }

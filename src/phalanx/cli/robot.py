@@ -14,6 +14,7 @@ import click
 from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import read_kept, record_log
+from phalanx.daemon.on_air import Air, parse_on_air
 from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
@@ -51,6 +52,8 @@ def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
 def arena(
     scenario: str,
     attacks: tuple[str, ...],
+    on_air: tuple[str, ...],
+    sealed: bool,
     loss: float | None,
     keep: Path | None,
     record: Path | None,
@@ -63,6 +66,7 @@ def arena(
     chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
+    air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
     sim.warn(chosen)
     with contextlib.ExitStack() as stack:
         folder = _folder(keep, stack)
@@ -74,7 +78,7 @@ def arena(
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
         try:
-            field = play_in_arena(chosen, folder, weather, on_step, recording)
+            field = play_in_arena(chosen, folder, weather, on_step, recording, air)
         except KeyboardInterrupt:
             end_status_line()
             click.echo("stopped", err=True)
@@ -87,6 +91,10 @@ def arena(
         sim.show(chosen, summary)
         shares = [each["core_share"] for each in summary["processes"] if "core_share" in each]
         late = [each["longest_ms"]["late"] for each in summary["processes"] if "longest_ms" in each]
+        for each in summary["on_air"]:
+            at_s = each["safe_mode_s"]
+            stopped = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
+            print_rows({f"{each['attack']}, robot {each['robot']}": stopped})
         if shares:
             words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late"
             print_rows({"a daemon takes": words})
@@ -122,6 +130,7 @@ def status(robot: Path, as_json: bool) -> int:
             "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
             "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
             "tokens refused": refused or "none",
+            "frames refused": ", ".join(f"{why}: {n}" for why, n in state["frames_refused"].items()) or "none",
             "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
             "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
             "of a core": f"{100 * state['core_share']:.1f} %",

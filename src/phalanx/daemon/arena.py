@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-import json
 import logging
 import os
 import random
@@ -17,29 +16,27 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
-from phalanx.io.keyring import Keys, pem
-from phalanx.io.mission_key import issued
-from phalanx.io.ports import LOOPBACK
-from phalanx.io.private_file import write_private
+from phalanx.io.keyring import Keys
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
-from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.sim.scenarios.starts import WHEELS
-from phalanx.wire.table import BOARD
 
-from .driver import GO, PACKET_BYTES, READY, sense_path, wheels_path
+from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather
 from .field import Field
+from .on_air import PLAIN_AIR, Air, OnAir
+from .places import STATION, free_ports, lay_out
 from .rehearsal import rehearse
 from .run import run_robot
-from .settings import RobotSettings, read_robot
+from .sealed_air import with_room_for_seals
+from .settings import RobotSettings
 from .state import told
 from .trusted import program
 
@@ -54,90 +51,7 @@ END_TIMEOUT_S = 5.0
 LAST_ANSWERS_S = 0.2
 MOST_ROBOTS = 64
 NICER = -10
-STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
 OnStep = Callable[[Field], None]
-
-
-@dataclass(slots=True)
-class Places:
-    """What an arena has laid out for its robots, robots in the order of their ids."""
-
-    scenario: Scenario
-    folder: Path
-    ports: list[int] = field(default_factory=list)
-    robots: list[RobotSettings] = field(default_factory=list)
-    sensors: list[socket.socket] = field(default_factory=list)
-    wheels: list[socket.socket] = field(default_factory=list)
-
-    def close(self) -> None:
-        """Nobody can come any more."""
-        for each in (*self.sensors, *self.wheels):
-            each.close()
-
-
-def lay_out(
-    scenario: Scenario, folder: Path, air_port: int, ports: list[int], clocks: list[tuple[int, int]], keys: Keys
-) -> Places:
-    """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
-
-    Raises: Unavailable: no room there.
-    """
-    today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
-    places = Places(scenario, folder, ports)
-    write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
-    ids = range(1, scenario.robots + 1)
-    for rob_id in ids:
-        board = BOARD.encode(id=rob_id, master=keys.provision(rob_id, today))
-        write_private(folder / f"board-{rob_id}.bin", board)
-        places.sensors.append(_listens(sense_path(folder, rob_id)))
-        places.wheels.append(_listens(wheels_path(folder, rob_id)))
-    write_private(folder / "key.json", issued(*keys.issue(), {}))
-    for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
-        said = {
-            "robot": rob_id,
-            "mission": "mission.yaml",
-            "key": "key.json",
-            "board": f"board-{rob_id}.bin",
-            "trusted": f"process:trusted-{rob_id}.flash",
-            "wheels": wheels_path(Path(), rob_id).name,
-            "clock_ppm": ppm,
-            "clock_ahead_ms": ahead_ms,
-            "driver": "arena:.",
-            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air]},
-        }
-        path = folder / f"robot-{rob_id}.yaml"
-        write_private(path, json.dumps(said, indent=1).encode())
-        places.robots.append(read_robot(path))
-    if len(ports) > scenario.robots:
-        here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
-        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at}
-        for role, who in STATION.items():
-            write_private(folder / f"{role}.pem", pem(keys.signer(who)))
-            said[role] = f"{role}.pem"
-        write_private(folder / "swarm.yaml", json.dumps(said, indent=1).encode())
-    return places
-
-
-def _listens(path: Path) -> socket.socket:
-    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    try:
-        made.bind(str(path))
-    except OSError as error:
-        made.close()
-        why = error.strerror or error
-        raise Unavailable(f"cannot listen at {path}: {why}", "another folder, of a short name") from error
-    made.listen(4)
-    made.setblocking(False)
-    return made
-
-
-def free_ports(n: int) -> list[int]:
-    """So many UDP ports of this machine's that are free just now."""
-    with contextlib.ExitStack() as stack:
-        made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
-        for each in made:
-            each.bind((LOOPBACK, 0))
-        return [int(each.getsockname()[1]) for each in made]
 
 
 class Arena:
@@ -147,12 +61,15 @@ class Arena:
         field: the bodies.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, weather: Weather) -> None:
+    def __init__(self, scenario: Scenario, folder: Path, weather: Weather, air: Air) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
             scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
         self.field = Field(scenario)
+        self.on_air = {each.robot: each for each in air.attacks}
+        for each in air.attacks:
+            self.field.distrust(each.robot, each.name)
         self._weather, dice = weather, random.Random(scenario.seed)  # noqa: S311 - weather
         clocks = [
             (dice.randint(-weather.clock_ppm, weather.clock_ppm), dice.randint(1, POWER_UP_MS))
@@ -165,10 +82,10 @@ class Arena:
             scenario.radio,
             weather,
             ports,
-            lambda i: i < scenario.robots and bool(self.field.world.safe[i]),
+            self._is_silent,
             dice,
         )
-        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys)
+        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys, air)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -228,6 +145,11 @@ class Arena:
             with contextlib.suppress(UsageError):  # it has told nothing yet
                 state = told(settings.state_file)
                 self.field.hear_of(i, state, state["began_monotonic_s"] - self._began_s)
+
+    def _is_silent(self, i: int) -> bool:
+        """Whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
+        is_robot = i < self.field.scenario.robots
+        return is_robot and bool(self.field.world.safe[i]) and i + 1 not in self.on_air
 
     @property
     def _now_s(self) -> float:
@@ -335,7 +257,7 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         arena.close()
         die_with_parent()
         if os.getppid() == parent:
-            asyncio.run(_until_told(settings))
+            asyncio.run(_until_told(settings, arena.on_air.get(settings.said.robot)))
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
@@ -346,8 +268,8 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         os._exit(code)
 
 
-async def _until_told(settings: RobotSettings) -> None:
-    job = asyncio.ensure_future(run_robot(settings, rehearsed=True))
+async def _until_told(settings: RobotSettings, on_air: OnAir | None) -> None:
+    job = asyncio.ensure_future(run_robot(settings, rehearsed=True, on_air=on_air))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, job.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await job
@@ -367,20 +289,26 @@ def _check(scenario: Scenario, weather: Weather) -> None:
 
 
 def play_in_arena(
-    scenario: Scenario, folder: Path, weather: Weather, on_step: OnStep, recording: Recording | None = None
+    scenario: Scenario,
+    folder: Path,
+    weather: Weather,
+    on_step: OnStep,
+    recording: Recording | None = None,
+    air: Air = PLAIN_AIR,
 ) -> Field:
     """The field, at the end of the scenario's time.
 
     Raises: UsageError: no program for trusted nodes, an attack that no arena plays; Unavailable.
     """
     _check(scenario, weather)
+    scenario = with_room_for_seals(scenario) if air.sealed else scenario
     program()
     with contextlib.suppress(PermissionError):
         os.nice(NICER)  # a processor that others keep busy would make robots late, and liars of them
     rehearse(scenario, limits_of(scenario.bti, scenario.radio))
     gc.collect()
     gc.freeze()  # nor is what all share looked through by each
-    arena = Arena(scenario, folder, weather)
+    arena = Arena(scenario, folder, weather, air)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
         # Before there is an event loop: a child has its own.

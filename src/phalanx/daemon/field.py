@@ -29,6 +29,7 @@ class Field(Run):
         super().__init__(scenario)
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
+        self._on_air: dict[int, str] = {}
         # All is called once before robots count on an answer in time: the first call of each may compile.
         self.advance(0.0)
         self.sensed(0, 0)
@@ -97,11 +98,33 @@ class Field(Run):
 
     def summary(self) -> dict[str, Any]:
         """See `Run`. In real time no run is like another, so it has no digest."""
-        return super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
+        said = super().summary() | {"digest": None, "processes": [self._process(i) for i in range(len(self.ids))]}
+        for name in ("correct_in_safe_mode", "without_quorum"):
+            said[name] = [each for each in said[name] if each not in self._on_air]
+        said["on_air"] = [self._hostile(rob_id, name) for rob_id, name in sorted(self._on_air.items())]
+        return said
+
+    def distrust(self, rob_id: int, name: str) -> None:
+        """This robot's radio rehearses an attack: it is not one of the correct."""
+        self._on_air[rob_id] = name
+
+    def _hostile(self, rob_id: int, name: str) -> dict[str, Any]:
+        safe_us = int(self.world.safe_us[rob_id - 1])
+        return {"robot": rob_id, "attack": name, "safe_mode_s": None if safe_us < 0 else safe_us / 1e6}
 
     def _process(self, i: int) -> dict[str, Any]:
         told = self._states.get(i)
         if told is None:
             return {"robot": i + 1}
-        names = ("pid", "lived_s", "tokens_got", "refused", "core_share", "longest_ms", "frames_lost", "memory_kb")
+        names = (
+            "pid",
+            "lived_s",
+            "tokens_got",
+            "refused",
+            "core_share",
+            "longest_ms",
+            "frames_lost",
+            "frames_refused",
+            "memory_kb",
+        )
         return {"robot": i + 1} | {name: told[name] for name in names}

@@ -200,6 +200,11 @@ class Life:
         return self._clock.now_ms()
 
     @property
+    def frames_refused(self) -> dict[str, int]:
+        """Frames that came and were not taken, by reason: by the radio, and where it is sealed by the a-node."""
+        return self._radio.refused
+
+    @property
     def core_share(self) -> float:
         """Of a processor core, since the mission began, without the trusted nodes."""
         return (time.process_time() - self._cpu_s) / max(time.monotonic() - self._began_s, 1e-9)

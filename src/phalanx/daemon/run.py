@@ -11,7 +11,7 @@ from pathlib import Path
 from phalanx.bti.nodes import Refused
 from phalanx.errors import UsageError
 from phalanx.io.keyring import opened
-from phalanx.io.udp_radio import UdpRadio
+from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers import dispatch
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
@@ -23,7 +23,9 @@ from phalanx.sim.scenarios.starts import WHEELS
 from .driver import make_driver
 from .kept_log import KeptLog
 from .life import Life, MakeController
+from .on_air import HostileRadio, OnAir
 from .rehearsal import rehearse
+from .sealed_air import SealedAir, with_room_for_seals
 from .settings import RobotSettings
 from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, give_keys, open_nodes, start
@@ -36,7 +38,7 @@ def mission_of(settings: RobotSettings) -> Scenario:
     scenario = mission_in(settings.base, settings.said.mission)
     if scenario.controller == WHEELS and settings.said.radio.group:
         raise UsageError("a group, for robots that obey orders", "peers alone: each would log what the others are told")
-    return scenario
+    return with_room_for_seals(scenario) if settings.said.radio.sealed else scenario
 
 
 def mission_in(folder: Path, words: str) -> Scenario:
@@ -73,7 +75,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
             raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s already", "once only: another board")
         with opened(keys_file, passphrase) as keys:
             master = keys.provision(robot, today)
-        node.make(limits_of(scenario.bti, scenario.radio))
+        node.make(limits_of(scenario.bti, scenario.radio), sealed=settings.said.radio.sealed)
         node.load_master(master, robot)
     except Refused as error:
         raise UsageError(f"its trusted nodes refuse: {error.reason}", "another board") from error
@@ -81,7 +83,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
         node.close()
 
 
-async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None:
+async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air: OnAir | None = None) -> None:
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Raises: UsageError: something in its file; Unavailable: nodes, radio, sensors or disk; then its nodes stop it.
@@ -95,12 +97,17 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False) -> None
         if said.trusted.startswith("process") and not rehearsed:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
         sealed = give_keys(node, settings, limits)
-        radio = UdpRadio(said.radio.here, said.radio.peers, said.radio.group)
+        radio: Radio = UdpRadio(said.radio.here, said.radio.peers, said.radio.group)
         stack.callback(radio.close)
+        if on_air:
+            log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
+            radio = HostileRadio(radio, on_air)
+        air = SealedAir(node, radio) if said.radio.sealed else None
         hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
         stack.callback(hardware.close)
         planner = find_planner(str(settings.path(said.planner))) if said.planner else None
-        life = Life(scenario, said.robot, OwnClock(node), hardware, radio, planner, controller, sealed.seq)
+        clock, ears = OwnClock(air or node), air or radio
+        life = Life(scenario, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits, controller)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
@@ -23,11 +23,19 @@ class RadioFile:
 
     here: str = field(metadata=told("where this robot listens, ADDRESS:PORT"))
     peers: tuple[str, ...] = field(metadata=told("the others' ADDRESS:PORT; from nobody else it hears anything"))
+    frames: Literal["plain", "sealed"] = field(
+        default="plain", metadata=told("sealed: each carries its a-node's seal; the same for all robots")
+    )
     group: str = field(default="", metadata=told("a multicast group to speak to, ADDRESS:PORT, instead of each peer"))
 
     def __post_init__(self) -> None:
         if not self.peers:
             raise UsageError("peers are none", "the other robots' addresses")
+
+    @property
+    def sealed(self) -> bool:
+        """Whether frames carry seals."""
+        return self.frames == "sealed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

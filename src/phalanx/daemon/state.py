@@ -49,6 +49,7 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),
         "frames_lost": life.lost,
+        "frames_refused": {why: n for why, n in life.frames_refused.items() if n},
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
         "memory_kb": _memory_kb(),
         "core_share": round(life.core_share, 4),

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from phalanx.bti.elsewhere import FORWARDED
+from phalanx.bti.elsewhere import FORWARDED, Elsewhere
 from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.mission_key import read_board, read_mission_key
@@ -21,7 +21,7 @@ from .settings import RobotSettings
 # Compiled when the package is installed (release/commands.py).
 PROGRAM = Path(__file__).parents[1] / "trusted_node"
 AT_T = ENTRY.at("t")
-# Of nobody, to nobody: chained by no a-node and read by no c-node, but the answer has the time.
+# To nobody: chained by no a-node and never let out, but the answer has the time.
 WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, bytes=b"")
 
 
@@ -31,7 +31,7 @@ class OwnClock:
     Ours is moved as little as that allows, so it follows one that drifts.
     """
 
-    def __init__(self, node: SerialNode) -> None:
+    def __init__(self, node: Elsewhere) -> None:
         self._node = node
         self._ahead_ms: float | None = None  # of ours
 
@@ -49,7 +49,7 @@ class OwnClock:
     def now_ms(self) -> int:
         """The time of the nodes, ms since their power-up; they have a mission key."""
         if self._ahead_ms is None:
-            self.ask(lines.RECV, frame=WHAT_TIME)
+            self.ask(lines.SEND, frame=WHAT_TIME)
         assert self._ahead_ms is not None, "without a mission key they tell nothing"
         return int(_ours_ms() + self._ahead_ms)
 
@@ -98,10 +98,15 @@ def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> Miss
         if not said.board:
             raise UsageError("its trusted nodes have no master key", "board: FILE, of phalanx keys provision")
         master = read_board(settings.path(said.board), said.robot)
-        node.make(limits)
+        node.make(limits, sealed=said.radio.sealed)
         node.load_master(master, said.robot)
     elif node.about.robot_id != said.robot:
         raise UsageError(f"its trusted nodes are robot {node.about.robot_id}'s", "another board, or another file")
+    elif node.about.sealed != said.radio.sealed:
+        was = "was" if node.about.sealed else "was not"
+        raise UsageError(
+            f"the radio of its trusted nodes {was} sealed when they were made", "frames: in radio:, or a new board"
+        )
     if sealed.seq <= node.about.seq:
         raise Unavailable(
             f"its trusted nodes have had the key of mission {sealed.seq} already: the robot stands still",

@@ -18,7 +18,7 @@ from phalanx.bti.nodes import Limits, MissionKey, Refused
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.wire import Record, lines
 from phalanx.wire.framing import Frames, framed
-from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX
+from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
 
 from .serial_line import SerialLine
 
@@ -28,6 +28,7 @@ DONE, SAFE = 0, 1  # what is returned by functions that make no entry
 NUMBERS = 1 << 16
 ANSWER_HEAD_BYTES = lines.ANSWER.size + ENTRY_HEADER_BYTES
 ANSWER_MAX = ANSWER_HEAD_BYTES + FRAME_MAX
+SEAL_BYTES = {lines.SEND: SEAL.size, lines.RECV: -SEAL.size}  # more in what is made than in what is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,11 @@ class About:
     def told_clock(self) -> bool:
         """It is a bench: whoever asks tells it the time."""
         return bool(self.told & lines.TOLD_CLOCK)
+
+    @property
+    def sealed(self) -> bool:
+        """A seal goes out behind each frame that is sent, and comes in behind each that is taken."""
+        return bool(self.told & lines.SEALED)
 
 
 class SerialNode:
@@ -74,6 +80,7 @@ class SerialNode:
         except PeerError as error:
             raise self._end(f"{line.where} says of itself what nobody understands") from error
         self.about = About(about["told"], about["id"], about["seq"])
+        self._seal_bytes = SEAL_BYTES if self.about.sealed else {}
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
         """See `elsewhere.Elsewhere`."""
@@ -86,7 +93,7 @@ class SerialNode:
             # A longer one is refused as this is.
             arguments = {name: data[: FRAME_MAX + 1] for name, data in arguments.items()}
         code, result = self._call(call, **arguments)
-        wanted = made_by(call, **arguments) if code >= 0 else 0
+        wanted = made_by(call, **arguments) + self._seal_bytes.get(call, 0) if code >= 0 else 0
         known = code in trusted.REASONS or code in (DONE, SAFE) or (call in FORWARDED and code == wanted)
         if not known or len(result) != wanted:
             raise self._end(f"{self._line.where} answers {call.name} with {len(result)} bytes and code {code}")
@@ -94,9 +101,12 @@ class SerialNode:
 
     # --- from outside the c-node -----------------------------------------------------------------------------------
 
-    def make(self, limits: Limits) -> None:
+    def make(self, limits: Limits, *, sealed: bool = False) -> None:
         """Manufacture: both nodes have these limits. Raises: Refused: they have a master key; Unavailable."""
         _checked(self.ask(lines.LIMITS, **asdict(limits)))
+        self._seal_bytes = SEAL_BYTES if sealed else {}
+        if sealed:
+            _checked(self.ask(lines.SEAL))
 
     def load_master(self, key: bytes, robot_id: int) -> None:
         """Both nodes have their master key, for ever. Raises: Refused; Unavailable. Source: RoboRebound Alg. 2."""

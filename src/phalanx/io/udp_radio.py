@@ -25,6 +25,11 @@ Address = tuple[str, int]
 class Radio(Protocol):
     """What a robot speaks through, whatever it is: serial radios are one file each."""
 
+    @property
+    def refused(self) -> dict[str, int]:
+        """Frames that were dropped, by reason."""
+        ...
+
     def send(self, frame: bytes) -> None:
         """The frame goes out to all who hear this robot, or is lost."""
         ...

@@ -16,6 +16,7 @@ RUN_MAX = 254  # bytes of one block without a zero
 # What a board leaves to the c-node: bits of `told` in `about`.
 TOLD_CLOCK = 1  # a bench's: tests tell it the time
 TOLD_READINGS = 2  # the sensors hang on the c-node, which reports them
+SEALED = 4  # a bit of `told` as well: a seal goes out behind each frame, and none is taken without one
 
 # What is answered instead of a node's own code.
 E_CALL = -64  # no such call, or not of its length
@@ -83,6 +84,7 @@ ISSUE_TOKEN = _call(
 CHECK_TOKEN = _call(0x4D, "check_token", "a-node", _TOR, _TEE, _T, _HCKPT, _MAC)
 INSTALL_TOKEN = _call(0x4E, "install_token", "a-node", _TOR, _T, _HCKPT, _MAC)
 CHECK = _call(0x4F, "check", "a-node; code 1 in Safe Mode")
+SEAL = _call(0x50, "seal", "manufacture: the radio is sealed, for ever; until a master key is loaded")
 
 ANSWER = Record(
     "answer",
@@ -98,7 +100,7 @@ ABOUT = Record(
     "about",
     (
         Field("version", "u8", "of the board; all else is as that version has it"),
-        Field("told", "u8", "1: the clock, 2: readings"),
+        Field("told", "u8", "1: the clock, 2: readings; 4: the radio is sealed"),
         Field("id", "u16", "robot id, 0 before a master key is loaded"),
         Field("seq", "u32", "of the last mission key"),
     ),
@@ -122,5 +124,6 @@ CALLS = (
     CHECK_TOKEN,
     INSTALL_TOKEN,
     CHECK,
+    SEAL,
 )
 RECORDS = (*CALLS, ANSWER, ABOUT)

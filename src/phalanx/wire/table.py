@@ -194,6 +194,8 @@ TOKEN = Record(
     "an auditor's word that it replayed the log and found no fault",
     0x14,
 )
+_SENDER = (Field("t", "u32", "ms, sender's a-node clock; no two frames have the same"), Field("src", "u16", "robot id"))
+SEALED = Record("sealed", (*_SENDER, Field("hash", "b20", "of the frame")), "a frame on a sealed radio", 0x15)
 
 # --- what trusted nodes hand out -----------------------------------------------------------------------------------
 
@@ -216,6 +218,7 @@ TOKEN_REQUEST = Record(
     ),
     "from make token request",
 )
+SEAL = Record("seal", (*_SENDER, Field("mac", "b8", "of `sealed`")), "behind each frame on a sealed radio")
 
 # --- what an auditee shows -----------------------------------------------------------------------------------------
 
@@ -346,8 +349,8 @@ LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE, guarded.ADVICE)  # beside ENT
 DRIVEN = (*driven.ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
 ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, guarded.WISH, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
-MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN)
-HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD)
+MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN, SEALED)
+HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD, SEAL)
 SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
 REMEMBERED = (OUTPUT, FLOCK_MEMORY, NEIGHBOUR, guarded.GUARD_MEMORY, *driven.REMEMBERED, MISSION_MEMORY, CRUMB)
 OF_NODES = (ENTRY, *LOGGED, *PAYLOADS, *MACED, *HANDED_OUT)

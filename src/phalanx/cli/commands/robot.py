@@ -50,6 +50,13 @@ def provision() -> None:
     shell_complete=an_attack_by_robots,
     metavar="NAME[:robot=I,at=T,…]",
 )
+@option("--sealed", is_flag=True, help="Robots' radios are sealed by their a-nodes.")
+@option(
+    "--on-air",
+    multiple=True,
+    metavar="NAME[:robot=I,at=T]",
+    help="What a robot's radio does whatever its a-node says: past, replay, hold or foreign-key; again for another.",
+)
 @option(
     "--loss", type=SHARE, help="Share of frames that are lost; what is for one is tried again. Without, SCENARIO's."
 )

@@ -1,0 +1,144 @@
+/* The sealed radio (docs/spec/sealed-radio.md): what the a-node sends is signed with its time, and what it takes is new. */
+#include <string.h>
+
+#include "internal.h"
+#include "phx_seal.h"
+
+static uint32_t get32(const uint8_t *at)
+{
+    return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+/* The seal has time and sender; they and the frame's hash are what its MAC is over. */
+static void sealed_bytes(uint8_t out[PHX_SEALED_BYTES], const uint8_t *seal, const uint8_t *frame, uint32_t len)
+{
+    phx_hash hash;
+
+    out[0] = PHX_SEALED;
+    memcpy(out + PHX_SEALED_T, seal + PHX_SEAL_T, PHX_SEAL_MAC);
+    phx_hash_start(&hash);
+    phx_hash_add(&hash, frame, len);
+    phx_hash_end(&hash, out + PHX_SEALED_HASH);
+}
+
+int phx_sealed_make(phx_anode *a)
+{
+    if (a->node.flash.has_master)
+        return PHX_E_SEQ;
+    a->node.flash.sealed = 1;
+    return 0;
+}
+
+int phx_sealed_send(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+{
+    uint8_t message[PHX_SEALED_BYTES], *seal;
+    int size = phx_may_forward(&a->node, now, len);
+
+    if (size < 0)
+        return size;
+    if (len > PHX_FRAME_MAX - PHX_SEAL_BYTES)
+        return PHX_E_TOO_LONG;
+    /* No two frames have the same time. But who could seal times to come in any number could hold frames back until then. */
+    if (seals->t >= now && (seals->t - now >= PHX_SEAL_AHEAD_MS || seals->t == UINT32_MAX))
+        return PHX_E_AIRTIME;
+    size = phx_anode_send(a, now, frame, len, entry);
+    if (size < 0)
+        return size;
+    seals->t = seals->t < now ? now : seals->t + 1u;
+    seal = entry + size;
+    phx_put32(seal + PHX_SEAL_T, seals->t);
+    phx_put16(seal + PHX_SEAL_SRC, a->node.flash.robot_id);
+    sealed_bytes(message, seal, entry + PHX_ENTRY_HEADER_BYTES, len);
+    phx_mac(&a->node.key, message, sizeof message, seal + PHX_SEAL_MAC);
+    return size + (int)PHX_SEAL_BYTES;
+}
+
+/* How much later a frame is than its sender's quickest. Clocks begin anywhere; if ours runs faster, all of it comes ever
+   later, as slowly as clocks drift. */
+static int64_t late_ms(const phx_source *of, uint32_t now, uint32_t t)
+{
+    uint32_t since = now - of->quickest_ms;
+
+    return (int64_t)(since - (since >> PHX_SEAL_DRIFT_SHIFT)) - ((int64_t)t - of->quickest_t);
+}
+
+/* The sender's place, or a new one: a free one, or that of who was silent longest, and for as long as tokens count.
+   Places fill in order. */
+static phx_source *place_of(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t_val_ms)
+{
+    phx_source *place = 0;
+    int64_t longest = t_val_ms;
+
+    for (unsigned i = 0; i < PHX_SOURCES; i++) {
+        phx_source *each = &seals->sources[i];
+        int64_t silent = late_ms(each, now, each->newest);
+        if (each->src == src || each->src == 0)
+            return each;
+        if (silent > longest) {
+            longest = silent;
+            place = each;
+        }
+    }
+    return place;
+}
+
+/* A true seal counts once, and not late. */
+static int take(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t, uint32_t t_val_ms)
+{
+    phx_source *of = place_of(seals, now, src, t_val_ms);
+    uint32_t away;
+    int64_t late;
+
+    if (!of)
+        return PHX_E_FULL;
+    if (of->src != src) {
+        of->src = src;
+        of->seen = 1;
+        of->newest = of->quickest_t = t;
+        of->quickest_ms = now;
+        return 0;
+    }
+    away = t > of->newest ? t - of->newest : of->newest - t;
+    if (t <= of->newest && (away >= PHX_SEAL_WINDOW_MS || of->seen >> away & 1u))
+        return PHX_E_REPEATED;
+    late = late_ms(of, now, t);
+    if (late > PHX_SEAL_LATE_MS)
+        return PHX_E_LATE;
+    if (late < 0) {
+        of->quickest_t = t;
+        of->quickest_ms = now;
+    }
+    if (t <= of->newest) {
+        of->seen |= (uint64_t)1 << away;
+        return 0;
+    }
+    of->seen = (away < PHX_SEAL_WINDOW_MS ? of->seen << away : 0) | 1u;
+    of->newest = t;
+    return 0;
+}
+
+int phx_sealed_recv(phx_seals *seals, phx_anode *a, uint32_t now, const uint8_t *frame, uint32_t len, uint8_t *entry)
+{
+    uint8_t message[PHX_SEALED_BYTES];
+    const uint8_t *seal;
+    uint16_t src;
+    int error = phx_may_forward(&a->node, now, len);
+
+    if (error)
+        return error;
+    if (len <= PHX_SEAL_BYTES)
+        return PHX_E_ARG;
+    len -= PHX_SEAL_BYTES;
+    seal = frame + len;
+    sealed_bytes(message, seal, frame, len);
+    error = phx_mac_check(&a->node.key, message, sizeof message, seal + PHX_SEAL_MAC);
+    if (error)
+        return error;
+    src = (uint16_t)(seal[PHX_SEAL_SRC] | seal[PHX_SEAL_SRC + 1u] << 8);
+    if (src == 0)
+        return PHX_E_ARG;
+    if (src == a->node.flash.robot_id)
+        return PHX_E_SELF;
+    error = take(seals, now, src, get32(seal + PHX_SEAL_T), a->node.flash.limits.t_val_ms);
+    return error ? error : phx_anode_recv(a, now, frame, len, entry);
+}

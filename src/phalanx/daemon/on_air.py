@@ -1,0 +1,121 @@
+"""Attacks between an a-node and the air: who has a robot's computer has its radio, whatever the a-node lets through.
+
+The c-node above is honest, and its log is true: no audit sees any of this. Source: docs/spec/sealed-radio.md.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from phalanx.errors import UsageError
+from phalanx.io.udp_radio import Radio
+from phalanx.wire.table import SEAL, STATE
+
+AGAIN_S = (0.02, 1.0, 3.0)  # after so long what was heard or said is said again
+HELD_S = 3.0
+HINT = "NAME[:robot=I,at=T], as replay:robot=2,at=5"
+AT_ID = STATE.at("id")
+
+
+@dataclass(frozen=True, slots=True)
+class OnAir:
+    """Which robot's radio does what, and from when on, seconds since it began to listen."""
+
+    name: str
+    robot: int = 1
+    at_s: float = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Air:
+    """Whether radios are sealed, and who does what on the air."""
+
+    sealed: bool = False
+    attacks: tuple[OnAir, ...] = ()
+
+
+PLAIN_AIR = Air()
+
+
+class HostileRadio:
+    """A radio that does what is asked for, and more."""
+
+    def __init__(self, radio: Radio, attack: OnAir) -> None:
+        self._radio, self._attack = radio, attack
+        self._began_s = 0.0
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """See `Radio`."""
+        return self._radio.refused
+
+    def send(self, frame: bytes) -> None:
+        """See `Radio`."""
+        if not self._lies:
+            self._radio.send(frame)
+        elif self._attack.name == "hold":
+            asyncio.get_running_loop().call_later(HELD_S, self._radio.send, frame)
+        else:
+            self._radio.send(frame)
+            self._more(frame)
+
+    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+        """See `Radio`."""
+        self._began_s = asyncio.get_running_loop().time()
+
+        def hear(frame: bytes) -> None:
+            if self._lies and self._attack.name == "replay":
+                self._more(frame)
+            on_frame(frame)
+
+        self._radio.listen(hear)
+
+    def close(self) -> None:
+        """See `Radio`."""
+        self._radio.close()
+
+    @property
+    def _lies(self) -> bool:
+        return asyncio.get_running_loop().time() - self._began_s >= self._attack.at_s
+
+    def _more(self, frame: bytes) -> None:
+        if self._attack.name == "replay":
+            for each_s in AGAIN_S:
+                asyncio.get_running_loop().call_later(each_s, self._radio.send, frame)
+        elif self._attack.name == "past":
+            for each in forgeries(frame):
+                self._radio.send(each)
+
+
+def forgeries(frame: bytes) -> list[bytes]:
+    """What a c-node can make of a sealed frame: without its seal, altered, as if another had said it, longer."""
+    altered, named = bytearray(frame), bytearray(frame)
+    altered[-SEAL.size - 1] ^= 1
+    named[AT_ID] ^= 3
+    return [frame[: -SEAL.size], bytes(altered), bytes(named), frame + frame[-SEAL.size :]]
+
+
+ATTACKS = {
+    "past": "it speaks past its a-node: bare frames, altered ones, and some in others' names",
+    "replay": "it says again what it heard and said, at once, a second and three seconds later",
+    "hold": f"it holds back all its frames for {HELD_S:g} s",
+    "foreign-key": "its mission key is another mission's",
+}
+
+
+def parse_on_air(words: str, robots: int) -> OnAir:
+    """The attack that is meant. Raises: UsageError: there is none such."""
+    name, _, rest = words.partition(":")
+    pairs = [each.partition("=")[::2] for each in filter(None, rest.split(","))]
+    said = dict(pairs)
+    try:
+        attack = OnAir(name, int(said.pop("robot", "1")), float(said.pop("at", "5")))
+    except ValueError as error:
+        raise UsageError(f"--on-air {words}: {error}", HINT) from error
+    if name not in ATTACKS or said:
+        raise UsageError(f"--on-air {words}: no such attack or option", f"{', '.join(ATTACKS)}; {HINT}")
+    if not 1 <= attack.robot <= robots or not 0 <= attack.at_s < 1e9:
+        raise UsageError(f"--on-air {words}: robot or time is out of range", f"robots are 1 to {robots}")
+    return attack

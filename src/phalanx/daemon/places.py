@@ -1,0 +1,116 @@
+"""What an arena lays out for its robots: keys, a file for each, and the sockets of its body."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from phalanx.errors import Unavailable
+from phalanx.io.keyring import Keys, pem
+from phalanx.io.mission_key import issued
+from phalanx.io.ports import LOOPBACK
+from phalanx.io.private_file import write_private
+from phalanx.sim.scenarios.file import written_scenario
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire.table import BOARD
+
+from .driver import sense_path, wheels_path
+from .on_air import Air
+from .settings import RobotSettings, read_robot
+
+STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
+
+
+@dataclass(slots=True)
+class Places:
+    """What an arena has laid out for its robots, robots in the order of their ids."""
+
+    scenario: Scenario
+    folder: Path
+    ports: list[int] = field(default_factory=list)
+    robots: list[RobotSettings] = field(default_factory=list)
+    sensors: list[socket.socket] = field(default_factory=list)
+    wheels: list[socket.socket] = field(default_factory=list)
+
+    def close(self) -> None:
+        """Nobody can come any more."""
+        for each in (*self.sensors, *self.wheels):
+            each.close()
+
+
+def lay_out(
+    scenario: Scenario,
+    folder: Path,
+    air_port: int,
+    ports: list[int],
+    clocks: list[tuple[int, int]],
+    keys: Keys,
+    on_air: Air,
+) -> Places:
+    """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
+
+    Raises: Unavailable: no room there.
+    """
+    today, air = time.strftime("%Y-%m-%d"), f"{LOOPBACK}:{air_port}"
+    places = Places(scenario, folder, ports)
+    write_private(folder / "mission.yaml", json.dumps(written_scenario(scenario), indent=1).encode())
+    ids = range(1, scenario.robots + 1)
+    for rob_id in ids:
+        board = BOARD.encode(id=rob_id, master=keys.provision(rob_id, today))
+        write_private(folder / f"board-{rob_id}.bin", board)
+        places.sensors.append(_listens(sense_path(folder, rob_id)))
+        places.wheels.append(_listens(wheels_path(folder, rob_id)))
+    for name in ("key.json", "foreign-key.json"):
+        write_private(folder / name, issued(*keys.issue(), {}))
+    strangers = {each.robot for each in on_air.attacks if each.name == "foreign-key"}
+    frames = "sealed" if on_air.sealed else "plain"
+    for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
+        said = {
+            "robot": rob_id,
+            "mission": "mission.yaml",
+            "key": "foreign-key.json" if rob_id in strangers else "key.json",
+            "board": f"board-{rob_id}.bin",
+            "trusted": f"process:trusted-{rob_id}.flash",
+            "wheels": wheels_path(Path(), rob_id).name,
+            "clock_ppm": ppm,
+            "clock_ahead_ms": ahead_ms,
+            "driver": "arena:.",
+            "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air], "frames": frames},
+        }
+        path = folder / f"robot-{rob_id}.yaml"
+        write_private(path, json.dumps(said, indent=1).encode())
+        places.robots.append(read_robot(path))
+    if len(ports) > scenario.robots:
+        here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
+        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at}
+        for role, who in STATION.items():
+            write_private(folder / f"{role}.pem", pem(keys.signer(who)))
+            said[role] = f"{role}.pem"
+        write_private(folder / "swarm.yaml", json.dumps(said, indent=1).encode())
+    return places
+
+
+def _listens(path: Path) -> socket.socket:
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    try:
+        made.bind(str(path))
+    except OSError as error:
+        made.close()
+        why = error.strerror or error
+        raise Unavailable(f"cannot listen at {path}: {why}", "another folder, of a short name") from error
+    made.listen(4)
+    made.setblocking(False)
+    return made
+
+
+def free_ports(n: int) -> list[int]:
+    """So many UDP ports of this machine's that are free just now."""
+    with contextlib.ExitStack() as stack:
+        made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
+        for each in made:
+            each.bind((LOOPBACK, 0))
+        return [int(each.getsockname()[1]) for each in made]

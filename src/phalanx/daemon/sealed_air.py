@@ -1,0 +1,104 @@
+"""A sealed radio between a c-node and its sealed a-node: kernels know plain frames, the a-node and the air sealed ones.
+
+Nothing here is trusted: the a-node makes the seals and looks at them. Source: docs/spec/sealed-radio.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from phalanx.bti.elsewhere import Elsewhere
+from phalanx.bti.trusted import REASONS
+from phalanx.errors import UsageError
+from phalanx.io.udp_radio import Radio
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.scenarios.starts import WHEELS
+from phalanx.wire import Record, lines
+from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
+
+WAITING = 256  # frames each way whose seals are kept until they are asked for
+SENDERS = 64  # that an a-node remembers: PHX_SOURCES in firmware/include/phx_seal.h
+
+
+def with_room_for_seals(scenario: Scenario) -> Scenario:
+    """The scenario with frames that a seal fits behind.
+
+    Raises: UsageError: more neighbours than a-nodes remember, or a gateway, which no a-node would hear.
+    """
+    if scenario.bti.n_max > SENDERS:
+        raise UsageError(f"n_max is {scenario.bti.n_max}, on a sealed radio", f"at most {SENDERS} neighbours")
+    if scenario.controller == WHEELS:
+        raise UsageError("a sealed radio, for robots that obey a gateway", "plain: a gateway has no a-node that seals")
+    most = min(scenario.bti.frame_max_bytes, FRAME_MAX - SEAL.size)
+    return replace(scenario, bti=replace(scenario.bti, frame_max_bytes=most))
+
+
+class SealedAir:
+    """The radio that a c-node speaks through, and the nodes that it asks: seals stay in between.
+
+    Args:
+        node: its board, whose radio is sealed.
+        radio: where sealed frames come and go.
+    """
+
+    def __init__(self, node: Elsewhere, radio: Radio) -> None:
+        self._node, self._radio = node, radio
+        self._going: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # frame, seal
+        self._coming: deque[tuple[bytes, bytes]] = deque()
+        self._refused: Counter[str] = Counter()
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Frames that were not taken, by reason: the radio's and the a-node's."""
+        return {**self._radio.refused, **self._refused}
+
+    def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
+        """See `Elsewhere`: frames without seals, in and out."""
+        if call is lines.RECV:
+            frame = arguments["frame"]
+            code, result = self._node.ask(call, now_ms, frame=frame + _seal(self._coming, frame))
+            if code < 0:
+                self._refused[REASONS[code]] += 1
+            return code, result
+        code, result = self._node.ask(call, now_ms, **arguments)
+        if call is not lines.SEND or code < 0:
+            return code, result
+        entry, seal = result[: -SEAL.size], result[-SEAL.size :]
+        self._going.append((entry[ENTRY_HEADER_BYTES:], seal))
+        return code - SEAL.size, entry
+
+    def send(self, frame: bytes) -> None:
+        """See `Radio`; with the seal that the a-node made for it."""
+        self._radio.send(frame + _seal(self._going, frame))
+
+    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+        """See `Radio`: frames come without their seals, which are kept until the a-node is asked."""
+
+        def hear(sealed: bytes) -> None:
+            if len(sealed) <= SEAL.size:
+                self._refused["short"] += 1
+            elif len(self._coming) >= WAITING:
+                self._refused["waiting"] += 1
+            else:
+                frame = sealed[: -SEAL.size]
+                self._coming.append((frame, sealed[-SEAL.size :]))
+                on_frame(frame)
+
+        self._radio.listen(hear)
+
+    def close(self) -> None:
+        """See `Radio`."""
+        self._radio.close()
+
+
+def _seal(waiting: deque[tuple[bytes, bytes]], frame: bytes) -> bytes:
+    """The first seal that waits for this frame; none before it waits any longer. b"" for a frame that has none."""
+    for n, (each, seal) in enumerate(waiting):
+        if each == frame:
+            for _ in range(n + 1):
+                waiting.popleft()
+            return seal
+    return b""
