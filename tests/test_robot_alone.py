@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 
 import pytest
@@ -12,8 +13,11 @@ from phalanx.config import BtiConfig
 from phalanx.daemon import rehearsal
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
+from phalanx.daemon.trusted import open_nodes
 from phalanx.errors import Unavailable, UsageError
+from phalanx.io import serial_line
 from phalanx.io.mission_key import issued, read_board, read_mission_key
+from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import UdpRadio, parsed
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
@@ -103,6 +107,28 @@ def test_a_board_file_is_for_one_robot(tmp_path):
     path.write_bytes(b"short")
     with pytest.raises(UsageError, match="not what a board"):
         read_board(path, 3)
+
+
+def test_nodes_at_a_socket_that_another_user_made_are_told_nothing(tmp_path, monkeypatch):
+    path = tmp_path / "nodes"
+    with socket.socket(socket.AF_UNIX) as listens:
+        listens.bind(str(path))
+        listens.listen()
+        open_line(f"unix:{path}").close()
+        monkeypatch.setattr("os.geteuid", lambda: os.getuid() + 1)
+        monkeypatch.setattr(serial_line, "ROOT", -1)
+        with pytest.raises(Unavailable, match="neither you nor root"):
+            open_line(f"unix:{path}")
+
+
+def test_a_flash_that_others_may_read_gets_no_keys(tmp_path):
+    settings = robot(tmp_path)
+    flash = tmp_path / "trusted.flash"
+    flash.touch(0o600)
+    open_nodes(settings).close()
+    flash.chmod(0o640)
+    with pytest.raises(UsageError, match=r"trusted\.flash is another user's, or open to others"):
+        open_nodes(settings)
 
 
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])

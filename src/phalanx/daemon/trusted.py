@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 from typing import Any
@@ -68,7 +69,8 @@ def program() -> Path:
 def open_nodes(settings: RobotSettings) -> SerialNode:
     """The nodes that the file names, after a handshake.
 
-    Raises: UsageError: there is no program for a process, or it is a bench; Unavailable: nobody answers.
+    Raises: UsageError: there is no program for a process, its flash is not ours alone, or it is a bench;
+        Unavailable: nobody answers, or another user does.
     """
     kind, _, where = settings.said.trusted.partition(":")
     if kind == "process":
@@ -84,7 +86,19 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
     if node.about.told_clock:
         node.close()
         raise UsageError(f"{line.where} is a bench, which is told the time", "a board with a clock of its own")
+    # Not before it was opened: in a folder that is shared somebody might lay one there just then.
+    if kind == "process" and not _is_ours_alone(settings.path(where)):
+        node.close()
+        raise UsageError(f"{settings.path(where)} is another user's, or open to others", "another file, or chmod 600")
     return node
+
+
+def _is_ours_alone(path: Path) -> bool:
+    try:
+        made = path.lstat()
+    except OSError:
+        return False
+    return made.st_uid == os.geteuid() and not made.st_mode & 0o077
 
 
 def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:

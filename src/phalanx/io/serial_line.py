@@ -6,9 +6,11 @@ Only this file opens one. What stands on it is docs/spec/serial.md's.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import select
 import socket
+import struct
 import subprocess
 import termios
 import time
@@ -26,6 +28,7 @@ READ_BYTES = 65_536
 OPEN_TIMEOUT_S = 5.0
 AGAIN_S = 0.02  # somebody who listens soon is waited for
 END_TIMEOUT_S = 1.0
+ROOT = 0
 HINT = "process:PROGRAM,FLASH_FILE, unix:PATH, tcp:HOST:PORT or serial:DEVICE[@BAUD]"
 
 
@@ -148,11 +151,20 @@ def _connected(family: int, address: str | tuple[str, int]) -> int:
                 made.connect(address)
                 if family == socket.AF_INET:
                     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                else:
+                    _check_owner(made)
                 return made.detach()
             except (FileNotFoundError, ConnectionRefusedError):
                 if time.monotonic() > until_s:
                     raise
                 time.sleep(AGAIN_S)
+
+
+def _check_owner(made: socket.socket) -> None:
+    """Who listens is us, or root: whoever made the socket first would be given the keys. Raises: PermissionError."""
+    _, uid, _ = struct.unpack("3i", made.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
+    if uid not in (ROOT, os.geteuid()):
+        raise PermissionError(errno.EPERM, f"user {uid} listens there, who is neither you nor root")
 
 
 def _device(where: str, path: str, baud: str) -> SerialLine:
