@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import socket
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.config import BtiConfig
 from phalanx.daemon import rehearsal
+from phalanx.daemon import run as daemon_run
+from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.trusted import open_nodes
@@ -129,6 +135,44 @@ def test_a_flash_that_others_may_read_gets_no_keys(tmp_path):
     flash.chmod(0o640)
     with pytest.raises(UsageError, match=r"trusted\.flash is another user's, or open to others"):
         open_nodes(settings)
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_missions_key_is_used_up(tmp_path, monkeypatch):
+    (tmp_path / "key.json").write_bytes(issued(7, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 7)}, {}))
+    (tmp_path / "board.bin").write_bytes(BOARD.encode(id=3, master=bytes(20)))
+    settings = robot(tmp_path, ROBOT + "board: board.bin\nfolder: nowhere\n")
+    monkeypatch.setattr(daemon_run, "start", None)
+    with pytest.raises(Unavailable, match=r"cannot write .*nowhere/robot-3\.log"):
+        asyncio.run(daemon_run.run_robot(settings))
+
+
+def test_a_mission_that_never_began_leaves_the_log_of_the_one_before(tmp_path):
+    path = tmp_path / "robot-3.log"
+    path.write_text("evidence")
+    with KeptLog(path):
+        assert path.read_text() == "evidence"
+    assert list(tmp_path.iterdir()) == [path]
+    with KeptLog(path) as kept:
+        kept.begin({})
+    assert (path.read_text(), path.with_suffix(".before.log").read_text()) == ("{}\n", "evidence")
+
+
+def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, caplog):
+    class Alive:
+        async def live(self, kept):
+            for length in (1, 2):
+                kept.keep(SimpleNamespace(robot=[SimpleNamespace(log_len=length)], log=np.zeros((1, 2), np.uint8)))
+            await asyncio.sleep(0)
+            raise Unavailable("its nodes are gone")
+
+    monkeypatch.setattr(daemon_run, "state_of", lambda *_: {})
+    with KeptLog(tmp_path / "robot-3.log") as kept, Path("/dev/full").open("wb", 0) as full:
+        kept._file = full
+        with pytest.raises(Unavailable, match="its nodes are gone"):
+            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7))
+    kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
+    assert "robot-3.log is kept no further: No space left" in kept_no_further
+    assert "cannot write" in cannot_write
 
 
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from phalanx.bti.nodes import Refused
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers import dispatch
@@ -86,7 +86,8 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
 async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air: OnAir | None = None) -> None:
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
-    Raises: UsageError: something in its file; Unavailable: nodes, radio, sensors or disk; then its nodes stop it.
+    Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
+        folder cannot be written, before the mission's key is used up.
     """
     scenario, controller = controlled(mission_of(settings), settings)
     limits = limits_of(scenario.bti, scenario.radio)
@@ -97,6 +98,7 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air:
         if said.trusted.startswith("process") and not rehearsed:
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
         sealed = give_keys(node, settings, limits)
+        kept = stack.enter_context(KeptLog(settings.log_file))
         radio: Radio = UdpRadio(said.radio.here, said.radio.peers, said.radio.group)
         stack.callback(radio.close)
         if on_air:
@@ -120,15 +122,22 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air:
             "t_key_ms": life.began_ms,
             "scenario": written_scenario(scenario),
         }
-        kept = stack.enter_context(KeptLog(settings.log_file, head))
+        kept.begin(head)
         await _live(life, kept, settings.state_file, sealed.seq)
 
 
 async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int) -> None:
     living = asyncio.create_task(life.live(kept))
+    untold = ""
     try:
         while True:
-            tell(state_file, state_of(life, mission))
+            try:
+                tell(state_file, state_of(life, mission))
+                untold = ""
+            except Unavailable as error:  # a full disk is no reason to end
+                if str(error) != untold:
+                    log.warning("%s", error)
+                untold = str(error)
             await asyncio.wait([living], timeout=EVERY_S)
             if living.done():
                 await living
