@@ -1,14 +1,29 @@
-import { defineConfig } from "vitest/config";
+import { configDefaults, defineConfig } from "vitest/config";
+
+// A real chromium and a real broker: a script of their own.
+const REAL = "tests/real/**/*.test.ts";
+// It stands in for a module that others use as it is.
+const ALONE = "tests/swarm_link.test.ts";
+// Ends what hangs, judges nothing: these run on what others leave of the machine.
+const PATIENT = { environment: "node", testTimeout: 120_000, hookTimeout: 60_000 } as const;
 
 export default defineConfig({
   test: {
-    include: ["tests/**/*.test.{ts,tsx}", "operator/**/*.test.{ts,tsx}"],
-    environment: "node",
-    // Two cores, shared. What a file changes it puts back: to load all anew for each takes longer than the tests.
+    // Two cores, shared.
     maxWorkers: 2,
-    isolate: false,
-    // Ends what hangs, judges nothing: these run on what others leave of the machine.
-    testTimeout: 120_000,
-    hookTimeout: 60_000,
+    projects: [
+      {
+        test: {
+          ...PATIENT,
+          name: "together",
+          include: ["tests/**/*.test.{ts,tsx}", "operator/**/*.test.{ts,tsx}"],
+          exclude: [...configDefaults.exclude, ALONE, REAL],
+          // To load all modules anew for each file takes longer than the tests.
+          isolate: false,
+        },
+      },
+      { test: { ...PATIENT, name: "alone", include: [ALONE] } },
+      { test: { ...PATIENT, name: "real", include: [REAL] } },
+    ],
   },
 });
