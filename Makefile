@@ -109,6 +109,11 @@ $(FIRST_CALLS): .venv/called-%: .venv/runtime $(KERNELS)
 	@$(call PINNED,requirements-coverage.lock)
 	@touch $@
 
+# Nor this one: 180 MB that nobody needs but tests of make check-long.
+.venv/ros2: requirements-ros2.lock .venv/dev
+	@$(call PINNED,requirements-ros2.lock)
+	@touch $@
+
 web/node_modules/.installed: web/package-lock.json | $(NEEDED)
 	@echo "installing npm packages for the pages"
 	@cd web && npm ci --no-audit --no-fund --loglevel=error
@@ -168,7 +173,7 @@ test-waits: ready-dev test-early
 test-alone: setup-dev
 	$(BIN)/python -m pytest --durations=10 $(ALONE)
 
-check-long: setup-dev
+check-long: setup-dev .venv/ros2
 	$(BIN)/python -m pytest --durations=10 -m long
 
 coverage: setup-dev .venv/coverage

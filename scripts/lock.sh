@@ -8,4 +8,5 @@ $uv pyproject.toml --group build --group dev --extra amqtt --extra reproduce -c 
 echo coverage | $uv - -c requirements-dev.lock -o requirements-coverage.lock
 echo uv | $uv - -o requirements-uv.lock
 echo amqtt | $uv - -c requirements-dev.lock -o requirements-amqtt.lock
+grep -o '"ros-[^"]*"' pyproject.toml | tr -d '"' | $uv - -c requirements-dev.lock -o requirements-ros2.lock
 $uv --group release -o requirements-release.lock

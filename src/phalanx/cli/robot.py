@@ -6,6 +6,7 @@ import contextlib
 import json
 import tempfile
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,17 @@ def run(robot: Path) -> int:
     own = (said.driver.removeprefix("python:"), said.planner, said.controller)
     with mistakes_in(*(str(settings.path(each)) for each in own if each)):
         run_until_stopped(run_robot(settings))
+    return 0
+
+
+def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
+    """One robot between topics of ROS 2, until Ctrl-C or SIGTERM."""
+    settings = read_robot(robot)
+    try:
+        from phalanx.daemon.ros2.node import RosBase  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
+    run_until_stopped(run_robot(settings, make_base=partial(RosBase, namespace=namespace, arguments=ros)))
     return 0
 
 

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
+from phalanx.robot.planner import Planner
 from phalanx.sim.scenarios.own import find_class
 
 from .settings import RobotSettings
@@ -66,6 +67,18 @@ class Hardware(Protocol):
 
     def close(self) -> None:
         """It is not needed any more."""
+        ...
+
+
+class Base(Hardware, Protocol):
+    """Hardware that brings its planner along, and tells others of the robot."""
+
+    def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
+        """Who advises the guard."""
+        ...
+
+    def tell(self, state: dict[str, Any]) -> None:
+        """What the robot told of itself just now (state.py)."""
         ...
 
 
@@ -156,6 +169,8 @@ def wheels_path(folder: Path, rob_id: int) -> Path:
 def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
     """The driver that the file names. Raises: UsageError: there is none; Unavailable: no arena."""
     kind, _, where = settings.said.driver.partition(":")
+    if kind == "ros2":
+        raise UsageError("its driver is ros2", "phalanx robot ros2 runs it")
     if kind == "arena":
         return ArenaDriver(settings.path(where), settings.said.robot)
     path, _, name = where.partition(":")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
 from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
@@ -20,7 +23,7 @@ from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.sim.scenarios.starts import WHEELS
 
-from .driver import make_driver
+from .driver import Base, make_driver
 from .kept_log import KeptLog
 from .life import Life, MakeController
 from .on_air import HostileRadio, OnAir
@@ -31,6 +34,7 @@ from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, give_keys, open_nodes, start
 
 log = logging.getLogger(__name__)
+MakeBase = Callable[[int, Scenario, Declaration], Base]
 
 
 def mission_of(settings: RobotSettings) -> Scenario:
@@ -83,9 +87,17 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
         node.close()
 
 
-async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air: OnAir | None = None) -> None:
+async def run_robot(
+    settings: RobotSettings,
+    *,
+    rehearsed: bool = False,
+    on_air: OnAir | None = None,
+    make_base: MakeBase | None = None,
+) -> None:
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
+    Args:
+        make_base: what makes sensors, motors and planner, in place of those that the file names.
     Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
         folder cannot be written, before the mission's key is used up.
     """
@@ -105,9 +117,13 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air:
             log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air)
         air = SealedAir(node, radio) if said.radio.sealed else None
-        hardware = make_driver(settings, dispatch.BUNDLED[scenario.controller])
+        declared = dispatch.BUNDLED[scenario.controller]
+        base = make_base(said.robot, scenario, declared) if make_base else None
+        hardware = base or make_driver(settings, declared)
         stack.callback(hardware.close)
-        planner = find_planner(str(settings.path(said.planner))) if said.planner else None
+        planner: MakePlanner | None = base.planner if base else None
+        if said.planner:
+            planner = find_planner(str(settings.path(said.planner)))
         clock, ears = OwnClock(air or node), air or radio
         life = Life(scenario, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
@@ -123,16 +139,19 @@ async def run_robot(settings: RobotSettings, *, rehearsed: bool = False, on_air:
             "scenario": written_scenario(scenario),
         }
         kept.begin(head)
-        await _live(life, kept, settings.state_file, sealed.seq)
+        await _live(life, kept, settings.state_file, sealed.seq, base)
 
 
-async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int) -> None:
+async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int, base: Base | None) -> None:
     living = asyncio.create_task(life.live(kept))
     untold = ""
     try:
         while True:
+            state = state_of(life, mission)
+            if base:
+                base.tell(state)
             try:
-                tell(state_file, state_of(life, mission))
+                tell(state_file, state)
                 untold = ""
             except Unavailable as error:  # a full disk is no reason to end
                 if str(error) != untold:

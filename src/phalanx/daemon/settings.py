@@ -14,7 +14,7 @@ from phalanx.errors import UsageError
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
-DRIVERS = "python:FILE.py:CLASS or arena:FOLDER"
+DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, or ros2 for phalanx robot ros2"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +62,7 @@ class RobotFile:
         check_limits(self)
         if self.trusted.partition(":")[0] not in ("process", "serial", "unix", "tcp"):
             raise UsageError(f"trusted is {self.trusted!r}", TRUSTED)
-        if self.driver.partition(":")[0] not in ("python", "arena"):
+        if self.driver.partition(":")[0] not in ("python", "arena", "ros2"):
             raise UsageError(f"driver is {self.driver!r}", DRIVERS)
 
 

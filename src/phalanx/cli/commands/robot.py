@@ -27,6 +27,15 @@ def run() -> None:
     """Run the robot in ROBOT.yaml until it is told to end. Without a new mission key its trusted nodes refuse."""
 
 
+@robot.command(epilog="Example: phalanx robot ros2 robot-1.yaml --namespace r1 -- --ros-args -p ahead_m:=0.3")
+@robot_argument
+@click.argument("ros", nargs=-1, metavar="[-- ROS2 ARGUMENTS]")
+@option("--namespace", default="", metavar="NAME", help="Of the robot's topics and node.")
+@runs("robot", "ros2")
+def ros2() -> None:
+    """Run the robot in ROBOT.yaml, a guard between cmd_vel_raw and cmd_vel of ROS 2. Needs phalanx-swarm[ros2]."""
+
+
 @robot.command(epilog="Example: phalanx robot provision robot-3.yaml lab.keys; phalanx keys create makes the latter")
 @robot_argument
 @click.argument("keys", type=FILE)

@@ -1,0 +1,40 @@
+"""What a robot tells of itself as ROS 2's diagnostics have it: a shield, and verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+OK, WARN, ERROR = 0, 1, 2
+WORD = {OK: "OK", WARN: "WARN", ERROR: "ERROR"}
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One diagnostic_msgs/DiagnosticStatus."""
+
+    level: int
+    name: str
+    message: str
+    values: Mapping[str, Any]
+
+
+def told_of(state: Mapping[str, Any]) -> tuple[Told, Told]:
+    """Whether others vouch for the robot, and what it found in them.
+
+    Args:
+        state: as `phalanx robot status --json` has it.
+    """
+    tokens, needed = state["tokens"], state["tokens_needed"]
+    values = {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
+    if state["safe_mode"]:
+        shield = Told(ERROR, "shield", "Safe Mode: it stands", values)
+    elif len(tokens) < needed:
+        shield = Told(WARN, "shield", f"{len(tokens)} vouch, {needed} are needed", values)
+    else:
+        shield = Told(OK, "shield", f"{len(tokens)} vouch", values)
+    refused = {f"robot {each['auditee']}: {each['reason']}": each["times"] for each in state["refused"]}
+    given = {f"robot {auditee}: tokens given": times for auditee, times in state["given"].items()}
+    level, words = (WARN, "refuses robots") if refused else (OK, "refuses nobody")
+    return shield, Told(level, "verdicts", words, {**refused, **given})

@@ -1,0 +1,228 @@
+"""The ROS 2 node beside a robot's daemon: odometry and advice in, commands that the a-node let through out.
+
+Topics, parameters and QoS are called as in nav2's collision_monitor and velocity_smoother. Callbacks run in a thread of
+their own and leave what they got in one attribute each; the daemon takes it from there, and never waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
+from rclpy.signals import SignalHandlerOptions
+
+from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.planner import Planner
+from phalanx.sim.scenarios.scenario import GUARD, Scenario
+
+from .ahead import Pair, Place, point_of, twist_of, velocity_of, yaw_of
+from .diagnostics import WORD, told_of
+
+NAME = "phalanx_guard"
+DEFAULTS = {
+    "cmd_vel_in_topic": "cmd_vel_raw",
+    "cmd_vel_out_topic": "cmd_vel",
+    "odom_topic": "odom",
+    "map_frame_id": "map",
+    "odom_frame_id": "odom",
+    "base_frame_id": "base_link",
+    "odom_in_map": [0.0, 0.0, 0.0],
+    "ahead_m": 0.2,
+    "smoothing_frequency": 20.0,
+    "source_timeout": 0.5,
+    "enable_stamped_cmd_vel": False,
+}
+ODOM_TIMEOUT_S = 60.0
+FARTHEST_M = 1e6  # what a guard takes for a reading
+
+
+class RosBase:
+    """A robot's base and its planner, behind topics. See `daemon.driver.Base`.
+
+    Args:
+        arguments: ROS 2's own, from `--ros-args` on.
+    Raises: UsageError: of these, or a mission whose controller nobody can advise.
+    """
+
+    def __init__(
+        self, rob_id: int, scenario: Scenario, declared: Declaration, namespace: str, arguments: Sequence[str]
+    ) -> None:
+        if scenario.controller != GUARD:
+            raise UsageError(
+                f"the mission's controller is {scenario.controller}", "controller: guard, which is advised"
+            )
+        self._id, self._reads, self._commands = rob_id, declared.reads, declared.commands
+        self._held_s = (scenario.bti.t_control_ms + 3 * scenario.bti.delta_ms) / 1000
+        self._context = rclpy.Context()
+        try:
+            rclpy.init(args=[*arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node(NAME, namespace=namespace, context=self._context)
+            self._said = {key: self._node.declare_parameter(key, value).value for key, value in DEFAULTS.items()}
+        except Exception as error:  # rclpy has a dozen kinds, with no common one
+            rclpy.try_shutdown(context=self._context)
+            words = str(error).strip().splitlines()
+            raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md") from error
+        said = self._said
+        if not (said["ahead_m"] > 0.0 and said["smoothing_frequency"] > 0.0 and len(said["odom_in_map"]) == 3):
+            self.close()
+            raise UsageError("ahead_m, smoothing_frequency or odom_in_map", "above 0; odom_in_map: [x, y, yaw]")
+        x_m, y_m, yaw_rad = said["odom_in_map"]
+        self._odom_in_map = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+        self._odometry: tuple[float, Place, Pair] | None = None  # when it came, where the base is, how its point moves
+        self._wish: Pair | None = None  # driving and turning, not yet taken
+        self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
+        self._sensed_mps: Pair = (0.0, 0.0)
+        self._strange: str = ""
+        stamped = said["enable_stamped_cmd_vel"]
+        kind = TwistStamped if stamped else Twist
+        self._out = self._node.create_publisher(kind, said["cmd_vel_out_topic"], 1)
+        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
+        self._node.create_subscription(kind, said["cmd_vel_in_topic"], self._on_wish, 1)
+        self._node.create_subscription(Odometry, said["odom_topic"], self._on_odometry, qos_profile_sensor_data)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    # --- what comes by topics, in their thread ------------------------------------------------------------------------
+
+    def _on_wish(self, message: Any) -> None:
+        twist = message.twist if self._said["enable_stamped_cmd_vel"] else message
+        self._wish = twist.linear.x, twist.angular.z
+
+    def _on_odometry(self, message: Any) -> None:
+        said, frame, child = self._said, message.header.frame_id, message.child_frame_id
+        if frame not in (said["map_frame_id"], said["odom_frame_id"]) or child not in (said["base_frame_id"], ""):
+            self._strange = f"it is of {child} in {frame}, not {said['base_frame_id']} in {said['odom_frame_id']}"
+            return
+        at, q, twist = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
+        there = Place(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(q.x, q.y, q.z, q.w))
+        base = there if frame == said["map_frame_id"] else self._odom_in_map.of(there)
+        moves = velocity_of(twist.linear.x, twist.angular.z, base.yaw_rad, said["ahead_m"])
+        if all(abs(number) <= FARTHEST_M for number in (base.x_m, base.y_m, base.yaw_rad, *moves)):  # NaN is not
+            self._odometry = time.monotonic(), base, moves
+        else:
+            self._strange = "it makes no sense"
+
+    def _move(self) -> None:
+        """What the robot is told now: the last command while it is in force, and else to stand still."""
+        told, known = self._told, self._known()
+        linear = angular = 0.0
+        if told and known:
+            since_s, from_mps, accel = time.monotonic() - told[0], told[1], told[2]
+            if since_s <= self._held_s:
+                velocity = from_mps[0] + accel[0] * since_s, from_mps[1] + accel[1] * since_s
+                linear, angular = twist_of(velocity, known[0].yaw_rad, self._said["ahead_m"])
+        message = self._out.msg_type()
+        twist = message
+        if self._said["enable_stamped_cmd_vel"]:
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            message.header.frame_id = self._said["base_frame_id"]
+            twist = message.twist
+        twist.linear.x, twist.angular.z = linear, angular
+        with contextlib.suppress(rclpy.exceptions.InvalidHandle):  # the robot has just ended
+            self._out.publish(message)
+
+    def _known(self) -> tuple[Place, Pair] | None:
+        """Where the base is and how its point moves; None if that was heard too long ago."""
+        odometry = self._odometry
+        if odometry is None or time.monotonic() - odometry[0] > self._said["source_timeout"]:
+            return None
+        return odometry[1], odometry[2]
+
+    # --- what the daemon asks -----------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """See `Hardware`; from now on the robot is told something. Raises: Unavailable: no odometry."""
+        self._node.create_timer(1.0 / self._said["smoothing_frequency"], self._move)
+        until_s = time.monotonic() + ODOM_TIMEOUT_S
+        while self._known() is None:
+            if time.monotonic() > until_s:
+                raise self._no_odometry()
+            time.sleep(0.05)
+
+    def _no_odometry(self) -> Unavailable:
+        topic = self._node.resolve_topic_name(self._said["odom_topic"])
+        return Unavailable(f"no odometry on {topic}" + (f": {self._strange}" if self._strange else ""), "docs/ros2.md")
+
+    def sense(self, now_ms: int) -> bytes:
+        """See `Hardware`: of the point ahead, in the map. Raises: Unavailable: odometry has ceased."""
+        known = self._known()
+        if known is None:
+            raise self._no_odometry()
+        base, self._sensed_mps = known
+        x_m, y_m = point_of(base, self._said["ahead_m"])
+        vx_mps, vy_mps = self._sensed_mps
+        return self._reads.encode(id=self._id, t=now_ms, x_m=x_m, y_m=y_m, vx_mps=vx_mps, vy_mps=vy_mps)
+
+    def drive(self, command: bytes) -> None:
+        """See `Hardware`."""
+        try:
+            said = self._commands.decode(command)
+        except PeerError:  # what no body of this kind obeys
+            self._told = None
+        else:
+            self._told = time.monotonic(), self._sensed_mps, (said["ax_mps2"], said["ay_mps2"])
+
+    def stop(self) -> None:
+        """See `Hardware`."""
+        self._told = None
+
+    def planner(self, rob_id: int, goal_m: Pair) -> Planner:
+        """Who advises: whoever publishes on `cmd_vel_in_topic`."""
+        return _Advised(rob_id, goal_m, self)
+
+    def wish(self) -> Pair | None:
+        """How the point ahead would move, m/s in the map, were the last advice done; None if there is no new one."""
+        wish, known = self._wish, self._known()
+        self._wish = None
+        return velocity_of(*wish, known[0].yaw_rad, self._said["ahead_m"]) if wish and known else None
+
+    def tell(self, state: dict[str, Any]) -> None:
+        """Diagnostics of what the robot tells of itself (daemon/state.py)."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for each in told_of(state):
+            status = DiagnosticStatus(
+                level=getattr(DiagnosticStatus, WORD[each.level]),
+                name=f"{self._node.get_fully_qualified_name()}: {each.name}",
+                message=each.message,
+                hardware_id=f"robot {self._id}",
+                values=[KeyValue(key=key, value=str(value)) for key, value in each.values.items()],
+            )
+            message.status.append(status)
+        self._diagnostics.publish(message)
+
+    def close(self) -> None:
+        """See `Hardware`: the robot is told to stand, and the node is gone."""
+        self._told = None
+        if hasattr(self, "_executor"):
+            self._move()
+            self._executor.shutdown(timeout_sec=1.0)
+            self._thread.join(timeout=1.0)
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+
+class _Advised(Planner):
+    def __init__(self, rob_id: int, goal_m: Pair, base: RosBase) -> None:
+        super().__init__(rob_id, goal_m)
+        self._base = base
+
+    def advise(self, _t_s: float, _position_m: Pair, _velocity_mps: Pair) -> Sequence[float] | None:
+        """What the topic says."""
+        return self._base.wish()
