@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from phalanx.bti.nodes import seal_mission_key
+from phalanx.cli.reproduce import _write
+from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
 from phalanx.daemon import rehearsal
 from phalanx.daemon import run as daemon_run
@@ -21,6 +23,7 @@ from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.trusted import open_nodes
 from phalanx.errors import Unavailable, UsageError
+from phalanx.experiments.scorecard.card import write_csv
 from phalanx.io import serial_line
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
@@ -173,6 +176,30 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
     assert "robot-3.log is kept no further: No space left" in kept_no_further
     assert "cannot write" in cannot_write
+
+
+def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
+    robot(tmp_path)
+    state = {"pid": os.getpid(), "told_s": 0, "robot": 3, "mission": 7, "scenario": "x\x1b]0;y\x07", "lived_s": 1.0}
+    state |= {"tokens": [], "refused": [], "longest_ms": {}, "tokens_needed": 2, "given": {}, "frames_refused": {}}
+    told, state["core_share"] = tmp_path / "robot-3.json", 0.1
+    told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
+    assert status(tmp_path / "robot.yaml", as_json=False) == 0
+    assert "x?]0;y?" in capsys.readouterr().out
+    for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
+        told.write_text(json.dumps(state | more))
+        with pytest.raises(UsageError, match="no robot"):
+            status(tmp_path / "robot.yaml", as_json=False)
+
+
+@pytest.mark.parametrize("write", [lambda path: write_csv(path, []), lambda path: _write(path, "new")])
+def test_a_link_that_somebody_laid_is_not_followed(tmp_path, write):
+    (tmp_path / "theirs").write_text("old")
+    for name in ("table.csv", "table.tmp", f"table.{os.getpid()}.tmp"):
+        (tmp_path / name).symlink_to("theirs")
+    write(tmp_path / "table.csv")
+    assert (tmp_path / "theirs").read_text() == "old"
+    assert not (tmp_path / "table.csv").is_symlink()
 
 
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])

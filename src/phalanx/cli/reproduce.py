@@ -17,6 +17,7 @@ from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import report
 from phalanx.experiments.table import Table, measure, read_table
 from phalanx.experiments.version import version
+from phalanx.io.private_file import write_whole
 
 from .commands.runs import tell_of_compiling
 from .login import read_login
@@ -122,8 +123,6 @@ def _rows(shown: Shown) -> dict[str, int]:
 def _write(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        torn = path.with_suffix(".tmp")
-        torn.write_text(text)
-        torn.replace(path)
     except OSError as error:
         raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another folder with --out") from error
+    write_whole(path, text.encode(), "choose another folder with --out")

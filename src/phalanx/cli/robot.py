@@ -30,7 +30,7 @@ from phalanx.sim.scenarios.run import Run
 from . import sim
 from .keys import passphrase, today
 from .run import run as run_until_stopped
-from .terminal import end_status_line, print_json, print_rows, talk
+from .terminal import end_status_line, plain, print_json, print_rows, talk
 
 
 def run(robot: Path) -> int:
@@ -132,23 +132,32 @@ def status(robot: Path, as_json: bool) -> int:
     if as_json:
         print_json({**state, "running": running})
         return 0
+    try:
+        rows = _rows(state, running)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise UsageError(
+            f"no robot's state is in the file that {robot} names", "phalanx robot run starts one"
+        ) from error
+    # The file may be anybody's, and is not to command the terminal.
+    print_rows({label: plain(words, 1000) for label, words in rows.items()})
+    return 0
+
+
+def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
     vouch = ", ".join(f"{each['auditor']} ({each['left_s']:.1f} s)" for each in state["tokens"]) or "nobody"
     refused = "; ".join(f"{each['auditee']}: {each['reason']}, {each['times']} times" for each in state["refused"])
     longest = state["longest_ms"]
-    print_rows(
-        {
-            "robot": f"{state['robot']}, mission {state['mission']}, {state['scenario']}, for {state['lived_s']:.0f} s",
-            "is": _is(state, running),
-            "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
-            "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
-            "tokens refused": refused or "none",
-            "frames refused": ", ".join(f"{why}: {n}" for why, n in state["frames_refused"].items()) or "none",
-            "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
-            "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
-            "of a core": f"{100 * state['core_share']:.1f} %",
-        }
-    )
-    return 0
+    return {
+        "robot": f"{state['robot']}, mission {state['mission']}, {state['scenario']}, for {state['lived_s']:.0f} s",
+        "is": _is(state, running),
+        "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
+        "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
+        "tokens refused": refused or "none",
+        "frames refused": ", ".join(f"{why}: {n}" for why, n in state["frames_refused"].items()) or "none",
+        "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
+        "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
+        "of a core": f"{100 * state['core_share']:.1f} %",
+    }
 
 
 def _is(state: dict[str, Any], running: bool) -> str:

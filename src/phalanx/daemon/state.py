@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from phalanx.config.written import read_at_most
-from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.errors import PhalanxError, UsageError
+from phalanx.io.private_file import write_whole
 from phalanx.sim.audited.watch import vouchers
 
 from .life import Life
@@ -70,23 +71,16 @@ def _since(at_ms: int | None, began_ms: int) -> float | None:
 
 def tell(path: Path, state: dict[str, Any]) -> None:
     """The file tells this now. Raises: Unavailable: it cannot be written."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.unlink(missing_ok=True)  # in a folder that is shared it may be somebody's link to something else
-        with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(json.dumps(state).encode() + b"\n")
-        beside.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise Unavailable(f"cannot write {path}: {error.strerror}", "another folder") from error
+    write_whole(path, json.dumps(state).encode() + b"\n", "another folder", private=True)
 
 
 def told(path: Path) -> dict[str, Any]:
     """What a robot told last. Raises: UsageError: it never told anything there."""
     try:
         state: dict[str, Any] = json.loads(read_at_most(path, MOST_BYTES, HINT))
-        int(state["pid"]), float(state["told_s"])
+        float(state["told_s"])
+        if type(state["pid"]) is not int or not 0 < state["pid"] < 1 << 31:
+            raise ValueError("no process")
     except (PhalanxError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise UsageError(f"no robot has told of itself in {path}", HINT) from error
     return state

@@ -1,12 +1,31 @@
-"""Files that only their owner may read."""
+"""Files that are written whole or not at all, and those that only their owner may read."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
 from pathlib import Path
 
 from phalanx.errors import Unavailable, UsageError
+
+
+def write_whole(path: Path, data: bytes, hint: str, *, private: bool = False) -> None:
+    """The file has these bytes, or what it had. In a folder that is shared nobody's link is followed.
+
+    Raises: Unavailable: it cannot be written.
+    """
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        made = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if private else 0o666)
+        with os.fdopen(made, "wb") as file:
+            file.write(data)
+        beside.replace(path)
+    except OSError as error:
+        raise Unavailable(f"cannot write {path}: {error.strerror}", hint) from error
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink()
 
 
 def write_private(path: Path, data: bytes, *, replace: bool = False) -> None:

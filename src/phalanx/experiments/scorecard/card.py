@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
+import io
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
@@ -12,7 +12,7 @@ from statistics import median
 from typing import Any
 
 from phalanx.config.defence import DEFENCES
-from phalanx.errors import Unavailable
+from phalanx.io.private_file import write_whole
 from phalanx.robot.attacks.library import ATTACKS
 
 
@@ -87,16 +87,10 @@ def _line(point: tuple[str, str, str], of: list[Mapping[str, Any]], undefended: 
 
 def write_csv(path: Path, table: Iterable[Line]) -> None:
     """The CSV holds the table. Raises: Unavailable: it cannot be written."""
-    torn = path.with_suffix(f".{os.getpid()}.tmp")
-    try:
-        with torn.open("w", newline="") as file:
-            writer = csv.DictWriter(file, [each.name for each in fields(Line)], lineterminator="\n")
-            writer.writeheader()
-            for line in table:
-                cells = asdict(line).items()
-                writer.writerow({name: f"{cell:.6g}" if isinstance(cell, float) else cell for name, cell in cells})
-        torn.replace(path)
-    except OSError as error:
-        raise Unavailable(f"cannot write {path}: {error.strerror}", "choose another folder with --out") from error
-    finally:
-        torn.unlink(missing_ok=True)
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, [each.name for each in fields(Line)], lineterminator="\n")
+    writer.writeheader()
+    for line in table:
+        cells = asdict(line).items()
+        writer.writerow({name: f"{cell:.6g}" if isinstance(cell, float) else cell for name, cell in cells})
+    write_whole(path, file.getvalue().encode(), "choose another folder with --out")

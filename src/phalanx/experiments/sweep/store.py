@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from phalanx.errors import Unavailable, UsageError
+from phalanx.io.private_file import write_whole
 
 from .plan import Cell, Plan, Planned, Sweep
 
@@ -99,6 +100,8 @@ class Store:
     def __enter__(self) -> Self:
         try:
             self.runs.mkdir(parents=True, exist_ok=True)
+            if self.runs.lstat().st_uid != os.geteuid():  # laid there in a folder that is shared
+                raise UsageError(f"{self.runs} is another user's", ELSEWHERE)
             self._lock = os.open(self.folder, os.O_RDONLY)
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -174,9 +177,7 @@ class Store:
         try:
             theirs = json.loads(path.read_text())
         except FileNotFoundError:
-            torn = path.with_suffix(".tmp")
-            torn.write_text(ours)
-            torn.replace(path)
+            write_whole(path, ours.encode(), ELSEWHERE)
             return
         except ValueError:
             theirs = None
