@@ -98,6 +98,19 @@ class TestQuestions:
         assert flood.asked[AT_GATEWAY:] == [b"%d" % n for n in range(300 - HELD, 300)], "the newest are kept"
         assert not (questions._first or questions._others)
 
+    async def test_who_proved_the_pin_and_asks_little_waits_for_no_crowd_of_strangers(self, tmp_path):
+        heard, questions = self.told(tmp_path)
+        page, strangers = Asker("here"), [Asker(f"place {n}") for n in range(20)]
+        page.standing = Standing.PROVED
+        for _ in range(int(FIRST[1]) + 1):
+            questions.hold(page, b"list")
+        heard.tell(2.0, 2.0, AT_GATEWAY)
+        for one in (*strangers, page):
+            questions.hold(one, b"again")
+        heard.tell(3.0, 3.0, AT_GATEWAY - 2)
+        await eventually(lambda: page.asked[-1] == b"again")
+        assert sum(len(one.asked) for one in strangers) == 1, "nor do they wait for it for ever"
+
     async def test_where_the_gateway_does_not_say_what_it_can_do_there_are_so_many_a_second(self):
         questions, crowd = Questions(None), [Asker("here") for _ in range(100)]
         for one in crowd:

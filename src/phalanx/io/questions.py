@@ -3,7 +3,8 @@ nobody waiting who asks a little.
 
 The gateway cannot tell visitors apart, for whoever has the pin asks as ever-new clients; here they are connections. An
 answer is dear, the list of a thousand robots 20 ms of the gateway's time: so its queue is kept short, and who is next
-is decided here: first who has asked next to nothing yet, then head by head and place by place.
+is decided here: first who has asked next to nothing yet, or has proved the pin and asks little; in both, and then among
+the others, head by head and place by place.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import time
 from collections import deque
 from typing import Generic, Protocol, TypeVar
 
+from .heads import Standing
 from .heard import Heard
 from .pace import Pace
 from .turns import SHARE, Placed, Turns
@@ -99,13 +101,15 @@ class Questions(Generic[Who]):
         if not who.held:
             return
         now_s = time.monotonic()
-        if who.held.first.wait_s(now_s):
-            self._others.wait(who, much=who.held.little.wait_s(now_s) > 0.0)
+        asks_much = who.held.little.wait_s(now_s) > 0.0
+        # Whoever proved the pin and asks little is a page: strangers come anew as often as they like.
+        if who.held.first.wait_s(now_s) and (asks_much or who.standing is not Standing.PROVED):
+            self._others.wait(who, much=asks_much)
         else:
             self._first.wait(who)
 
     def _next(self) -> Who:
-        # As of rows: of nine questions eight are of who asked next to nothing, if there are so many.
+        # As of rows: of nine questions eight are of who goes first, if there are so many.
         is_first = bool(self._first) and not (self._others and self._firsts >= SHARE)
         self._firsts = self._firsts + 1 if is_first and self._others else 0
         turns = self._first if is_first else self._others
