@@ -10,9 +10,16 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from conftest import ROOT
+from phalanx.daemon.driver import make_driver
+from phalanx.daemon.settings import read_robot
 from phalanx.gateway.up import DEFAULT_PORT
+from phalanx.robot.controllers import dispatch
+from phalanx.sim.scenarios.file import read_scenario
+from phalanx.sim.scenarios.scenario import for_robots
+from phalanx.wire import table
 
 DEPLOY = ROOT / "deploy"
 KNOWN = {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENV", "VOLUME", "EXPOSE", "ENTRYPOINT"}
@@ -31,7 +38,8 @@ def faults_of_unit(text: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="no systemd here")
-def test_systemd_takes_every_line_of_the_unit(tmp_path):
+def test_systemd_takes_every_line_of_the_units(tmp_path):
+    assert faults_of_unit((DEPLOY / "robot" / "phalanx-robot@.service").read_text(), tmp_path) == []
     text = (DEPLOY / "phalanx.service").read_text()
     assert faults_of_unit(text, tmp_path) == []
     for right, wrong in (("ProtectHome=yes", "ProtectHomes=yes"), ("RestartSec=2", "RestartSec=soon")):
@@ -97,3 +105,19 @@ class TestContainerfile:
         assert [name for name, _ in steps()].index("USER") < [name for name, _ in steps()].index("ENTRYPOINT")
         assert told("EXPOSE") == [f"{DEFAULT_PORT} 9001"]
         assert "free_port(9001" in (ROOT / "src/phalanx/io/broker.py").read_text()
+
+
+def test_the_files_of_three_robots_are_ones_that_phalanx_reads():
+    folder = DEPLOY / "robot"
+    scenario = for_robots(read_scenario(folder / "mission.yaml"))
+    first = read_robot(folder / "robot-1.yaml").said
+    gateway = yaml.safe_load((folder / "robots.yaml").read_text())
+    where = {each["robot"]: each["at"] for each in gateway["robots"]}
+    assert list(where) == list(range(1, scenario.robots + 1))
+    assert first.radio.here == where.pop(1)
+    assert set(first.radio.peers) == {*where.values(), gateway["here"]}
+    assert (first.mission, first.key) == (gateway["mission"], gateway["key"])
+    driver = make_driver(read_robot(folder / "robot-1.yaml"), dispatch.BUNDLED[scenario.controller])
+    before = table.WHEELS_SENSOR.decode(driver.sense(1))
+    driver.drive(table.WHEELS_COMMAND.encode(id=1, t=1, left=100, right=100, red=0, green=0, blue=0))
+    assert table.WHEELS_SENSOR.decode(driver.sense(2))["y_mm"] > before["y_mm"]
