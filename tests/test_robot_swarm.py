@@ -19,6 +19,8 @@ from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.mission.files import read_signing_key
 from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.run import mission_of
+from phalanx.daemon.settings import read_robot
 from phalanx.daemon.swarm import YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
 from phalanx.errors import Unavailable, Unknown, UsageError
@@ -134,6 +136,16 @@ class TestFile:
         file.write_text(file.read_text().replace('"robot": 2', '"robot": 3'))
         with pytest.raises(UsageError, match="no key for robot 3"):
             read_swarm(file)
+
+    @pytest.mark.parametrize(
+        "radio", [{"group": "239.1.2.3:4410"}, {"frames": "sealed"}], ids=["a group", "frames: sealed"]
+    )
+    def test_a_radio_on_which_orders_do_not_work_is_refused(self, file, request, radio):
+        driven = {"robot": 1, "mission": "mission.yaml", "key": "key.json", "driver": "python:none.py:None"}
+        radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.2:4410"], **radio}
+        file.with_name("robot.yaml").write_text(json.dumps(driven | {"radio": radio}))
+        with pytest.raises(UsageError, match=request.node.callspec.id):
+            mission_of(read_robot(file.with_name("robot.yaml")))
 
     def test_real_robots_are_as_many_as_they_are(self, file):
         ended = called("up", "--swarm", str(file), "--robots", "4")
