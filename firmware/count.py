@@ -23,7 +23,7 @@ from unicorn import arm_const, mips_const
 
 HERE = Path(__file__).parent
 COUNTS = HERE.parent / "src" / "phalanx" / "data" / "instructions.json"
-SOURCES = "hash mac bucket node snode anode bound".split()
+SOURCES = "hash mac bucket node snode anode bound seal".split()
 PREFIX = {"cortex-m3": "arm-none-eabi-", "mips32": "mipsel-linux-gnu-"}
 CODE, STACK, RETURN = 0x10000, 0x1F0000, 0xFFF0
 MEMORY = """
@@ -74,6 +74,10 @@ class Machine:
     def read(self, at: int, size: int) -> bytes:
         """What is there."""
         return bytes(self._uc.mem_read(at, size))
+
+    def write(self, at: int, data: bytes) -> None:
+        """These bytes are there."""
+        self._uc.mem_write(at, data)
 
     def call(self, name: str, *arguments: int | bytes) -> tuple[int, int]:
         """What a function returned, and the instructions it took with all that it called."""
@@ -196,6 +200,24 @@ def calls(machine: Machine) -> dict[str, int]:
     told["isTokenValid"] = one("phx_anode_check_token", other_a, 1, 2, now, hckpt, mac)
     told["installToken"] = one("phx_anode_install_token", other_a, now, 1, now, hckpt, mac)
     told["loadMissionKey"] = told_once(machine, limits, master, blind, salt, out)
+    return told | on_sealed_radio(machine, other_a, anode)
+
+
+def on_sealed_radio(machine: Machine, sender: int, hearer: int) -> dict[str, int]:
+    """The same of a sealed radio, whose table of senders is as long as it may be to the one who is heard."""
+    entry, ours, table, told = machine.keep(bytes(2100)), machine.keep(bytes(2048)), machine.keep(bytes(2048)), {}
+    # As many places as there are are taken but the last; src is the last field of each 24 bytes.
+    others = b"".join(bytes(20) + struct.pack("<HH", 100 + n, 0) for n in range(63))
+    machine.write(table, others)
+    for words, frame, at, times in (("27 B", bytes(27), 2000, 20), ("audit of 2000 B", b"\x80" + bytes(1999), 3000, 5)):
+        most = {"sendSealed": 0, "recvSealed": 0}
+        for now in range(at, at + times):
+            code, sent = machine.call("phx_sealed_send", ours, sender, now, frame, len(frame), entry)
+            said = machine.read(entry + 7, code - 7)
+            taken, heard = machine.call("phx_sealed_recv", table, hearer, now, said, len(said), entry)
+            assert min(code, taken) > 0, f"a sealed frame was refused: {code}, {taken}"
+            most = {"sendSealed": max(most["sendSealed"], sent), "recvSealed": max(most["recvSealed"], heard)}
+        told |= {f"{name}, {words}": count for name, count in most.items()}
     return told
 
 

@@ -56,6 +56,13 @@ A_NODE = (
     Call("actuatorCmd", 4.0, 19, 45, 1.1, 0.44),
     Call("issueToken", 2.50, 54, 8, 21.0, 5.25),
 )
+# Of a radio that is sealed, in place of the four above; the seal goes over the bus as well.
+SEALED = (
+    Call("sendSealed, 27 B", 3.17, 27, 75, 1.1, 0.35),
+    Call("sendSealed, audit of 2000 B", 0.25, 2000, 2014, 20.1, 0.50),
+    Call("recvSealed, 27 B", 9.17, 41, 34, 1.1, 1.01),
+    Call("recvSealed, audit of 2000 B", 2.50, 2014, 2000, 20.1, 5.03),
+)
 S_NODE = (
     Call("pollSensors", 4.0, 27, 34, 1.1, 0.44),
     Call("makeAuthenticator", 0.25, 8, 30, 12.0, 0.30),
@@ -65,36 +72,48 @@ S_NODE = (
 
 @dataclass(frozen=True, slots=True)
 class Loads:
-    """One of the two tables. Its cases are its calls, and are the same however often they are asked for."""
+    """One of the two tables. Its cases are its calls, and are the same however often they are asked for.
+
+    Attributes:
+        sealed: of the same node with a sealed radio, instead of its radio's calls; the paper's are of a plain one.
+    """
 
     calls: tuple[Call, ...]
+    sealed: tuple[Call, ...] = ()
     COLUMNS: ClassVar[tuple[str, ...]] = ("per_s", "bus_ms", "cortex_m3", "mips32", "paper_ms", "paper_pct")
 
     def cases(self, _seeds: int) -> list[str]:
         """Names, without commas."""
-        return [call.name.replace(",", "") for call in self.calls]
+        return [call.name.replace(",", "") for call in self._rows]
+
+    @property
+    def _rows(self) -> tuple[Call, ...]:
+        return self.calls + self.sealed
 
     def measure_case(self, case: str, tell: Callable[[float], None]) -> Rows:
         """One call."""
-        call = self.calls[self.cases(1).index(case)]
+        call = self._rows[self.cases(1).index(case)]
         tell(1.0)
         counted = (instructions(target, "calls", call.name) for target in TARGETS)
         return np.array([(call.per_s, call.bus_ms, *counted, call.paper_ms, call.paper_pct)])
 
     def loads_pct(self, table: Table, target: str) -> Rows:
-        """(calls,), share of the time for which each call keeps the node busy."""
+        """(calls and sealed,), share of the time for which each call keeps the node busy."""
         columns = {name: np.array([table.column(case, name)[0] for case in self.cases(1)]) for name in self.COLUMNS}
         ms = milliseconds(1.0) * columns[target.replace("-", "_")] + columns["bus_ms"]
         load: Rows = columns["per_s"] * ms / 10
         return load
 
     def compare(self, table: Table) -> list[Statement]:
-        """Each call, and all of them."""
+        """Each call, and all of them; with a sealed radio, if there is one, beside the same of the paper."""
         pct = {words: self.loads_pct(table, target) for target, words in TARGETS.items()}
-        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self.calls)]
-        rows.append(
-            ("all", round(sum(call.paper_pct for call in self.calls), 2), [each.sum() for each in pct.values()])
-        )
+        rows = [(call.name, call.paper_pct, [each[k] for each in pct.values()]) for k, call in enumerate(self._rows)]
+        n, paper_all = len(self.calls), round(sum(call.paper_pct for call in self.calls), 2)
+        plain = [k for k, call in enumerate(self.calls) if "Wireless" not in call.name]
+        if self.sealed:
+            with_seals = [each[plain].sum() + each[n:].sum() for each in pct.values()]
+            rows.append(("all, radio sealed", paper_all, with_seals))
+        rows.append(("all", paper_all, [each[:n].sum() for each in pct.values()]))
         return [
             Statement(
                 what=f"{name}, % of the time",
@@ -109,16 +128,16 @@ class Loads:
     def draw(self, table: Table, picture: Picture) -> None:
         """Bars, and the paper's hollow."""
         axes = picture.subplots()
-        at = np.arange(len(self.calls))
+        at = np.arange(len(self._rows))
         for shift, colour, (target, words) in zip((-0.2, 0.2), (BLUE, VERMILION), TARGETS.items(), strict=True):
             axes.barh(at + shift, self.loads_pct(table, target), 0.35, color=colour, label=words)
-        paper = [call.paper_pct for call in self.calls]
+        paper = [call.paper_pct for call in self._rows]
         axes.plot(paper, at, "o", mfc="none", mec="black", label="paper's PIC32MX")
         axes.set(xlabel="load (% of the time)", yticks=at)
-        axes.set_yticklabels([call.name for call in self.calls])
+        axes.set_yticklabels([call.name for call in self._rows])
         axes.invert_yaxis()
         axes.legend(fontsize=8)
 
 
-TABLE1 = Loads(A_NODE)
+TABLE1 = Loads(A_NODE, SEALED)
 TABLE2 = Loads(S_NODE)
