@@ -73,6 +73,10 @@ class Hardware(Protocol):
 class Base(Hardware, Protocol):
     """Hardware that brings its planner along, and tells others of the robot."""
 
+    async def ready(self) -> None:
+        """Its sensors tell something; that may take as long as it takes."""
+        ...
+
     def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
         """Who advises the guard."""
         ...

@@ -131,6 +131,8 @@ async def run_robot(
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits, controller)
+        if base:
+            await base.ready()
         hardware.begin()
         start(node, sealed)
         life.begin()

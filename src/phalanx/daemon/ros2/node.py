@@ -6,7 +6,10 @@ their own and leave what they got in one attribute each; the daemon takes it fro
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import logging
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -28,6 +31,8 @@ from phalanx.sim.scenarios.scenario import GUARD, Scenario
 from .ahead import Pair, Place, point_of, twist_of, velocity_of, yaw_of
 from .diagnostics import WORD, told_of
 
+log = logging.getLogger(__name__)
+
 NAME = "phalanx_guard"
 DEFAULTS = {
     "cmd_vel_in_topic": "cmd_vel_raw",
@@ -42,7 +47,7 @@ DEFAULTS = {
     "source_timeout": 0.5,
     "enable_stamped_cmd_vel": False,
 }
-ODOM_TIMEOUT_S = 60.0
+PATIENCE_S = 5.0
 FARTHEST_M = 1e6  # what a guard takes for a reading
 
 
@@ -146,14 +151,18 @@ class RosBase:
 
     # --- what the daemon asks -----------------------------------------------------------------------------------------
 
-    def begin(self) -> None:
-        """See `Hardware`; from now on the robot is told something. Raises: Unavailable: no odometry."""
+    async def ready(self) -> None:
+        """See `Base`: odometry comes. From now on the robot is told something, at first to stand."""
         self._node.create_timer(1.0 / self._said["smoothing_frequency"], self._move)
-        until_s = time.monotonic() + ODOM_TIMEOUT_S
+        tell_s = time.monotonic() + PATIENCE_S
         while self._known() is None:
-            if time.monotonic() > until_s:
-                raise self._no_odometry()
-            time.sleep(0.05)
+            if time.monotonic() > tell_s:
+                log.warning("robot %d waits: %s", self._id, self._no_odometry())
+                tell_s = math.inf
+            await asyncio.sleep(0.05)
+
+    def begin(self) -> None:
+        """See `Hardware`."""
 
     def _no_odometry(self) -> Unavailable:
         topic = self._node.resolve_topic_name(self._said["odom_topic"])
