@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from conftest import eventually
 from phalanx.io.guard import IN_LINE, PATIENCE, WAITING_IN_ALL_BYTES, House
 from phalanx.io.heads import Standing
+from phalanx.io.heard import Heard
 from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats
+from phalanx.io.server import Server
 from phalanx.io.turns import SHARE, Turns
 from phalanx.io.visitor import LATE_S, READ_BYTES, Visitor
 from phalanx.io.websocket import frame_head
@@ -178,8 +180,9 @@ class TestAPace:
         assert flood._transport.aborted == 1, "nobody has so much to say"
         assert not other._transport.aborted
 
-    async def test_what_waited_here_is_dropped_and_what_waited_for_us_is_not(self):
-        other, heard = visitor_of(House("", 100))
+    async def test_what_waited_here_is_dropped_and_counted_and_what_waited_for_us_is_not(self, tmp_path):
+        told = Heard(tmp_path / "heard")
+        other, heard = visitor_of(House("", 100, told))
         await turns_of_the_loop(2)
         heard.written.clear()
         time.sleep(1.1 * LATE_S)
@@ -192,6 +195,7 @@ class TestAPace:
         other.go_on()
         await turns_of_the_loop(2)
         assert heard.written == [PUBLISHED, subscribe(b"x")], "the second is late; a subscription is not a command"
+        assert Server(heard=told).rejected == {"overrun": 1}
         other.hear(PUBLISHED)
         await turns_of_the_loop(2)
         assert heard.written[2:] == [PUBLISHED]

@@ -53,7 +53,7 @@ class House(Seats[Visitor]):
         self.broker = broker
         self.buffer = memoryview(bytearray(READ_BYTES))
         self.questions: Questions[Visitor] = Questions(heard)
-        self._pace = HousePace(heard)
+        self._heard, self._pace = heard, HousePace(heard)
         self.waiting_bytes = 0
         self._turns: Turns[Visitor] = Turns()
         self._line: Turns[Visitor] = Turns()
@@ -87,6 +87,11 @@ class House(Seats[Visitor]):
     def passes_on(self, words: int) -> None:
         """So much of what somebody says in its turn."""
         self._pace.said(self._turns.passed_on(words))
+
+    def drops(self) -> None:
+        """What somebody said comes too late: whoever watches the gateway sees how much."""
+        if self._heard:
+            self._heard.drop()
 
     def passes_aside(self, words: int) -> None:
         """So much of what was held aside, in nobody's turn."""

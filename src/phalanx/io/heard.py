@@ -2,8 +2,8 @@
 
 What a machine can do, and what else it does meanwhile, is no constant.
 
-Three numbers that both processes have in memory. Each is written at once, and one that is a moment older than another
-harms nothing.
+Numbers that both processes have in memory: three that the gateway writes, and how much the guard has dropped. Each is
+written at once, and one that is a moment older than another harms nothing.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from __future__ import annotations
 import mmap
 from pathlib import Path
 
-NUMBERS = 3
+NUMBERS = 4
 EACH_BYTES = 8
-TOLD_S, UNREAD_S, QUESTIONS = range(NUMBERS)
+TOLD_S, UNREAD_S, QUESTIONS, DROPPED = range(NUMBERS)
 TELL_S = 0.05
 
 
@@ -44,6 +44,15 @@ class Heard:
         if not self._numbers[TOLD_S]:
             return 0.0
         return max(0.0, now_s - min(self._numbers[UNREAD_S], self._numbers[TOLD_S]) - TELL_S)
+
+    def drop(self) -> None:
+        """The guard has dropped a message that came too late to be passed on."""
+        self._numbers[DROPPED] += 1
+
+    @property
+    def dropped(self) -> int:
+        """How many it has dropped so far."""
+        return int(self._numbers[DROPPED])
 
     @property
     def told_at_s(self) -> float:

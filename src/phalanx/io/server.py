@@ -134,8 +134,8 @@ class Server:
 
     @property
     def rejected(self) -> Counter[str]:
-        """Refused messages by reason."""
-        return self._side.rejected
+        """Refused messages by reason; what the guard dropped, as we were behind, was an overrun."""
+        return self._side.rejected + Counter(overrun=self._heard.dropped if self._heard else 0)
 
     @property
     def connected(self) -> bool:

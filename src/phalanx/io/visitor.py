@@ -219,6 +219,7 @@ class Visitor(asyncio.BufferedProtocol):
                 self._house.questions.hold(self, packet)
                 return False
             if self.is_behind(now_s):
+                self._house.drops()
                 return False
             self._house.passes_on(words)
         elif kind == PINGREQ:
