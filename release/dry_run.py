@@ -103,7 +103,7 @@ def look_into(wheel: Path, sdist: Path) -> None:
     with ZipFile(wheel) as archive:
         names = archive.namelist()
         inside = {name: archive.read(name) for name in names}
-    for page in ("visitor", "operator"):
+    for page in ("visitor", "operator", "viewer"):
         check(f"phalanx/gateway/pages/{page}/index.html" in inside, f"the {page}'s page is inside")
     bill = next((name for name in names if name.endswith(".dist-info/sboms/phalanx-swarm.cdx.json")), "")
     check(bool(bill) and len(json.loads(inside[bill])["components"]) > 50, "its bill of materials is inside")

@@ -20,7 +20,7 @@ def make_pages() -> None:
 
     Raises: SystemExit: they cannot be made; with a line that says why.
     """
-    there = all((PAGES / page / "index.html").is_file() for page in ("visitor", "operator"))
+    there = all((PAGES / page / "index.html").is_file() for page in ("visitor", "operator", "viewer"))
     from_sdist = (ROOT / "PKG-INFO").is_file()
     if there and (from_sdist or _is_newer(MADE, _sources())):
         return

@@ -189,7 +189,9 @@ def read_by_pages(text: str) -> list[str]:
 
 def test_pages_take_offsets_from_what_is_made_of_the_table():
     web = SRC.parent.parent / "web"
-    pages = [path for folder in ("client", "map", "visitor", "operator") for path in (web / folder).rglob("*.ts*")]
+    pages = [
+        path for folder in ("client", "map", "visitor", "operator", "viewer") for path in (web / folder).rglob("*.ts*")
+    ]
     assert any("getUint16(" in path.read_text() for path in pages)
     assert not [f"{path.name}: {place}" for path in pages for place in read_by_pages(path.read_text())]
     assert read_by_pages("x: left + step * record.getUint16(at + 2, true),") == ["at + 2"]

@@ -74,7 +74,9 @@ def colour(entity):
 def test_the_file_says_what_was_run_and_is_whole(recorded):
     path, steps, _ = recorded
     found, metadata, counts = read(path)
-    assert metadata == [("scenario", {"name": "small", "seed": "5", "defence": "bound"})]
+    about = {"name": "small", "seed": "5", "defence": "bound"}
+    about |= {"duration_s": "17.1", "tokens_needed": "4", "t_val_ms": "10000"}
+    assert metadata == [("scenario", about)]
     assert {topic: len(messages) for topic, messages in found.items()} == counts
     assert len(steps) == math.ceil(SCENARIO.duration_s / STEP_S) + 1
     assert steps[-1][0] == SCENARIO.duration_s

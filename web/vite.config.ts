@@ -4,7 +4,7 @@
 import react from "@vitejs/plugin-react";
 import { defineConfig } from "vite";
 
-const PAGES = ["visitor", "operator"];
+const PAGES = ["visitor", "operator", "viewer"];
 
 export default defineConfig(() => {
   const page = process.env["PAGE"] ?? "visitor";

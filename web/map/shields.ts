@@ -10,7 +10,7 @@ const TOP = -TURN / 4;
 const GAP = 0.22;
 const PASSED_FOR_MS = 500;
 /** Longer: it is rare, and what people should see. */
-const REFUSED_FOR_MS = 1600;
+export const REFUSED_FOR_MS = 1600;
 /** From so many lines at a time on, those that say that all is well are thin. */
 const MANY_LINES = 12;
 

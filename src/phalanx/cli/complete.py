@@ -47,6 +47,7 @@ def _classes(path: Path) -> list[str]:
 
 
 a_scenario = offer(lambda: built_in("scenarios"), ".yaml", ".yml")
+a_scenario_or_recording = offer(lambda: built_in("scenarios"), ".yaml", ".yml", ".mcap")
 a_map = offer(lambda: built_in("maps"), ".yaml", ".yml")
 a_mission = offer(lambda: built_in("missions"), ".yaml", ".yml")
 a_mission_or_encoded = offer(lambda: built_in("missions"), ".yaml", ".yml", ".phxm")

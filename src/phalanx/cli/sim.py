@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from phalanx.errors import UsageError
+from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.planner import MakePlanner
 from phalanx.sim.scenarios.cautions import cautions
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
@@ -42,29 +45,35 @@ def changed(scenario: Scenario, said: dict[str, Any], **more: Any) -> Scenario:
         raise UsageError(said_as, error.hint) from error
 
 
-def run(
-    scenario: str,
-    defence: Any,
-    attacks: tuple[str, ...],
-    controller: str | None,
-    planner: str | None,
-    record: Path | None,
-    plain: bool,
-    as_json: bool,
-    **said: Any,
-) -> int:
-    """Runs a scenario and sums it up on stdout."""
-    before = _written(record)
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What is to run: a scenario, a researcher's own controller and planner or None, and the files of these."""
+
+    scenario: Scenario
+    controller: Callable[[int], Controller] | None
+    planner: MakePlanner | None
+    files: tuple[str | None, ...]
+
+
+def choose(
+    scenario: str, defence: Any, attacks: tuple[str, ...], controller: str | None, planner: str | None, **said: Any
+) -> Chosen:
+    """What `chosen_options` said. Raises: UsageError, Unavailable: as for what each names."""
     with said_aside():
         liars = find_attacks(attacks) if attacks else None
-        chosen, own = find_controller(
-            controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars)
-        )
-        advises = find_planner(planner)
-    warn(chosen)
+        found, own = find_controller(controller, changed(find_scenario(scenario), said, defence=defence, attacks=liars))
+        return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
+
+
+def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: Any) -> int:
+    """Runs a scenario and sums it up on stdout."""
+    before = _written(record)
+    chosen = choose(scenario, **said)
+    warn(chosen.scenario)
+    tell = progress(chosen.scenario.duration_s)
     try:
-        with said_aside(), mistakes_in(controller, planner, *attacks):
-            ended = play(chosen, record, progress(chosen.duration_s), own, planner=advises, plain=plain)
+        with said_aside(), mistakes_in(*chosen.files):
+            ended = play(chosen.scenario, record, tell, chosen.controller, planner=chosen.planner, plain=plain)
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)
@@ -73,9 +82,10 @@ def run(
     if as_json:
         print_json(ended.summary())
     else:
-        show(chosen, ended.summary(), knows_goal=own is None and chosen.controller not in PROTOCOLS)
-    if own and ended.summary()["correct_in_safe_mode"]:
-        click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {controller}", err=True)
+        knows_goal = chosen.controller is None and chosen.scenario.controller not in PROTOCOLS
+        show(chosen.scenario, ended.summary(), knows_goal=knows_goal)
+    if chosen.controller and ended.summary()["correct_in_safe_mode"]:
+        click.echo(f"phalanx: hint: honest robots were stopped: phalanx sim check {chosen.files[0]}", err=True)
     if record:
         click.echo(f"recorded: {record}", err=True)
     return 0

@@ -16,10 +16,9 @@ from typing import Any, TypeVar
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
-from phalanx.io.ports import LOOPBACK
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
-from .site import COMMON_HEADERS, PAGES, Handler, Site
+from .site import COMMON_HEADERS, PAGES, Handler, LoopbackSite, Site
 
 VISITORS, OPERATORS = 1000, 200  # connections
 FRAMES_WAITING = 100
@@ -36,9 +35,9 @@ VISITOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data:; connect-src ws: wss:"
 OPERATOR_POLICY = f"{_BASE_POLICY}; img-src 'self' data: blob:; connect-src 'self'"
 
 
-def pages_are_built() -> bool:
-    """Whether the pages were built from web/ (they are not in git)."""
-    return all((PAGES / page / "index.html").is_file() for page in ("visitor", "operator"))
+def pages_are_built(*pages: str) -> bool:
+    """Whether these pages, or those of a gateway, were built from web/ (they are not in git)."""
+    return all((PAGES / page / "index.html").is_file() for page in pages or ("visitor", "operator"))
 
 
 class VisitorPages(Site):
@@ -48,7 +47,7 @@ class VisitorPages(Site):
         super().__init__("visitor", VISITOR_POLICY, host, port, connections=VISITORS)
 
 
-class OperatorPages(Site):
+class OperatorPages(LoopbackSite):
     """The operator's page, on loopback, and its data for whoever has the token, as `Authorization: Bearer`.
 
     Each answer calls `state`; `compromise` has a robot of this address run an attack of this name, or raises Unknown.
@@ -85,7 +84,7 @@ class OperatorPages(Site):
         self._asked_at_s = 0.0
         # As JSON a text may be twice as long as it is.
         longest = 2 * TEXT_MAX_BYTES + 1024 if desk else 4096
-        super().__init__("operator", OPERATOR_POLICY, LOOPBACK, port, connections=OPERATORS, longest=longest)
+        super().__init__("operator", OPERATOR_POLICY, port, connections=OPERATORS, longest=longest)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/healthz", self._tell_health)
@@ -101,13 +100,6 @@ class OperatorPages(Site):
             self.app.router.add_get("/api/mission/job", self._tell_job)
             for name, act in (("read", self._read), ("compile", self._compile), ("send", self._send)):
                 self.app.router.add_post(f"/api/mission/{name}", self._asked_with(act))
-
-    def refuse(self, request: web.Request) -> web.Response | None:
-        """Refuse a host name that is not ours: a foreign page that rebinds its name to loopback sends its own."""
-        name = request.host.rsplit(":", 1)[0]
-        if name not in (LOOPBACK, "localhost"):
-            return web.json_response({"error": "this page is for this machine only"}, status=403)
-        return None
 
     async def _tell_state(self, request: web.Request) -> web.Response:
         return self._stranger(request) or _answer(await self._at_the_gateway(_soon(self._state)))

@@ -22,7 +22,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from phalanx.errors import Unavailable
 from phalanx.io.files import a_share
-from phalanx.io.ports import PortTaken
+from phalanx.io.ports import LOOPBACK, PortTaken
 from phalanx.io.seats import Seats, place_of
 
 PAGES = Path(__file__).parent / "pages"
@@ -142,6 +142,19 @@ class Site:
     def _connection(self) -> _Connection:
         assert self._runner.server is not None
         return _Connection(self._runner.server(), self._seats, self._by_handler, self._longest)
+
+
+class LoopbackSite(Site):
+    """A page for people at this machine alone."""
+
+    def __init__(self, page: str, policy: str, port: int, **limits: int) -> None:
+        super().__init__(page, policy, LOOPBACK, port, **limits)
+
+    def refuse(self, request: web.Request) -> web.Response | None:
+        """Refuse a host name that is not ours: a foreign page that rebinds its name to loopback sends its own."""
+        if request.host.rsplit(":", 1)[0] not in (LOOPBACK, "localhost"):
+            return web.json_response({"error": "this page is for this machine only"}, status=403)
+        return None
 
 
 class _Connection(asyncio.Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from phalanx.cli.complete import a_controller, a_scenario, an_attack_by_robots
+from phalanx.cli.complete import a_controller, a_scenario, a_scenario_or_recording, an_attack_by_robots
 from phalanx.cli.options import (
     controller_option,
     defence_option,
@@ -13,10 +13,27 @@ from phalanx.cli.options import (
     planner_option,
     record_option,
     swarm_options,
+    together,
 )
 from phalanx.sim.scenarios.scenario import CONTROLLERS
 
 from .runs import runs
+
+# What runs, and what is changed of it.
+chosen_options = together(
+    swarm_options,
+    defence_option(help="none, the paper's as printed, or ours."),
+    option(
+        "--attack",
+        "attacks",
+        help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
+        multiple=True,
+        shell_complete=an_attack_by_robots,
+        metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
+    ),
+    controller_option,
+    planner_option,
+)
 
 
 @click.group(epilog="Example: phalanx sim run bti-fig9 --record fig9.mcap")
@@ -29,18 +46,7 @@ def sim() -> None:
     "docs/scenarios.md says what a file may hold"
 )
 @click.argument("scenario", shell_complete=a_scenario)
-@swarm_options
-@defence_option(help="none, the paper's as printed, or ours.")
-@option(
-    "--attack",
-    "attacks",
-    help="Instead of the scenario's own; again for a further robot; none for nobody who lies.",
-    multiple=True,
-    shell_complete=an_attack_by_robots,
-    metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
-)
-@controller_option
-@planner_option
+@chosen_options
 @record_option
 @option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
 @json_option
@@ -49,6 +55,20 @@ def run() -> None:
     """Run SCENARIO, a built-in one's name or a YAML file, and sum it up.
 
     The same scenario and seed give the same digest.
+    """
+
+
+@sim.command(epilog="Examples: phalanx sim view bti-fig9; phalanx sim view fig9.mcap --port 8090")
+@click.argument("source", metavar="FILE.mcap|SCENARIO", shell_complete=a_scenario_or_recording)
+@chosen_options
+@option(
+    "--port", help="Of the page, on this machine alone; 0 is any free one.", type=click.IntRange(0, 65535), default=0
+)
+@runs("view", "view")
+def view() -> None:
+    """Play a recording on a page, or SCENARIO as it runs: map, shields, tokens, refusals; pause, scrub, speed.
+
+    It prints the page's address and serves it to this machine until Ctrl-C. Missions' recordings are played too.
     """
 
 

@@ -80,10 +80,15 @@ class Recording(Recorder):
     def _begin(self) -> None:
         schema = json.dumps(SHIELDS_SCHEMA).encode()
         self._channel("/shields", "json", str(SHIELDS_SCHEMA["title"]), "jsonschema", schema)
-        scenario = self._scenario
-        words = {"name": scenario.name, "seed": scenario.seed, "defence": scenario.defence}
-        self._writer.add_metadata("scenario", {key: str(value) for key, value in words.items()})
+        self._writer.add_metadata("scenario", self.about())
         self.put("/scene", 0, self._ground())
+
+    def about(self) -> dict[str, str]:
+        """What the file says of the whole run."""
+        scenario, bti = self._scenario, self._scenario.bti
+        words = {"name": scenario.name, "seed": scenario.seed, "defence": scenario.defence}
+        words |= {"duration_s": scenario.duration_s, "tokens_needed": bti.tokens_needed, "t_val_ms": bti.t_val_ms}
+        return {key: str(value) for key, value in words.items()}
 
     def write(self, run: Run, verdicts: list[tuple[float, int, int, Refusal]]) -> None:
         """The run as it is now, and the verdicts since the last time. Raises: Unavailable: the disk is full."""

@@ -1,0 +1,91 @@
+// Plays a run: it is asked for until it has ended, and shown as it was at the moment that is played.
+
+import type { SwarmSource, SwarmView } from "../client";
+import { type Line, Run } from "./run";
+
+const TICK_MS = 50;
+const AGAIN_MS = 1000;
+export const SPEEDS = [0.25, 0.5, 1, 2, 4, 8, 16, 32] as const;
+
+/** What the controls show. */
+export interface Moment {
+  readonly t_s: number;
+  readonly playing: boolean;
+  readonly speed: number;
+  readonly away: boolean;
+}
+
+export class Player implements SwarmSource {
+  readonly run = new Run();
+  readonly #listeners = new Set<() => void>();
+  #moment: Moment;
+  #view: SwarmView = { swarm: this.run.swarmAt(0, 1, 0), health: { state: "connecting", broker: "away" } };
+  #before_ms = performance.now();
+
+  /** `paused`: who wants no motion begins it. */
+  constructor(paused: boolean) {
+    this.#moment = { t_s: 0, playing: !paused, speed: 1, away: false };
+    setInterval(() => this.#tick(), TICK_MS);
+    void this.#load();
+  }
+
+  get view(): SwarmView {
+    return this.#view;
+  }
+
+  get moment(): Moment {
+    return this.#moment;
+  }
+
+  readonly subscribe = (listener: () => void): (() => void) => {
+    this.#listeners.add(listener);
+    return () => this.#listeners.delete(listener);
+  };
+
+  change(to: Partial<Moment>): void {
+    this.#moment = { ...this.#moment, ...to };
+    this.#show();
+  }
+
+  /** From the start, if it is at its end. */
+  toggle(): void {
+    const { t_s, playing } = this.#moment;
+    this.change({ playing: !playing, ...(!playing && t_s >= this.run.end_s && { t_s: 0 }) });
+  }
+
+  #tick(): void {
+    const now_ms = performance.now();
+    const passed_s = (now_ms - this.#before_ms) / 1000;
+    this.#before_ms = now_ms;
+    const { t_s, playing, speed } = this.#moment;
+    if (playing) {
+      const t = Math.min(t_s + passed_s * speed, this.run.end_s);
+      this.#moment = { ...this.#moment, t_s: t, playing: !(this.run.ended && t >= this.run.end_s) };
+    }
+    // Also while it stands: the map lets tokens run out by the clock.
+    this.#show();
+  }
+
+  #show(): void {
+    const { t_s, speed } = this.#moment;
+    this.#view = { swarm: this.run.swarmAt(t_s, speed, performance.now()), health: { state: "live" } };
+    for (const listener of this.#listeners) listener();
+  }
+
+  async #load(): Promise<void> {
+    let had = 0;
+    while (!this.run.ended) {
+      try {
+        const answer = await fetch(`/api/run?from=${had}`, { cache: "no-store" });
+        if (!answer.ok) throw new Error(answer.statusText);
+        const lines = (await answer.text()).split("\n").slice(0, -1);
+        this.run.add(lines.map((line) => JSON.parse(line) as Line));
+        had += lines.length;
+        if (this.#moment.away) this.change({ away: false });
+      } catch {
+        this.change({ away: true });
+        await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+      }
+    }
+  }
+}
