@@ -56,6 +56,11 @@ class ProtocolWorld:
                             self.robot(other).on_recv(t_ms + 1, frame)
             yield step
 
+    def live(self, seconds: float) -> None:
+        """Goes on."""
+        for _ in self.steps(seconds):
+            pass
+
     def _act(self, rob_id: int, step: int, t_ms: int) -> list[bytes]:
         place, pace = self.place_m[rob_id], self.pace_mps[rob_id]
         seen = self.stage.look(rob_id, step * CONTROL_S, tuple(place), lies=False)

@@ -18,6 +18,7 @@ from phalanx.robot.attacks import IN_PROTOCOLS
 from phalanx.robot.controllers.places import PLACES
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor
+from phalanx.robot.controllers.sightings import SightController
 from phalanx.sim.determinism.check import check_controller
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.run import Run
@@ -62,7 +63,7 @@ def test_it_goes_on_from_each_checkpoint_with_the_same_bytes(name):
     straight, relayed = (ProtocolWorld(name, task_of(name, ROBOTS)) for _ in range(2))
     relayed.relayed = True
     for world in (straight, relayed):
-        assert all(True for _ in world.steps(12.0))
+        world.live(12.0)
     assert straight.said == relayed.said
     assert len(straight.said) > 12.0 / 0.25 * ROBOTS
 
@@ -75,7 +76,8 @@ def test_whatever_a_frame_or_a_checkpoint_holds_nothing_raises_but_what_may(name
     heads = st.sampled_from(
         [robot.encode()[:1], b"\x01", *(bytes([each.tag]) for each in protocols.RECORDS if each.tag)]
     )
-    sizes = st.sampled_from([26, *(record.size - 1 for record in (*protocols.RECORDS, table.STATE))])
+    longer = [table.SENSOR.size + protocols.SEEN.size - 1]
+    sizes = st.sampled_from([26, *longer, *(record.size - 1 for record in (*protocols.RECORDS, table.STATE))])
     for _ in range(5):
         frame = data.draw(heads) + data.draw(sizes.flatmap(lambda n: st.binary(min_size=n, max_size=n)))
         robot.on_recv(2000, frame)
@@ -104,6 +106,16 @@ def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
 def test_a_lie_is_of_one_protocol():
     with pytest.raises(UsageError, match="hog-cells says nothing that robots of flock hear"):
         Scenario(attacks=(AttackSpec(name="hog-cells"),))
+
+
+@pytest.mark.parametrize("name", ["gps-spoof", "alter-entries"])
+def test_attacks_on_readings_take_those_that_see_more(name):
+    run = run_of(small("tracking", AttackSpec(name=name, at_s=2.0, robot=2)))
+    liar = run.robots[1]
+    aside_m = (liar.me.x_m, liar.me.y_m) - run.positions_m[1]
+    drawn_m = 5.0 * 11.0 if name == "gps-spoof" else 0.0  # 5 m/s along each axis
+    assert aside_m.tolist() == pytest.approx([drawn_m, -drawn_m], abs=6.0)
+    assert run.in_safe_mode.tolist() == [False, name != "gps-spoof", False, False, False]
 
 
 @pytest.mark.long
@@ -168,7 +180,7 @@ def test_no_two_robots_are_in_one_cell_whatever_is_lost_but_four_times_running(s
 def test_what_is_fetched_and_brought_is_counted_and_not_of_who_lies():
     task = task_of("warehouse", ROBOTS)
     world = ProtocolWorld("warehouse", task)
-    assert all(True for _ in world.steps(90.0))
+    world.live(90.0)
     legs = {rob_id: robot.done for rob_id, robot in world.robots.items()}
     assert world.stage.score(()) == pytest.approx(sum(each // 2 for each in legs.values()), abs=ROBOTS)
     assert world.stage.score(()) >= ROBOTS
@@ -184,7 +196,7 @@ def test_what_is_fetched_and_brought_is_counted_and_not_of_who_lies():
 
 def test_no_place_is_missed_and_few_are_seen_twice():
     world = ProtocolWorld("exploration", task_of("exploration", ROBOTS))
-    assert all(True for _ in world.steps(120.0))
+    world.live(120.0)
     assert world.stage.score(()) == 100.0
     assert world.stage.score((1,)) < 100.0
     assert {world.robots[1].last_visit_ms(121_000, place) > 0 for place in PLACES} == {True}
@@ -208,7 +220,7 @@ def test_who_falls_silent_is_doubted_in_what_it_said_shortly_before():
 
 def test_a_patrol_watches_most_places_most_of_the_time():
     world = ProtocolWorld("patrol", task_of("patrol", 6))
-    assert all(True for _ in world.steps(90.0))
+    world.live(90.0)
     assert world.stage.score(()) > 70.0
     assert world.stage.score(world.ids) == 0.0
     assert all(visits for visits in world.stage.visits)
@@ -222,3 +234,101 @@ def test_of_two_who_go_to_one_place_one_goes_elsewhere(name):
         held = [robot.holds for robot in world.robots.values() if robot.holds != protocols.NOWHERE]
         both += len(held) - len(set(held))
     assert both <= 6 * 6  # steps, from when they choose to when they hear of it
+
+
+# --- perimeter, tracking ------------------------------------------------------------------------------------------
+
+
+def tracker(rob_id: int, *things: tuple[int, int, float, float]) -> SightController:
+    """A robot that was told by others of things: id, time ms, and where the one thing is."""
+    robot = ProtocolWorld("tracking", task_of("tracking", 9)).make(rob_id)
+    for other, t_ms, x_m, y_m in things:
+        robot.on_recv(t_ms, protocols.SIGHTING.encode(id=other, t=t_ms, number=0, x_m=x_m, y_m=y_m))
+    return robot
+
+
+def drive(
+    robot: SightController, t_ms: int, seen: tuple[int, float, float] = (protocols.NOWHERE, 0.0, 0.0)
+) -> list[bytes]:
+    """What it puts out at its post, when it is its turn."""
+    at_m = robot.task.starts_m[robot.rob_id - 1]
+    reading = table.SENSOR.form.pack(table.KIND_SENSOR, robot.rob_id, t_ms, *at_m, 0.0, 0.0)
+    told = robot.on_input(robot.task.state_every - robot.rob_id, t_ms, reading + protocols.SEEN.form.pack(*seen))
+    return [each.payload for each in told]
+
+
+def test_the_latest_word_counts_of_two_the_own_and_none_for_long():
+    robot = tracker(1, (2, 5000, 1.0, 2.0), (3, 5500, 3.0, 4.0), (40, 5600, 5.0, 6.0))
+    drive(robot, 5600)
+    assert robot.things() == {0: (3.0, 4.0)}
+    frame = drive(robot, 5800, (0, 7.0, 8.0))[-1]
+    assert protocols.SIGHTING.decode(frame) == {"id": 1, "t": 5800, "number": 0, "x_m": 7.0, "y_m": 8.0}
+    robot.on_recv(5800, protocols.SIGHTING.encode(id=9, t=5800, number=0, x_m=0.0, y_m=0.0))
+    assert robot.things() == {0: (7.0, 8.0)}
+    drive(robot, 5800 + 2 * robot.period_ms)
+    assert robot.things() == {0: (7.0, 8.0)}
+    drive(robot, 5801 + 2 * robot.period_ms)
+    assert robot.things() == {}
+    assert robot.aim() == robot.task.starts_m[0]
+
+
+def test_of_each_robot_one_word_is_known():
+    robot = tracker(1)
+    for number in range(30):
+        robot.on_recv(5000, protocols.SIGHTING.encode(id=2, t=5000, number=number, x_m=9.0, y_m=9.0))
+    drive(robot, 5000)
+    assert list(robot.things()) == [29]
+
+
+def test_the_nearest_go_there_and_nobody_else():
+    goes = []
+    for rob_id in range(1, 10):
+        robot = tracker(rob_id, (9 if rob_id == 1 else 1, 5000, -1.0, -2.0))
+        robot.on_input(0, 5000, b"")  # makes no sense: nobody drives
+        for other in robot.others.values():
+            other.heard_ms = 5000
+        drive(robot, 5000)
+        goes += [rob_id] if robot.holds == 0 else []
+    assert goes == [1, 2, 4, 5]  # of a grid of three by three, around its first corner
+
+
+def test_two_catch_an_intruder_at_once_who_do_not_lie():
+    stage = find_protocol("perimeter").stage(task_of("perimeter", 12))
+    at_m = stage.things(6.0)[0]
+    stage.look(1, 6.0, at_m, lies=False)
+    stage.look(1, 6.1, at_m, lies=False)
+    stage.look(2, 6.2, at_m, lies=True)
+    stage.look(3, 6.7, at_m, lies=False)
+    assert list(stage.things(6.7)) == [0]
+    x_m, y_m = stage.things(6.8)[0]
+    assert protocols.SEEN.form.unpack(stage.look(2, 6.8, (x_m + 3.0, y_m), lies=False)) == (0, -3.0, 0.0)
+    assert list(stage.things(6.8)) == []
+    last_s = 29.0  # the first of all has had the time to get through by then
+    assert protocols.SEEN.form.unpack(stage.look(1, last_s, (500.0, 0.0), lies=False))[0] == protocols.NOWHERE
+    assert stage.score(()) == stage.score((2,)) == 100.0
+    assert stage.score((2, 3)) == 0.0
+
+
+def lied_to(name: str, robots: int, liar: int) -> tuple[float, float]:
+    """What comes of it in 60 s, and what with one who says that all is where the robot farthest from it is."""
+    scores = []
+    for lies in (False, True):
+        world = ProtocolWorld(name, task_of(name, robots))
+        for _ in world.steps(60.0):
+            seen = [said for each in world.robots.values() if (said := each.sighted[each.rob_id]).at_ms]
+            last = max(seen, key=lambda said: said.at_ms, default=None)
+            if lies and last:
+                far = max(world.place_m.values(), key=lambda at_m: math.dist(at_m, (last.x_m, last.y_m)))
+                said = {"id": liar, "t": 0, "number": last.number, "x_m": far[0], "y_m": far[1]}
+                for rob_id, robot in world.robots.items():
+                    if rob_id != liar:
+                        robot.on_recv(last.at_ms + 2, protocols.SIGHTING.encode(**said))
+        scores.append(world.stage.score((liar,) if lies else ()))
+    return scores[0], scores[1]
+
+
+@pytest.mark.parametrize(("name", "robots", "least"), [("perimeter", 12, 90.0), ("tracking", 9, 60.0)])
+def test_together_they_do_it_and_a_lie_undoes_it(name, robots, least):
+    honest, attacked = lied_to(name, robots, liar=3)
+    assert honest > least
+    assert attacked < honest - find_protocol(name).stage.bites_from

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from .record import Field, Record
 
-KIND_CLAIM = 0x0D
+KIND_CLAIM, KIND_SIGHTING = 0x0D, 0x0E
 NOWHERE = 0xFFFF  # instead of a place's number
 
 PLACES = (
@@ -41,4 +41,29 @@ VISIT = Record(
     (Field("at", "u64", "ms, a-node's clock; 0: never"), Field("id", "u16", "of the robot that says it was there")),
     "behind a `peer_memory`, of each place: who was there last",
 )
-RECORDS = (CLAIM, PEER, PEER_MEMORY, VISIT)
+SEEN = Record(
+    "seen",
+    (
+        Field("number", "u16", "of the nearest thing in sight; 0xFFFF: none"),
+        Field("dx_m", "f32", "from the robot to it"),
+        Field("dy_m", "f32", ""),
+    ),
+    "behind a `sensor` reading: what the robot sees beside itself",
+)
+THING = (
+    Field("number", "u16", "of a thing that moves; 0xFFFF: none"),
+    Field("x_m", "f32", "where it is"),
+    Field("y_m", "f32", ""),
+)
+SIGHTING = Record(
+    "sighting",
+    (Field("id", "u16", "robot id"), Field("t", "u64", "ms, a-node's clock"), *THING),
+    "broadcast behind a `claim`: what a robot sees",
+    KIND_SIGHTING,
+)
+SIGHTED = Record(
+    "sighted",
+    (Field("at", "u64", "ms, a-node's clock"), *THING),
+    "behind a `peer_memory`, of each robot by rising id: what it said last that it sees",
+)
+RECORDS = (CLAIM, PEER, PEER_MEMORY, VISIT, SEEN, SIGHTING, SIGHTED)

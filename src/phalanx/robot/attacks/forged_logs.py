@@ -37,10 +37,10 @@ class AlterEntries(Liar):
         n = self.poll(now_ms, reading)
         if n <= 0:
             return []
-        if len(reading) == SENSOR.size:
-            kind, rob_id, t, x_m, *rest = MOTION.unpack(self.entry(n))
+        if reading[0] == SENSOR.tag:
+            kind, rob_id, t, x_m, *rest = MOTION.unpack_from(self.entry(n))
             altered = MOTION.pack(kind, rob_id, t, x_m + ASIDE_M, *rest)
-            self.w.entry[ENTRY_HEAD_BYTES:n] = memoryview(altered)
+            self.w.entry[ENTRY_HEAD_BYTES : ENTRY_HEAD_BYTES + SENSOR.size] = memoryview(altered)
         self.record(n)
         return self.carry_out(now_ms, n)
 
@@ -70,8 +70,8 @@ class InsertEntries(Liar):
 
     def sensed(self, now_ms: int, reading: bytes) -> list[Action]:
         """An invented state before each reading: beside it on the side of the goal, coming nearer."""
-        if len(reading) == SENSOR.size:
-            _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack(reading)
+        if reading[0] == SENSOR.tag:
+            _, _, _, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
             nobody = max(self.plan.ids) + 1
             state = MOTION.pack(KIND_STATE, nobody, now_ms, x_m + 3.0, y_m, vx_mps - 5.0, vy_mps)
             self.believe(now_ms, state)

@@ -88,7 +88,7 @@ class Dawdle(Liar):
 
     def on_sensor(self, now_ms: int, reading: bytes) -> list[Action]:
         """The s-node has to wait, and then says where the robot is by then."""
-        if not self.lies(now_ms) or len(reading) != SENSOR.size or not self.POLLS_MS:
+        if not self.lies(now_ms) or reading[0] != SENSOR.tag or not self.POLLS_MS:
             return super().on_sensor(now_ms, reading)
         self._reading = now_ms, reading
         return []
@@ -96,11 +96,11 @@ class Dawdle(Liar):
     def _moved(self, now_ms: int, was_ms: int, reading: bytes) -> bytes:
         """The same reading, so much later: what the sensor would say."""
         dt = (now_ms - was_ms) / 1000
-        kind, rob_id, _, *motion = MOTION.unpack(reading)
+        kind, rob_id, _, *motion = MOTION.unpack_from(reading)
         x_m, y_m, vx_mps, vy_mps = motion
         ax, ay = self._told_mps2
         place = x_m + vx_mps * dt + ax * dt * dt / 2, y_m + vy_mps * dt + ay * dt * dt / 2
-        return MOTION.pack(kind, rob_id, now_ms, *place, vx_mps + ax * dt, vy_mps + ay * dt)
+        return MOTION.pack(kind, rob_id, now_ms, *place, vx_mps + ax * dt, vy_mps + ay * dt) + reading[SENSOR.size :]
 
     def act(self, now_ms: int, command: bytes) -> list[Action]:
         """What it was told to do last is remembered."""

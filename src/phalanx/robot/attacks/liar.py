@@ -117,7 +117,7 @@ class Liar(CNode):
         """A reading is due; what goes out is compared with what an honest robot would put out."""
         reading = self.read(now_ms, reading)
         self.sensed_ms = now_ms
-        self.me = Motion(*MOTION.unpack(reading)[3:]) if len(reading) == SENSOR.size else self.me
+        self.me = Motion(*MOTION.unpack_from(reading)[3:]) if reading[0] == SENSOR.tag else self.me
         told = self._honest.on_input(self._steps, now_ms, reading)
         due = checked_outputs(told, int(self.f.settings[0].frame_max), self._honest)
         self._steps += 1

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.peers import fields_of
 from phalanx.robot.controllers.places import PLACES
-from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE
+from phalanx.robot.controllers.python_controller import Act, Send
+from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SIGHTING
 
 from .attack import Scene
 from .liar import Liar
@@ -73,3 +75,28 @@ class ClaimVisits(ClaimArea):
     def places(self) -> range:
         """The upper half."""
         return PLACES[len(PLACES) // 2 :]
+
+
+class PointElsewhere(Pretender):
+    """Says of what was seen last that it is where the robot farthest from it is, and not what it sees."""
+
+    _seen: tuple[int, float, float] = 0, 0.0, 0.0  # until somebody has seen something
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """As an honest robot, and it is noted."""
+        if said := fields_of(SIGHTING, frame):
+            self._seen = said[3:]
+        return super().on_message(now_ms, frame)
+
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """All but what it sees."""
+        hides = self.lies(now_ms) and isinstance(output, Send) and fields_of(SIGHTING, output.payload)
+        return [] if hides else super().put_out(now_ms, output)
+
+    def on_wake(self, now_ms: int) -> list[Action]:
+        """Its own word is always the latest."""
+        if not self.seen:
+            return []
+        number, *at_m = self._seen
+        x, y = max(((each.x_m, each.y_m) for each in self.seen.values()), key=lambda place_m: math.dist(place_m, at_m))
+        return self.send(now_ms, SIGHTING.form.pack(KIND_SIGHTING, self.id, now_ms, number, x, y), EVERYBODY)

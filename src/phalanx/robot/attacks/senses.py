@@ -22,11 +22,12 @@ class SpoofGps(Liar):
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """The reading, drawn aside."""
-        if not self.lies(now_ms) or len(reading) != SENSOR.size:
+        if not self.lies(now_ms) or reading[0] != SENSOR.tag:
             return reading
         aside_m = DRIFT_MPS * (now_ms - self.plan.start_ms) / 1000
-        kind, rob_id, t, x_m, y_m, vx_mps, vy_mps = MOTION.unpack(reading)
-        return MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
+        kind, rob_id, t, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
+        aside = MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
+        return aside + reading[SENSOR.size :]  # what it sees, it sees from where it is
 
 
 class StuckSensor(Liar):

@@ -28,7 +28,6 @@ class Task:
 
     starts_m: tuple[Point, ...]  # N, of robots 1 to N
     step_m: float  # between two robots of the grid
-    goal_m: Point
     boxes: tuple[Box, ...]  # what nobody drives through
     seed: int  # of what the world does
     control_ms: int  # a control step

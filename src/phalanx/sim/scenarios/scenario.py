@@ -177,7 +177,6 @@ class Scenario:
         return Task(
             starts_m=tuple(self.starts_m),
             step_m=self.grid_step_m,
-            goal_m=self.goal_m,
             boxes=tuple(obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)),
             seed=self.seed,
             control_ms=self.bti.t_control_ms,

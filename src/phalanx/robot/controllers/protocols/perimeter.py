@@ -1,0 +1,86 @@
+"""Perimeter defence: robots on a ring, and intruders who make for its middle; two robots together catch one.
+
+Who sees an intruder says so, and the two nearest go to it: one of them needs another's word, for it mostly does not see
+it yet. Source: RoboRebound §2.3 (perimeter defence: a breach by lies about where adversaries come from); Agmon, Kaminka
+and Kraus 2011 (robots along a fence); that it takes two is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+from phalanx.robot.controllers.protocol import Point, Protocol, Task
+from phalanx.robot.controllers.sightings import SightController, SightStage, drawn, middle_m
+
+PAIR = 2
+CATCH_M = 4.0  # so near a robot has a hand on an intruder
+AT_ONCE_S = 0.5  # and the other has within this time
+EVERY_S, FIRST_S = 5.0, 5.0  # an intruder comes
+FROM_STEPS, CORE = 2.0, 0.4  # so far beyond the ring, and to so much of its radius: then it is through
+INTRUDER_MPS = 2.5
+
+
+class Sentry(SightController):
+    """One robot of the ring."""
+
+    party = PAIR
+
+
+class Intruders(SightStage):
+    """Who comes when and from where is the seed's; who is caught, or through, is gone."""
+
+    counts = "% caught"
+    lost = "so many more of the intruders get through"
+    bites_from = 5.0
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self.middle_m = middle_m(task)
+        self.ring_m = max(math.dist(self.middle_m, start) for start in task.starts_m)
+        self.caught: dict[int, tuple[int, ...]] = {}  # by whom
+        self._hands: dict[int, dict[int, float]] = {}  # on an intruder: whose, and when
+
+    @property
+    def _lasts_s(self) -> float:
+        return (self.ring_m * (1 - CORE) + FROM_STEPS * self.task.step_m) / INTRUDER_MPS
+
+    def things(self, t_s: float) -> dict[int, Point]:
+        """The intruders that are on their way."""
+        latest = math.floor((t_s - FIRST_S) / EVERY_S)
+        ways_s = {number: t_s - FIRST_S - number * EVERY_S for number in range(max(0, latest + 1))}
+        return {
+            number: self._place_m(number, on_way_s)
+            for number, on_way_s in ways_s.items()
+            if number not in self.caught and on_way_s < self._lasts_s
+        }
+
+    def _place_m(self, number: int, on_way_s: float) -> Point:
+        angle = math.tau * drawn(f"intruder {self.task.seed} {number}")[0]
+        away_m = self.ring_m + FROM_STEPS * self.task.step_m - INTRUDER_MPS * on_way_s
+        return self.middle_m[0] + away_m * math.cos(angle), self.middle_m[1] + away_m * math.sin(angle)
+
+    def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
+        """With a hand on it, and another's, it is caught."""
+        if away_m > CATCH_M:
+            return
+        hands = self._hands.setdefault(number, {})
+        hands[rob_id] = t_s
+        if len(both := [each for each, at_s in hands.items() if t_s - at_s <= AT_ONCE_S]) >= PAIR:
+            self.caught[number] = tuple(both)
+
+    def marks(self) -> list[Point]:
+        """Where those got through that were not caught."""
+        return [self._place_m(number, self._lasts_s) for number in range(self._come) if number not in self.caught]
+
+    @property
+    def _come(self) -> int:
+        return max(0, math.floor((self.now_s - FIRST_S - self._lasts_s) / EVERY_S) + 1)
+
+    def score(self, left_out: Collection[int]) -> float:
+        """Of those that have had the time to get through, %."""
+        by = [self.caught.get(number, ()) for number in range(self._come)]
+        return 100 * sum(any(each not in left_out for each in both) for both in by) / max(1, len(by))
+
+
+PROTOCOL = Protocol(Sentry, Intruders)

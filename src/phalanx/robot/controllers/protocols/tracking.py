@@ -1,0 +1,78 @@
+"""Target tracking: a target that is faster than its followers drives through an area, and is to be kept in sight.
+
+Who sees it says so, and the four nearest go there, so that it is handed on from robot to robot.
+Source: RoboRebound §2.3 (target tracking: misled into looking elsewhere while the target escapes); Parker 2002
+(cooperative observation of moving targets: local eyes, others' words); the rule is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from itertools import pairwise
+
+from phalanx.robot.controllers.protocol import Point, Protocol, Task
+from phalanx.robot.controllers.sightings import SightController, SightStage, drawn, middle_m
+
+TARGET, TARGET_MPS = 0, 6.0
+WATCHERS = 2  # who see it at once know where it is
+
+
+class Tracker(SightController):
+    """One robot that follows, or waits at its post."""
+
+    party, pace_mps = 4, 4.0
+
+
+class Target(SightStage):
+    """Its way is the seed's: from one place of the area to another."""
+
+    counts = "% tracked"
+    lost = "for so much more of the time the target is in fewer than two correct robots' sight"
+    bites_from = 5.0
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._way = [(0.0, middle_m(task))]  # when it is where
+        self.watchers: dict[int, set[int]] = {}  # by control step, who had it in sight
+
+    def things(self, t_s: float) -> dict[int, Point]:
+        """The target alone."""
+        while self._way[-1][0] <= t_s:
+            was_s, was_m = self._way[-1]
+            place_m = self._place(len(self._way))
+            self._way.append((was_s + max(1.0, math.dist(was_m, place_m) / TARGET_MPS), place_m))
+        for (left_s, left_m), (due_s, due_m) in pairwise(self._way):
+            if left_s <= t_s < due_s:
+                share = (t_s - left_s) / (due_s - left_s)
+                x, y = (a + share * (b - a) for a, b in zip(left_m, due_m, strict=True))
+        return {TARGET: (x, y)}
+
+    def _place(self, leg: int) -> Point:
+        shares = drawn(f"target {self.task.seed} {leg}")
+        x, y = (share * max(axis) for share, axis in zip(shares, zip(*self.task.starts_m, strict=True), strict=True))
+        return x, y
+
+    def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
+        """As all sensors; and time goes on."""
+        self.watchers.setdefault(self._step(t_s), set())
+        return super().look(rob_id, t_s, place_m, lies=lies)
+
+    def _step(self, t_s: float) -> int:
+        return int(1000 * t_s) // self.task.control_ms
+
+    def near(self, rob_id: int, t_s: float, _number: int, _away_m: float) -> None:
+        """It has it in sight."""
+        self.watchers[self._step(t_s)].add(rob_id)
+
+    def marks(self) -> list[Point]:
+        """Where it turned."""
+        return [place_m for _, place_m in self._way]
+
+    def score(self, left_out: Collection[int]) -> float:
+        """The share of time, %."""
+        seen = sum(len(each.difference(left_out)) >= WATCHERS for each in self.watchers.values())
+        return 100 * seen / max(1, len(self.watchers))
+
+
+PROTOCOL = Protocol(Tracker, Target)

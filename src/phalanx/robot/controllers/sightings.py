@@ -1,0 +1,175 @@
+"""What guards and trackers have in common: things that move, told by who sees them, and a few robots that go to each.
+
+A sensor tells where the nearest thing is, seen from the robot, and which one, but no farther than `SIGHT_STEPS`. Who
+speaks says what it sees. Of one thing the latest word counts: so a robot's own eyes come first, while they see it. The
+`party` nearest robots go to it, all others to their posts, which is where they began. A word is forgotten after
+`FRESH_PERIODS`, so a lie is too, once its liar is silent; and of each robot only its last word is known, so a liar's
+inventions are never more than one.
+
+Source: RoboRebound §2.1, §2.3 (decisions on what others report); docs/protocols.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTING
+from phalanx.wire.record import MalformedRecord
+from phalanx.wire.table import SENSOR
+
+from .peers import BEHIND_T, ID, PeerController, fields_of, is_fine
+from .protocol import Point, Stage, Task
+from .python_controller import Output, Send
+
+SIGHT_STEPS = 0.5  # of the robots' own step: so far a sensor sees
+FRESH_PERIODS = 2  # of broadcasts: so long a word counts
+
+
+@dataclass(frozen=True, slots=True)
+class Sighted:
+    """What a robot said last of a thing that it sees: heard when, which thing, and where it is."""
+
+    at_ms: int = 0
+    number: int = NOWHERE
+    x_m: float = 0.0
+    y_m: float = 0.0
+
+
+class SightController(PeerController):
+    """A robot that goes to a thing if few are nearer, and else to its post; it `holds` the thing's number.
+
+    Class attributes:
+        party: so many robots go to one thing.
+
+    Attributes:
+        sighted: by id, its own too: what was said last.
+    """
+
+    party: ClassVar[int]
+
+    def __init__(self, rob_id: int, task: Task) -> None:
+        super().__init__(rob_id, task)
+        self.middle_m = middle_m(task)
+        self.sighted = dict.fromkeys(range(1, len(task.starts_m) + 1), Sighted())
+        self._now_ms = 0  # of the reading that is being answered: nothing to remember
+
+    def things(self) -> dict[int, Point]:
+        """Where each thing is that somebody spoke of lately: the latest word, of two the own."""
+        fresh_ms = FRESH_PERIODS * self.period_ms
+        latest: dict[int, tuple[int, bool, int, Point]] = {}
+        for rob_id, said in self.sighted.items():
+            if said.number != NOWHERE and 0 <= self._now_ms - said.at_ms <= fresh_ms:
+                word = said.at_ms, rob_id == self.rob_id, rob_id, (said.x_m, said.y_m)
+                latest[said.number] = max(word, latest.get(said.number, word))
+        return {number: place_m for number, (*_, place_m) in sorted(latest.items())}
+
+    def turn(self, t_ms: int, place_m: Point) -> None:
+        """The thing that this robot is among the nearest to; those nearest to the middle have theirs first."""
+        self.holds = NOWHERE
+        free = {rob_id: (each.x_m, each.y_m) for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
+        free[self.rob_id] = place_m
+        things = self.things()
+        for number in sorted(things, key=lambda number: (squared_m(things[number], self.middle_m), number)):
+            nearest = sorted((squared_m(at_m, things[number]), rob_id) for rob_id, at_m in free.items())
+            for _, rob_id in nearest[: self.party]:
+                del free[rob_id]
+            if self.rob_id not in free:
+                self.holds = number
+                return
+
+    def aim(self) -> Point:
+        """Where its thing is, or its post."""
+        return self.things().get(self.holds, self.task.starts_m[self.rob_id - 1])
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        """What another robot of the mission sees is remembered too."""
+        said = fields_of(SIGHTING, frame)
+        if said and said[ID] in self.others:
+            self.sighted[said[ID]] = Sighted(t_ms, *said[BEHIND_T:])
+        super().on_recv(t_ms, frame)
+
+    def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        """It drives by what it sees, and says so in its turn."""
+        self._now_ms = t_ms
+        frame = self._frame(t_ms, reading)
+        if frame and (said := fields_of(SIGHTING, frame)):
+            self.sighted[self.rob_id] = Sighted(t_ms, *said[BEHIND_T:])
+        outputs = super().on_input(step, t_ms, reading)
+        return [*outputs, Send(frame)] if frame and len(outputs) > 1 else outputs
+
+    def _frame(self, t_ms: int, reading: bytes) -> bytes:
+        own, beside = fields_of(SENSOR, reading[: SENSOR.size]), reading[SENSOR.size :]
+        if own is None or own[ID] != self.rob_id or len(beside) != SEEN.size:
+            return b""
+        number, dx_m, dy_m = SEEN.form.unpack(beside)
+        x_m, y_m, *_ = own[BEHIND_T:]
+        if number == NOWHERE or not (is_fine(x_m + dx_m) and is_fine(y_m + dy_m)):
+            return b""
+        return SIGHTING.form.pack(KIND_SIGHTING, self.rob_id, t_ms, number, x_m + dx_m, y_m + dy_m)
+
+    def encode(self) -> bytes:
+        """A `peer_memory`, and a `sighted` of each robot behind it, its own too."""
+        said = (SIGHTED.form.pack(each.at_ms, each.number, each.x_m, each.y_m) for each in self.sighted.values())
+        return super().encode() + b"".join(said)
+
+    def decode(self, encoding: bytes) -> None:
+        """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
+        end = len(encoding) - SIGHTED.size * len(self.sighted)
+        super().decode(encoding[: max(0, end)])
+        said = [Sighted(*each) for each in SIGHTED.form.iter_unpack(encoding[end:])]
+        if not all(is_fine(each.x_m) and is_fine(each.y_m) for each in said):
+            raise MalformedRecord("something is seen nowhere")
+        self.sighted = dict(zip(self.sighted, said, strict=True))
+
+
+class SightStage(Stage):
+    """Things that move by themselves, and who is near them."""
+
+    seen_bytes = SEEN.size
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self.now_s = 0.0
+
+    @abstractmethod
+    def things(self, t_s: float) -> dict[int, Point]:
+        """By number, where each is now that is still there, m."""
+
+    @abstractmethod
+    def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
+        """A robot that does not lie is so near to a thing, at most as far as it sees."""
+
+    def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
+        """The nearest thing, if it is in sight; a liar sees it as well."""
+        self.now_s, things = max(self.now_s, t_s), self.things(t_s)
+        away_m = {number: math.dist(at_m, place_m) for number, at_m in things.items()}
+        number = min(away_m, key=lambda each: (away_m[each], each), default=NOWHERE)
+        if away_m.get(number, math.inf) > SIGHT_STEPS * self.task.step_m:
+            return SEEN.form.pack(NOWHERE, 0.0, 0.0)
+        x, y = things[number]
+        if not lies:
+            self.near(rob_id, t_s, number, away_m[number])
+        return SEEN.form.pack(number, x - place_m[0], y - place_m[1])
+
+
+def middle_m(task: Task) -> Point:
+    """Of the posts, m."""
+    x_m = y_m = 0.0
+    for x, y in task.starts_m:
+        x_m, y_m = x_m + x, y_m + y
+    return x_m / len(task.starts_m), y_m / len(task.starts_m)
+
+
+def drawn(words: str) -> tuple[float, float]:
+    """Two shares of one, the same for the same words with any version of any library."""
+    number = int(hashlib.sha256(words.encode()).hexdigest(), 16)
+    return (number >> 224) / (1 << 32), (number >> 192) % (1 << 32) / (1 << 32)
+
+
+def squared_m(one: Point, other: Point) -> float:
+    """Of the way from one to the other, m²."""
+    return (one[0] - other[0]) * (one[0] - other[0]) + (one[1] - other[1]) * (one[1] - other[1])
