@@ -25,7 +25,7 @@ BUILD = HERE / "build" / "proofs"
 CALLS = re.findall(r"\w+", re.search(r"enum \{(.*?)\}", (HERE / "proofs" / "calls.c").read_text(), re.DOTALL)[1])
 RESETS = {"MAKE", "POWER_UP", "S_MAKE", "S_POWER_UP"}
 MEMORY = 12 << 30  # bytes of address space
-STATES = "proofs/calls.c proofs/models.c src/node.c src/anode.c src/snode.c src/bound.c"
+STATES = "proofs/calls.c proofs/models.c src/node.c src/anode.c src/snode.c src/bound.c src/seal.c"
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,25 @@ def proofs(everything: bool) -> Iterable[Proof]:
     (BUILD / "phx.h").write_text(
         (HERE / "include" / "phx.h").read_text().replace("#define PHX_F_MAX 15u", f"#define PHX_F_MAX {f_max}u")
     )
+    (BUILD / "phx_seal.h").write_text(
+        (HERE / "include" / "phx_seal.h").read_text().replace("#define PHX_SOURCES 64u", "#define PHX_SOURCES 1u")
+    )
     bounds = f"f_max <= {f_max}; any frame, any time"
     # It goes over all tokens and no further, which takes a third of the time to prove where no more turns are laid out.
     unwind = f"--unwind 35 --unwindsetname anode.c@keep_token:0:{2 * f_max + 3}"
     for number, call in enumerate(CALLS):
+        if call.startswith("SEALED") and not everything:
+            continue
         if call == "TOKEN_REQUEST" and not everything:
             continue
-        yield Proof(call, "prove", STATES, bounds, f"-DCALL={number} {unwind}")
-        if everything and call not in RESETS:
+        yield Proof(
+            call,
+            "prove",
+            STATES,
+            bounds + ("; one sender" if call == "SEALED_RECV" else ""),
+            f"-DCALL={number} {unwind}",
+        )
+        if everything and call not in RESETS and not call.startswith("SEALED"):
             yield Proof(f"{call}, keys", "prove_secret", STATES, bounds, f"-DCALL={number} {unwind}")
     if everything:
         yield Proof("buckets", "prove_draw", "proofs/bucket.c src/bucket.c", "any bucket, rate, cost, time", "--z3")

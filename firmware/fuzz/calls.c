@@ -5,14 +5,16 @@
 #include <string.h>
 
 #include "internal.h"
+#include "phx_seal.h"
 
 #define ROBOTS 2u
 #define KEPT 8u
 #define KEPT_BYTES 32u
+#define AIR_BYTES 64u
 #define SECRET_BYTES 8u /* so many of a key's bytes in an answer are no chance */
 
 enum { POWER_UP, LOAD_MASTER, LOAD_MISSION, TRUE_MISSION, RECV, SEND, ACTUATE, TOKEN_REQUEST, ISSUE_TOKEN, CHECK_TOKEN,
-       INSTALL_TOKEN, CHECK, POLL, MAKE_AUTH, CHECK_AUTH, LATER, MUCH_LATER, CALLS };
+       INSTALL_TOKEN, CHECK, POLL, MAKE_AUTH, CHECK_AUTH, LATER, MUCH_LATER, CALLS, SEALED_SEND, SEALED_RECV };
 
 static const uint8_t master[PHX_KEY_BYTES] = "a master key of twen";
 static const uint8_t mission[PHX_KEY_BYTES] = "of a mission: as man";
@@ -26,6 +28,7 @@ typedef struct {
 typedef struct {
     phx_snode s;
     phx_anode a;
+    phx_seals seals;
     uint32_t now;
 } robot;
 
@@ -34,6 +37,9 @@ typedef struct {
     uint8_t kept[KEPT][KEPT_BYTES];
     unsigned next;
     uint32_t asked_at; /* of the last token request */
+    uint8_t air[KEPT][AIR_BYTES];
+    uint32_t air_len[KEPT];
+    unsigned said;
 } world;
 
 static void stop_unless(int holds)
@@ -161,6 +167,43 @@ static void forward(stream *in, robot *r, unsigned call)
     free(entry);
 }
 
+static void seal(stream *in, world *w, robot *r)
+{
+    uint32_t len = number(in, 1) % (AIR_BYTES - PHX_SEAL_BYTES + 1u), was = r->seals.t;
+    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len + PHX_SEAL_BYTES);
+    int could = r->a.node.has_key && !r->a.node.safe, got;
+
+    take(in, frame, len);
+    got = phx_sealed_send(&r->seals, &r->a, r->now, frame, len, entry);
+    if (got >= 0) {
+        uint32_t sealed = len + PHX_SEAL_BYTES;
+        stop_unless(could && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + sealed && r->seals.t > was);
+        memcpy(w->air[w->said % KEPT], entry + PHX_ENTRY_HEADER_BYTES, sealed);
+        w->air_len[w->said++ % KEPT] = sealed;
+    }
+    free(frame);
+    free(entry);
+}
+
+/* What is on the air, or with a bit of it turned. */
+static void unseal(stream *in, const world *w, robot *r)
+{
+    uint32_t which = number(in, 1), len = w->air_len[which % KEPT], turned = number(in, 1);
+    uint8_t *frame = malloc(len ? len : 1u), *entry = malloc(PHX_ENTRY_HEADER_BYTES + len);
+    int alters = len > 0 && which & 0x80u, got;
+
+    memcpy(frame, w->air[which % KEPT], len);
+    if (alters)
+        frame[turned % len] ^= (uint8_t)(1u << (which >> 4) % 8u);
+    got = phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry);
+    if (got >= 0) {
+        stop_unless(!alters && r->a.node.has_key && (uint32_t)got == PHX_ENTRY_HEADER_BYTES + len - PHX_SEAL_BYTES);
+        stop_unless(phx_sealed_recv(&r->seals, &r->a, r->now, frame, len, entry) == PHX_E_REPEATED);
+    }
+    free(frame);
+    free(entry);
+}
+
 static void ask(stream *in, world *w, robot *r, unsigned call)
 {
     uint16_t id = (uint16_t)number(in, 1), tee = (uint16_t)(call == CHECK_TOKEN ? number(in, 1) : 0);
@@ -229,10 +272,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         uint8_t what = (uint8_t)number(&in, 1);
         robot *r = &w.robots[what >> 7];
         unsigned call = (what & 0x7fu) % CALLS;
+        if ((what & 0x7eu) == 0x7eu) /* so that what was found before means what it did */
+            call = what & 1u ? SEALED_SEND : SEALED_RECV;
         phx_node a_was = r->a.node, s_was = r->s.node;
         if (call == POWER_UP) {
             phx_anode_power_up(&r->a);
             phx_snode_power_up(&r->s);
+            memset(&r->seals, 0, sizeof r->seals);
             r->now = 0;
         } else if (call == TRUE_MISSION) {
             load_true_mission(r, (uint8_t)number(&in, 1));
@@ -242,6 +288,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         } else if (call == CHECK) {
             stop_unless(phx_anode_check(&r->a, r->now) == phx_anode_is_safe(&r->a));
             stop_unless(r->now != UINT32_MAX || r->a.node.safe);
+        } else if (call == SEALED_SEND) {
+            seal(&in, &w, r);
+        } else if (call == SEALED_RECV) {
+            unseal(&in, &w, r);
         } else if (call == RECV || call == SEND || call == ACTUATE || call == POLL) {
             forward(&in, r, call);
         } else {

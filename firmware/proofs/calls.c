@@ -6,10 +6,12 @@
 #include "proofs.h"
 
 enum { MAKE, POWER_UP, LOAD_MASTER, LOAD_MISSION, RECV, SEND, ACTUATE, TOKEN_REQUEST, ISSUE_TOKEN, CHECK_TOKEN,
-       INSTALL_TOKEN, CHECK, S_MAKE, S_POWER_UP, S_LOAD_MASTER, S_LOAD_MISSION, S_POLL, S_MAKE_AUTH, S_CHECK_AUTH };
+       INSTALL_TOKEN, CHECK, SEALED_SEND, SEALED_RECV, S_MAKE, S_POWER_UP, S_LOAD_MASTER, S_LOAD_MISSION, S_POLL, S_MAKE_AUTH, S_CHECK_AUTH };
 
 #define OF_SNODE (CALL >= S_MAKE)
-#define FORWARDS (CALL == RECV || CALL == SEND || CALL == ACTUATE || CALL == S_POLL)
+#define SEALED (CALL == SEALED_SEND || CALL == SEALED_RECV)
+#define FORWARDS (CALL == RECV || CALL == SEND || CALL == ACTUATE || CALL == S_POLL || SEALED)
+#define MORE (CALL == SEALED_SEND ? PHX_SEAL_BYTES : 0)
 #define MACS (CALL == TOKEN_REQUEST || CALL == ISSUE_TOKEN || CALL == S_MAKE_AUTH)
 #define LOADS (CALL == LOAD_MISSION || CALL == S_LOAD_MISSION)
 #define RESETS (CALL == MAKE || CALL == POWER_UP || CALL == S_MAKE || CALL == S_POWER_UP)
@@ -81,6 +83,20 @@ static void given_sound(const phx_anode *a, uint32_t now)
             given(sound_tokens(a, now, i, j));
 }
 
+/* Senders lie from the first place on, none twice, and nothing came later than now. */
+static int sound_source(const phx_seals *seals, uint32_t now, unsigned i, unsigned j)
+{
+    const phx_source *one = &seals->sources[i], *before = &seals->sources[j];
+
+    return one->src == 0 || (one->quickest_ms <= now && (j >= i || (before->src != 0 && before->src != one->src)));
+}
+
+static int same_source(const phx_source *one, const phx_source *other)
+{
+    return one->src == other->src && one->newest == other->newest && one->seen == other->seen &&
+           one->quickest_t == other->quickest_t && one->quickest_ms == other->quickest_ms;
+}
+
 static uint32_t good_tokens(const phx_anode *a, uint32_t now)
 {
     uint32_t count = 0;
@@ -90,7 +106,7 @@ static uint32_t good_tokens(const phx_anode *a, uint32_t now)
     return count;
 }
 
-static answer call(phx_anode *a, phx_snode *s, const words *w, uint8_t *entry)
+static answer call(phx_anode *a, phx_snode *s, phx_seals *seals, const words *w, uint8_t *entry)
 {
     answer got = {0};
 
@@ -133,6 +149,12 @@ static answer call(phx_anode *a, phx_snode *s, const words *w, uint8_t *entry)
     case CHECK:
         got.result = phx_anode_check(a, w->now);
         break;
+    case SEALED_SEND:
+        got.result = phx_sealed_send(seals, a, w->now, w->frame, w->len, entry);
+        break;
+    case SEALED_RECV:
+        got.result = phx_sealed_recv(seals, a, w->now, w->frame, w->len, entry);
+        break;
     case S_MAKE:
         got.result = phx_snode_make(s, &w->limits);
         break;
@@ -162,6 +184,7 @@ void prove(void)
 {
     phx_anode a, before;
     phx_snode s;
+    phx_seals seals, seals_before;
     phx_node *node = OF_SNODE ? &s.node : &a.node, was;
     words w;
     answer got;
@@ -174,18 +197,22 @@ void prove(void)
         given(sound_node(node));
     if (!OF_SNODE && CALL != MAKE)
         given_sound(&a, last);
+    for (unsigned i = 0; SEALED && i < PHX_SOURCES; i++)
+        for (unsigned j = 0; j <= i; j++)
+            given(sound_source(&seals, last, i, j));
     /* What is too long is refused before it is looked at: nothing is there. */
     w.frame = malloc(w.len <= PHX_FRAME_MAX ? w.len : 0);
-    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len : 0));
+    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
     given(w.frame && entry && at < PHX_ENTRY_HEADER_BYTES);
     old = entry[at];
     before = a;
+    seals_before = seals;
     was = *node;
     now = HAS_TIME ? w.now : last;
     if (CALL == POWER_UP || CALL == S_POWER_UP)
         now = 0;
 
-    got = call(&a, &s, &w, entry);
+    got = call(&a, &s, &seals, &w, entry);
 
     if (got.result >= 0 || (CALL != MAKE && CALL != S_MAKE)) {
         always(sound_node(node), "a sound node stays sound: no key in Safe Mode, none without a load");
@@ -210,7 +237,23 @@ void prove(void)
     }
     always(!(FORWARDS || MACS) || (was.has_key && !was.safe) || got.result < 0, "without a key nothing is forwarded or made");
     always(!(FORWARDS && got.result < 0) || entry[at] == old, "what is refused is not written");
-    always(!FORWARDS || got.result < 0 || (uint32_t)got.result == PHX_ENTRY_HEADER_BYTES + w.len, "an entry has its length");
+    always(!FORWARDS || got.result < 0 || (uint32_t)got.result + (CALL == SEALED_RECV ? PHX_SEAL_BYTES : 0) == PHX_ENTRY_HEADER_BYTES + w.len + MORE,
+           "an entry has its length");
+    for (unsigned i = 0; SEALED && i < PHX_SOURCES; i++) {
+        always(got.result >= 0 || same_source(&seals.sources[i], &seals_before.sources[i]), "what is refused was never heard");
+        for (unsigned j = 0; j <= i; j++)
+            always(sound_source(&seals, now, i, j), "senders: none twice, none of the future");
+    }
+    if (CALL == SEALED_SEND) {
+        always(got.result >= 0 ? seals.t > seals_before.t : seals.t == seals_before.t, "no two seals have the same time");
+        always(got.result < 0 || (seals.t >= now && (uint64_t)seals.t <= (uint64_t)now + PHX_SEAL_AHEAD_MS), "nor one far ahead");
+    }
+    if (CALL == SEALED_RECV && got.result >= 0) {
+        always(chance.right, "only what an a-node of the mission sealed is taken");
+        got = call(&a, &s, &seals, &w, entry);
+        always(got.result < 0, "and once");
+        got.result = 0;
+    }
     always(!(MACS && got.result < 0) || got.out[PHX_TREQ_OUT_BYTES - 1u] == 0, "what is refused has no MAC");
     if (CALL == CHECK) {
         always(got.result == node->safe, "check says whether it is Safe Mode");
@@ -232,6 +275,7 @@ void prove_secret(void)
 {
     phx_anode a, a2;
     phx_snode s, s2;
+    phx_seals seals, seals2;
     words w;
     answer got, got2;
     uint32_t at;
@@ -246,17 +290,20 @@ void prove_secret(void)
     else
         given_sound(&a, w.now);
     w.frame = malloc(w.len <= PHX_FRAME_MAX ? w.len : 0);
-    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len : 0));
-    entry2 = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len : 0));
+    entry = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
+    entry2 = malloc(PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len + MORE : 0));
     given(w.frame && entry && entry2 && at < PHX_ENTRY_HEADER_BYTES + (w.len <= PHX_FRAME_MAX ? w.len : 0));
     given(entry[at] == entry2[at]);
     a2 = a;
     s2 = s;
+    seals2 = seals;
+    for (unsigned i = 0; SEALED && i < PHX_SOURCES; i++)
+        given(sound_source(&seals, w.now, i, i));
     a2.node.key = s2.node.key = other_key;
     for (unsigned i = 0; i < PHX_KEY_BYTES; i++)
         a2.node.flash.master[i] = s2.node.flash.master[i] = other_master[i];
-    got = call(&a, &s, &w, entry);
-    got2 = call(&a2, &s2, &w, entry2);
+    got = call(&a, &s, &seals, &w, entry);
+    got2 = call(&a2, &s2, &seals2, &w, entry2);
     always(got.result == got2.result, "keys: no result depends on one");
     always(entry[at] == entry2[at], "keys: no entry depends on one");
     for (unsigned i = 0; i < PHX_TREQ_OUT_BYTES; i++)

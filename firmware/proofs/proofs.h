@@ -3,6 +3,7 @@
 #define PROOFS_H
 
 #include "internal.h"
+#include "phx_seal.h"
 
 #define DRAWS 4u
 
