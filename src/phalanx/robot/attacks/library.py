@@ -69,7 +69,7 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                  does="says of one place after the other that it has seen it",
                  stopped_by="replay has been where its sensor says; and what a robot said that fell silent soon after "
                             "is seen again"),
-        protocol("open-breach", "pretences.PointElsewhere", against="perimeter",
+        protocol("open-breach", "pretences.OpenBreach", against="perimeter",
                  does="says of the intruder that was seen last that it comes where the robot farthest from it is",
                  stopped_by="replay says what the s-node chained that it sees, and where"),
         protocol("point-elsewhere", "pretences.PointElsewhere", against="tracking",

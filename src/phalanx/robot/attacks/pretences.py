@@ -100,3 +100,7 @@ class PointElsewhere(Pretender):
         number, *at_m = self._seen
         x, y = max(((each.x_m, each.y_m) for each in self.seen.values()), key=lambda place_m: math.dist(place_m, at_m))
         return self.send(now_ms, SIGHTING.form.pack(KIND_SIGHTING, self.id, now_ms, number, x, y), EVERYBODY)
+
+
+class OpenBreach(PointElsewhere):
+    """The same of intruders: who would help to catch one goes elsewhere."""
