@@ -91,7 +91,7 @@ def test_behind_a_file_its_classes_are_offered_and_it_is_not_run(shell):
 
 def test_commands_are_offered_and_the_shell_offers_other_files(shell):
     assert offered(shell, "phalanx si") == ["sim"]
-    assert offered(shell, "phalanx sim ") == ["check", "list", "run", "schema"]
+    assert offered(shell, "phalanx sim ") == ["check", "list", "run", "schema", "view"]
     assert {"bti-fig8", "link-fig4", "mission-fig10"} <= set(offered(shell, "phalanx reproduce "))
     said = {"COMP_WORDS": "phalanx sim run no", "COMP_CWORD": "3", "_PHALANX_COMPLETE": "bash_complete"}
     assert told(shell, "phalanx", **said) == ["file,no"]
