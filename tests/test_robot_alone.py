@@ -172,7 +172,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     with KeptLog(tmp_path / "robot-3.log") as kept, Path("/dev/full").open("wb", 0) as full:
         kept._file = full
         with pytest.raises(Unavailable, match="its nodes are gone"):
-            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7))
+            asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7, None))
     kept_no_further, cannot_write = sorted(caplog.messages, key=lambda words: "cannot write" in words)
     assert "robot-3.log is kept no further: No space left" in kept_no_further
     assert "cannot write" in cannot_write

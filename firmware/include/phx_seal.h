@@ -13,7 +13,7 @@
 #define PHX_SEAL_DRIFT_SHIFT 11 /* two clocks drift apart by 1/2048 at most */
 
 typedef struct {
-    uint64_t seen;              /* bit n: newest - n has come */
+    uint32_t seen[2];              /* bit n: newest - n has come */
     uint32_t newest;            /* of its times */
     uint32_t quickest_t;        /* of all its frames the one with the least now - t, drift left out */
     uint32_t quickest_ms;       /* when that came, of our clock */

@@ -93,7 +93,8 @@ static int sound_source(const phx_seals *seals, uint32_t now, unsigned i, unsign
 
 static int same_source(const phx_source *one, const phx_source *other)
 {
-    return one->src == other->src && one->newest == other->newest && one->seen == other->seen &&
+    return one->src == other->src && one->newest == other->newest && one->seen[0] == other->seen[0] &&
+           one->seen[1] == other->seen[1] &&
            one->quickest_t == other->quickest_t && one->quickest_ms == other->quickest_ms;
 }
 

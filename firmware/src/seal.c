@@ -82,6 +82,20 @@ static phx_source *place_of(phx_seals *seals, uint32_t now, uint16_t src, uint32
     return place;
 }
 
+/* By words: processors of 32 bits have no shift of 64, but call a library that is not there. */
+static void shift(uint32_t seen[2], uint32_t by)
+{
+    if (by >= 32u) {
+        seen[1] = seen[0];
+        seen[0] = 0;
+        by -= 32u;
+    }
+    if (by) {
+        seen[1] = seen[1] << by | seen[0] >> (32u - by);
+        seen[0] <<= by;
+    }
+}
+
 /* A true seal counts once, and not late. */
 static int take(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t, uint32_t t_val_ms)
 {
@@ -93,13 +107,14 @@ static int take(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t, uint32
         return PHX_E_FULL;
     if (of->src != src) {
         of->src = src;
-        of->seen = 1;
+        of->seen[0] = 1;
+        of->seen[1] = 0;
         of->newest = of->quickest_t = t;
         of->quickest_ms = now;
         return 0;
     }
     away = t > of->newest ? t - of->newest : of->newest - t;
-    if (t <= of->newest && (away >= PHX_SEAL_WINDOW_MS || of->seen >> away & 1u))
+    if (t <= of->newest && (away >= PHX_SEAL_WINDOW_MS || of->seen[away >> 5] >> (away & 31u) & 1u))
         return PHX_E_REPEATED;
     late = late_ms(of, now, t);
     if (late > PHX_SEAL_LATE_MS)
@@ -109,10 +124,14 @@ static int take(phx_seals *seals, uint32_t now, uint16_t src, uint32_t t, uint32
         of->quickest_ms = now;
     }
     if (t <= of->newest) {
-        of->seen |= (uint64_t)1 << away;
+        of->seen[away >> 5] |= (uint32_t)1 << (away & 31u);
         return 0;
     }
-    of->seen = (away < PHX_SEAL_WINDOW_MS ? of->seen << away : 0) | 1u;
+    if (away < PHX_SEAL_WINDOW_MS)
+        shift(of->seen, away);
+    else
+        of->seen[0] = of->seen[1] = 0;
+    of->seen[0] |= 1u;
     of->newest = t;
     return 0;
 }

@@ -75,12 +75,13 @@ class RosBase:
             self._said = {key: self._node.declare_parameter(key, value).value for key, value in DEFAULTS.items()}
         except Exception as error:  # rclpy has a dozen kinds, with no common one
             rclpy.try_shutdown(context=self._context)
-            words = str(error).strip().splitlines()
-            raise UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md") from error
+            raise _refused(error) from error
         said = self._said
-        if not (said["ahead_m"] > 0.0 and said["smoothing_frequency"] > 0.0 and len(said["odom_in_map"]) == 3):
+        above = "ahead_m", "smoothing_frequency", "source_timeout"
+        sound = all(0.0 < said[key] < math.inf for key in above) and all(map(math.isfinite, said["odom_in_map"]))
+        if not sound or len(said["odom_in_map"]) != 3:
             self.close()
-            raise UsageError("ahead_m, smoothing_frequency or odom_in_map", "above 0; odom_in_map: [x, y, yaw]")
+            raise UsageError(f"{', '.join(above)} or odom_in_map", "finite, above 0; odom_in_map: [x, y, yaw]")
         x_m, y_m, yaw_rad = said["odom_in_map"]
         self._odom_in_map = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
         self._odometry: tuple[float, Place, Pair] | None = None  # when it came, where the base is, how its point moves
@@ -88,16 +89,23 @@ class RosBase:
         self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
         self._sensed_mps: Pair = (0.0, 0.0)
         self._strange: str = ""
-        stamped = said["enable_stamped_cmd_vel"]
-        kind = TwistStamped if stamped else Twist
-        self._out = self._node.create_publisher(kind, said["cmd_vel_out_topic"], 1)
-        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
-        self._node.create_subscription(kind, said["cmd_vel_in_topic"], self._on_wish, 1)
-        self._node.create_subscription(Odometry, said["odom_topic"], self._on_odometry, qos_profile_sensor_data)
+        try:
+            self._make_topics()
+        except Exception as error:  # a name that is none
+            self.close()
+            raise _refused(error) from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
+
+    def _make_topics(self) -> None:
+        said = self._said
+        kind = TwistStamped if said["enable_stamped_cmd_vel"] else Twist
+        self._out = self._node.create_publisher(kind, said["cmd_vel_out_topic"], 1)
+        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
+        self._node.create_subscription(kind, said["cmd_vel_in_topic"], self._on_wish, 1)
+        self._node.create_subscription(Odometry, said["odom_topic"], self._on_odometry, qos_profile_sensor_data)
 
     def _spin(self) -> None:
         with contextlib.suppress(ExternalShutdownException):
@@ -220,11 +228,16 @@ class RosBase:
         """See `Hardware`: the robot is told to stand, and the node is gone."""
         self._told = None
         if hasattr(self, "_executor"):
-            self._move()
             self._executor.shutdown(timeout_sec=1.0)
             self._thread.join(timeout=1.0)
+            self._move()  # the last word: nobody else speaks any more
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+
+def _refused(error: Exception) -> UsageError:
+    words = str(error).strip().splitlines()
+    return UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md")
 
 
 class _Advised(Planner):
