@@ -20,6 +20,7 @@ from phalanx.daemon.evidence import Kept, read_kept, record_log
 from phalanx.errors import UsageError
 from phalanx.robot.retrace import entries_of
 from phalanx.sim import Scenario
+from phalanx.sim.recorded import MOST_CHUNK_BYTES
 from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.run import Run
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV
@@ -101,7 +102,7 @@ def test_a_log_shorter_than_a_requests_head_is_compared_with_nothing_behind_its_
     assert shown == [1 + HEAD_BYTES]
 
 
-@pytest.mark.parametrize(("most", "count"), [(1 << 29, 1), (1 << 20, 2)])
+@pytest.mark.parametrize(("most", "count"), [(1 << 29, 1), (1 << 22, 2)])
 def test_a_recording_that_unpacks_to_much_more_than_a_log_is_refused(tmp_path, monkeypatch, most, count):
     monkeypatch.setattr(evidence, "MOST_UNPACKED", most)
     path = tmp_path / "x.mcap"
@@ -112,10 +113,10 @@ def test_a_recording_that_unpacks_to_much_more_than_a_log_is_refused(tmp_path, m
         writer.add_metadata("robot", {"head": json.dumps(head)})
         channel = writer.register_channel("/entries", "json", 0)
         for _ in range(count):
-            writer.add_message(channel, 0, b'{"bytes": "%s"}' % (b"0" * ((1 << 21) // count**2)), 0)
+            writer.add_message(channel, 0, b'{"bytes": "%s"}' % (b"0" * (MOST_CHUNK_BYTES // count**2)), 0)
         writer.finish()
-    assert path.stat().st_size < 2000
-    with pytest.raises(UsageError, match=r"x\.mcap is no log"):
+    assert path.stat().st_size < 1 << 13
+    with pytest.raises(UsageError, match=r"x\.mcap unpacks to more"):
         read_kept(path)
 
 
@@ -126,6 +127,11 @@ def test_a_recording_of_a_log_says_what_the_log_says(kept, tmp_path):
     assert read_kept(path) == kept
     assert record_log(path, recording) == len(kept.entries())
     assert read_kept(recording) == kept
+    whole = recording.read_bytes()
+    for share in (2, 4, 8):
+        recording.write_bytes(whole[: len(whole) - len(whole) // share])
+        with pytest.raises(UsageError, match=r"robot-2\.mcap (was cut short|is no recording)"):
+            read_kept(recording)
 
 
 @pytest.mark.parametrize(

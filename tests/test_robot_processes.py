@@ -70,7 +70,6 @@ class Still(Driver):
 
 
 def arena(tmp_path, *words):
-    boards.built("node")
     mission = tmp_path / "mission.yaml"
     mission.write_text(MISSION)
     ended = subprocess.run(
@@ -150,7 +149,6 @@ def test_each_attack_that_bound_stops_is_stopped_among_processes(tmp_path, names
 
 
 def test_a_robots_nodes_are_given_their_master_key_over_their_line_and_once(tmp_path, capsys):
-    boards.built("node")
     ring, words, path = tmp_path / "lab.keys", tmp_path / "words", tmp_path / "robot.yaml"
     words.write_text("some words that nobody guesses\n")
     create(ring, "lab", "some words that nobody guesses")
@@ -232,7 +230,6 @@ def running(path):
 
 
 def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path):
-    boards.built("node")
     keys = Keys.new("test")
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
     (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))

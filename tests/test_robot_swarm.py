@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import pytest
 
-import boards
 from conftest import called, eventually
 from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
@@ -222,7 +221,6 @@ class TestSwarm:
 
 
 async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path):
-    boards.built("node")
     (tmp_path / "mission.yaml").write_text(MISSION)
     kept = tmp_path / "kept"
     words = ("robot", "arena", str(tmp_path / "mission.yaml"), "--duration", "9", "--keep", str(kept), "--json")

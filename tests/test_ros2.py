@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-import boards
 from phalanx.daemon.arena import free_ports
 from phalanx.daemon.state import told
 from phalanx.io.keyring import Keys
@@ -50,7 +49,6 @@ def environment(tmp_path):
 
 def laid_out(folder, robots, attacks="[]"):
     """A file for each robot, with all that it names."""
-    boards.built("node")
     keys, ports = Keys.new("test"), free_ports(robots)
     (folder / "mission.yaml").write_text(MISSION.format(robots=robots, attacks=attacks))
     for robot in range(1, robots + 1):

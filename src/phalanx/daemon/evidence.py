@@ -8,14 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from io import BytesIO
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import zstandard
-from mcap.records import Channel, Chunk, Message, Metadata
-from mcap.stream_reader import StreamReader, breakup_chunk
 
 from phalanx.bti.log import ADVICE, CHECKPOINT, EVIDENCE, FLUSH_A, FLUSH_S
 from phalanx.config.written import read_at_most
@@ -23,16 +18,14 @@ from phalanx.errors import PhalanxError, UsageError
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import Controller, compiled
 from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
+from phalanx.sim.recorded import CUT_SHORT, is_recording, read_recording
 from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.run import params_of
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
 
-MAGIC = b"\x89MCAP"
-MOST_BYTES = 1 << 26
-# Unpacked: of all chunks together, and of one, which `Recorder` ends with the message that fills a MiB.
-MOST_UNPACKED, CHUNK_BYTES = 1 << 29, 1 << 21
+MOST_BYTES, MOST_UNPACKED = 1 << 26, 1 << 29
 HINT = "phalanx robot log makes one"
 KINDS = {
     ENTRY_INPUT: "input",
@@ -92,11 +85,12 @@ class Kept:
 def read_kept(path: Path) -> Kept:
     """The log in a file: a daemon's own, or a recording of it.
 
-    Raises: UsageError: it is neither, or damaged. Unavailable: it cannot be read.
+    Raises: UsageError: it is neither, damaged, or a recording that was cut short: who gives evidence may not choose
+        where it ends. Unavailable: it cannot be read.
     """
     data = read_at_most(path, MOST_BYTES, HINT)
     try:
-        head, raw = _of_recording(data) if data.startswith(MAGIC) else _of_log(data)
+        head, raw = _of_recording(path) if is_recording(path) else _of_log(data)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
         kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw)
     except PhalanxError:
@@ -113,32 +107,20 @@ def _of_log(data: bytes) -> tuple[dict[str, Any], bytes]:
     return json.loads(head), raw
 
 
-def _of_recording(data: bytes) -> tuple[dict[str, Any], bytes]:
-    head, numbers, raw = None, set(), bytearray()
-    for each in _records(data):
-        if isinstance(each, Metadata) and each.name == "robot":
-            head = json.loads(each.metadata["head"])
-        elif isinstance(each, Channel) and each.topic == "/entries":
-            numbers.add(each.id)
-        elif isinstance(each, Message) and each.channel_id in numbers:
-            raw += bytes.fromhex(json.loads(each.data)["bytes"])
+def _of_recording(path: Path) -> tuple[dict[str, Any], bytes]:
+    head, raw = None, bytearray()
+    for said in read_recording(path, HINT, MOST_UNPACKED):
+        if said.topic == CUT_SHORT:
+            raise UsageError(f"{path} was cut short", HINT)
+        if said.topic == "metadata robot":
+            head = json.loads(said.words["head"])
+        elif said.topic == "/entries":
+            raw += bytes.fromhex(said.words["bytes"])
+        if len(raw) > MOST_BYTES:
+            raise UsageError(f"{path} is longer than a log", HINT)
     if head is None:
         raise KeyError("robot")
     return head, bytes(raw)
-
-
-def _records(data: bytes) -> Iterator[Any]:
-    # Not mcap's own reader, which unpacks a chunk to whatever size it says that it has.
-    left = MOST_UNPACKED
-    for each in StreamReader(BytesIO(data), emit_chunks=True).records:
-        if not isinstance(each, Chunk):
-            yield each
-            continue
-        unpacked = zstandard.ZstdDecompressor().stream_reader(each.data).read(CHUNK_BYTES + 1)
-        left -= len(unpacked)
-        if left < 0 or len(unpacked) > CHUNK_BYTES:
-            raise ValueError("unpacks to more than a log is")
-        yield from breakup_chunk(replace(each, compression="", data=unpacked))
 
 
 class LogRecording(Recorder):

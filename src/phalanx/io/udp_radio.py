@@ -63,7 +63,6 @@ class UdpRadio:
         self._to = [parsed(group)] if group else self._peers
         self._heard = frozenset(self._peers)
         self.refused = {"foreign": 0, "too_large": 0, "empty": 0}
-        self.unsent = 0
         self.came_from: Address = ("", 0)
         family = _family(self._here)
         if any(_family(each) != family for each in (*self._peers, *self._to)):
@@ -99,10 +98,8 @@ class UdpRadio:
 
     def send_to(self, frame: bytes, address: Address) -> None:
         """The frame goes to one alone, or is lost."""
-        try:
+        with contextlib.suppress(OSError):  # nobody listens there yet, or no room: as lost as on the air
             self._socket.sendto(frame, address)
-        except OSError:  # nobody listens there yet, or no room: as lost as on the air
-            self.unsent += 1
 
     def fileno(self) -> int:
         """Of the socket, for `select`."""

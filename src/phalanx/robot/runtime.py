@@ -66,11 +66,6 @@ class Runtime:
         return min(self._round_ms, self._listened_ms, *self._retries[:1])
 
     @property
-    def listens(self) -> bool:
-        """Whether a round is due and it listens before it."""
-        return self._listened_ms < NEVER_MS
-
-    @property
     def due_ms(self) -> int:
         """The first of all four."""
         return min(self.input_ms, self.audit_ms, self.check_ms, self.wake_ms)
@@ -119,12 +114,6 @@ class Runtime:
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Done]:
         """The radio is done with the last fragment of an audit request."""
         return self._kept(now_ms, self.cnode.on_sent(now_ms, arrived=arrived))
-
-    def on_radio_full(self) -> None:
-        """The radio had no room for a fragment: the request is given up, as asking on would be in vain."""
-        robot = self.cnode.f.robot[self.cnode.i]
-        robot.request_len = 0
-        robot.quota = 0
 
     def _kept(self, now_ms: int, actions: list[Action]) -> list[Done]:
         done: list[Done] = []

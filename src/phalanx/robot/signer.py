@@ -71,13 +71,13 @@ class Signer:
         """Nothing, to everybody, each second: from when it comes robots learn what is late."""
         return self._order(EVERYBODY, said_ms, TELL_NOTHING)
 
-    def stop(self, said_ms: int, robot: int = EVERYBODY) -> bytes:
-        """Stand still, and obey no motion until `go`: the emergency stop."""
-        return self._order(robot, said_ms, TELL_STOP)
+    def stop(self, said_ms: int) -> bytes:
+        """Stand still, and obey no motion until `go`: everybody's emergency stop."""
+        return self._order(EVERYBODY, said_ms, TELL_STOP)
 
-    def go(self, said_ms: int, robot: int = EVERYBODY) -> bytes:
+    def go(self, said_ms: int) -> bytes:
         """Orders to move may be obeyed again."""
-        return self._order(robot, said_ms, TELL_GO)
+        return self._order(EVERYBODY, said_ms, TELL_GO)
 
     def _order(self, robot: int, said_ms: int, action: int, body: bytes = b"") -> bytes:
         # Later than the last whatever the clock: a stop is obeyed if its signer has said nothing since.
