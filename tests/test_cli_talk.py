@@ -279,11 +279,11 @@ def test_what_setup_installs_can_draw():
 @pytest.mark.parametrize(
     ("words", "says", "hint"),
     [
-        ("mission run drawn:7", "cannot read drawn:7", "mission build --map drawn:7 --out FILE"),
-        ("mission run drwn:7", "cannot read drwn:7", "mission build --map drawn:7 --out FILE"),
-        ("mission audit office_40x40", "cannot read office_40x40", "mission build --map office_40x40 "),
-        ("mission run ofice", "cannot read ofice", "did you mean office?"),
-        ("mission inspect office", "cannot read office", "phalanx mission build office --out FILE first"),
+        ("mission run drawn:7", "no file drawn:7", "mission build --map drawn:7 --out FILE"),
+        ("mission run drwn:7", "no file drwn:7", "mission build --map drawn:7 --out FILE"),
+        ("mission audit office_40x40", "no file office_40x40", "mission build --map office_40x40 "),
+        ("mission run ofice", "no file ofice", "did you mean office?"),
+        ("mission inspect office", "no file office", "phalanx mission build office --out FILE first"),
         ("up --world drwn:7", "no map 'drwn:7'", "did you mean drawn:7?"),
         ("up --defence bond", "'bond' is not one of", "did you mean bound? phalanx up --help"),
         ("mission run office --start 100,100", "no robot can stand at (100, 100) in ", "x 0 to 40, y 0 to 40 m"),

@@ -445,7 +445,7 @@ class TestUp:
     @pytest.mark.parametrize(
         ("arguments", "code", "said"),
         [
-            (["--mission", "nowhere.yaml"], 2, "cannot read nowhere.yaml"),
+            (["--mission", "nowhere.yaml"], 2, "no file nowhere.yaml"),
             (["--mission", "office", "--robots", "3", "--defence", "bound"], 2, "3 robots are too few"),
             (["--mission", "office", "--trust", "00" * 32], 2, "for encoded missions"),
             (["--start-key", "x"], 2, "for encoded missions"),

@@ -210,7 +210,7 @@ class TestFiles:
         with pytest.raises(UsageError, match="office_40x4") as caught:
             load_floorplan("office_40x4")
         assert "office_40x40" in caught.value.hint
-        with pytest.raises(UsageError, match="cannot read"):
+        with pytest.raises(UsageError, match="no file"):
             load_floorplan(tmp_path / "no.yaml")
 
     def test_the_codes_of_the_camera_office_hang_on_walls_and_face_free_space(self):

@@ -193,7 +193,7 @@ def test_a_map_lies_beside_its_mission_wherever_one_stands(folder, monkeypatch):
         run("draw", source, "--out", "two.svg")
     (elsewhere / "maps").mkdir()
     (there / "maps" / "hall.yaml").rename(elsewhere / "maps" / "hall.yaml")
-    with pytest.raises(UsageError, match=r"cannot read .*there/maps/hall.yaml"):
+    with pytest.raises(UsageError, match=r"no file .*there/maps/hall.yaml"):
         run("draw", "../there/two.yaml", "--out", "two.svg")
 
 
@@ -241,7 +241,7 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
     "words, says",
     [
         (("build", "--out", "x"), "nothing to build"),
-        (("build", "nowhere.yaml", "--out", "x"), "cannot read nowhere.yaml"),
+        (("build", "nowhere.yaml", "--out", "x"), "no file nowhere.yaml"),
         (("build", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "--map", "broken.yaml", "--out", "x"), "broken.yaml:1: not YAML: "),
         (("build", "bare.yaml", "--out", "x"), "bare.yaml is a map, not a mission"),
@@ -253,7 +253,7 @@ def test_without_matplotlib_drawing_says_what_is_missing(folder, monkeypatch):
         (("build", "small.yaml", "--out", "x", "--valid", "now"), "is no window"),
         (("build", "small.yaml", "--out", "x", "--valid", "now/then"), "is no time"),
         (("build", "small.yaml", "--out", "x", "--sign-key", "op.pub"), "no private key"),
-        (("verify", "nowhere.phxm"), "cannot read"),
+        (("verify", "nowhere.phxm"), "no file"),
         (("crack", "m.phxm", "--box", "1,2,3"), "is no area"),
         (("draw", "office", "--out", "x.gif"), "neither PNG nor SVG"),
         (("audit", "m.phxm"), "encoded already"),

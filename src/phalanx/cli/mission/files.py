@@ -13,6 +13,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from phalanx.config.written import read_at_most
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io.private_file import write_private
 from phalanx.mission import (
@@ -40,23 +41,11 @@ ENDING = ".phxm"
 KEY_HINT = "openssl genpkey -algorithm ed25519 -out operator.pem makes one"
 
 
-def read_bytes(path: Path, limit: int, what: str) -> bytes:
-    """A file's bytes. Raises: UsageError: it cannot be read, or is longer than any of its kind."""
-    try:
-        with path.open("rb") as file:
-            data: bytes = file.read(limit + 1)
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}", what) from error
-    if len(data) > limit:
-        raise UsageError(f"{path} is longer than {limit} bytes", what)
-    return data
-
-
 def read_plain(source: str) -> Mission:
     """A plain mission: a file's, or one that comes with Phalanx; a map in a file lies beside it. Raises: UsageError."""
     known = built_in("missions")
     wanted = _hint(source, "a mission's YAML file")
-    data = read_bytes(known.get(source, Path(source)), TEXT_LIMIT, wanted)
+    data = read_at_most(known.get(source, Path(source)), TEXT_LIMIT, wanted)
     if data.startswith(MAGIC):
         raise UsageError(f"{source} is encoded already", "give the plain mission it was built from")
     written = WrittenMission(data, source)
@@ -90,7 +79,7 @@ def read_start_key(path: Path) -> StartKey:
 
 
 def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -> Parsed:
-    data = read_bytes(path, FILE_LIMIT, hint)
+    data = read_at_most(path, FILE_LIMIT, hint)
     if not data:
         raise MalformedMission(f"{path} is empty")
     try:
@@ -102,7 +91,7 @@ def _built(path: Path, hint: str, what: str, parse: Callable[[bytes], Parsed]) -
 def read_signing_key(path: Path) -> Ed25519PrivateKey:
     """An operator's key. Raises: UsageError."""
     try:
-        key = load_pem_private_key(read_bytes(path, 1 << 16, KEY_HINT), None)
+        key = load_pem_private_key(read_at_most(path, 1 << 16, KEY_HINT), None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as error:
         raise UsageError(f"{path} holds no private key without a password", KEY_HINT) from error
     if not isinstance(key, Ed25519PrivateKey):
@@ -116,7 +105,7 @@ def read_trusted(said: str) -> bytes:
         return bytes.fromhex(said)
     hint = "64 hex digits, or the file that openssl pkey -in operator.pem -pubout writes"
     try:
-        key = load_pem_public_key(read_bytes(Path(said), 1 << 16, hint))
+        key = load_pem_public_key(read_at_most(Path(said), 1 << 16, hint))
     except (ValueError, UnsupportedAlgorithm) as error:
         raise UsageError(f"{said} holds no public key", hint) from error
     if not isinstance(key, Ed25519PublicKey):
@@ -202,7 +191,7 @@ def is_encoded(source: str) -> bool:
     known = built_in("missions")
     if source in known:
         return False
-    data = read_bytes(Path(source), FILE_LIMIT, _hint(source, "a mission's file"))
+    data = read_at_most(Path(source), FILE_LIMIT, _hint(source, "a mission's file"))
     return data.startswith(MAGIC) or (bool(data) and Path(source).suffix == ENDING)
 
 

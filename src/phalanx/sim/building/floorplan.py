@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.landmarks.floorplan import FILE_MAX_BYTES, FloorPlan, floorplan_of_yaml, read_yaml
 from phalanx.mission.landmarks.gridmap import CELLS_MAX, floorplan_of_map, map_words
@@ -21,6 +22,7 @@ from .drawn import PREFIX, drawn
 
 MAPS = DATA / "maps"
 DEFAULT = "office_40x40"
+HINT = "a map's YAML file, and beside it the picture that it names"
 _PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
 
 
@@ -29,7 +31,7 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
 
     Args:
         name_or_path: the picture of a map_server map lies beside its YAML file, as it is or compressed (.gz).
-    Raises: UsageError: there is no such map, or it cannot be read; the message says why.
+    Raises: UsageError: there is no such map, or it is none; the message says why. Unavailable: it cannot be read.
     """
     if str(name_or_path).startswith(PREFIX):
         return drawn(str(name_or_path))
@@ -42,7 +44,7 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
             near = f"did you mean {like}? " if like else did_you_mean(path.stem, known)
             hint = f"{near}a YAML file, {PREFIX}SEED, or {', '.join(known)}"
             raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
-    words = _read(path, FILE_MAX_BYTES)
+    words = read_at_most(path, FILE_MAX_BYTES, HINT)
     read = read_yaml(words, path.name)
     return replace(_drawn_in(path, words, read), sources=sources_of(read, path.name))
 
@@ -52,7 +54,9 @@ def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any]) -> FloorPlan:
         return floorplan_of_yaml(words, path.stem)
     image = path.parent / map_words(words, path.name).image
     packed = image.with_name(image.name + ".gz")
-    picture = _unpack(packed) if packed.exists() and not image.exists() else _read(image, _PICTURE_MAX_BYTES)
+    picture = (
+        _unpack(packed) if packed.exists() and not image.exists() else read_at_most(image, _PICTURE_MAX_BYTES, HINT)
+    )
     return floorplan_of_map(words, picture, path.stem)
 
 
@@ -60,17 +64,6 @@ def drawn_like(name: str) -> str:
     """What a name was perhaps meant to be of drawn buildings, as `drawn:7` for `drwn:7`; or nothing."""
     kind, colon, rest = name.partition(":")
     return PREFIX + rest if colon and did_you_mean(kind, (PREFIX[:-1],)) else ""
-
-
-def _read(path: Path, limit: int) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror or error}") from error
-    if len(data) > limit:
-        raise UsageError(f"{path} has more than {limit} bytes")
-    return data
 
 
 def _unpack(path: Path) -> bytes:
