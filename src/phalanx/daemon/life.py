@@ -10,7 +10,6 @@ import asyncio
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 
 import numpy as np
 
@@ -22,11 +21,9 @@ from phalanx.errors import UsageError
 from phalanx.io.udp_radio import Radio
 from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
-from phalanx.robot.controllers import dispatch
-from phalanx.robot.controllers.python_controller import Controller
-from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
+from phalanx.robot.planner import MakePlanner, Planner, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
-from phalanx.sim.scenarios.run import params_of, plan_of
+from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of, plan_of
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
 from .driver import Hardware
@@ -35,7 +32,6 @@ from .trusted import OwnClock
 
 log = logging.getLogger(__name__)
 
-MakeController = Callable[[int], Controller]
 FRAMES = 256  # that wait at most; what comes then is lost, as on the air
 
 
@@ -71,7 +67,7 @@ class Life:
             scenario.bti,
             params_of(scenario, mission),
             profile=BOUND,
-            controller=0 if controller else dispatch.NUMBERS[scenario.controller],
+            controller=number_of(scenario, controller),
             mission_seed=scenario.seed,
             snode=self._rows,
             anode=self._rows,
@@ -79,11 +75,8 @@ class Life:
         self.fleet.robot["id"] = rob_id
         self._work = make_work(scenario.bti)
         self._controller = controller
-        advised = dispatch.BUNDLED[scenario.controller].advised is not None and controller is None
-        if planner and not advised:
-            raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
-        make: MakePlanner = planner or ToGoal
-        self._planner: Planner | None = make(rob_id, scenario.goal_m) if advised else None
+        make = adviser(scenario, controller, planner)
+        self._planner: Planner | None = make(rob_id, scenario.goal_m) if make else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)

@@ -5,25 +5,23 @@ From the mission key on a reading is due each quarter of a second, and nothing m
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.robot.cnode import Actuate, CNode, Transmit, Verdict
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import Declaration
-from phalanx.robot.controllers.python_controller import Controller, compiled
-from phalanx.robot.planner import ToGoal, advice_of
+from phalanx.robot.controllers.python_controller import compiled
+from phalanx.robot.planner import advice_of
 from phalanx.robot.runtime import Runtime, is_fragment
-from phalanx.sim.scenarios.run import params_of
+from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import KEY_BYTES
 
 BEGAN_MS = 1000
 
 
-def rehearse(scenario: Scenario, limits: Limits, controller: Callable[[int], Controller] | None = None) -> int:
+def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | None = None) -> int:
     """How many audits ended well, of two robots that stand where a mission begins; all that runs has run once."""
     config, declared = scenario.bti, dispatch.BUNDLED[scenario.controller]
     nodes = Nodes(2, BOUND, limits)
@@ -36,14 +34,15 @@ def rehearse(scenario: Scenario, limits: Limits, controller: Callable[[int], Con
         config,
         params_of(scenario),
         profile=BOUND,
-        controller=0 if controller else dispatch.NUMBERS[scenario.controller],
+        controller=number_of(scenario, controller),
         mission_seed=scenario.seed,
         snode=nodes.snode,
         anode=nodes.anode,
     )
     work = make_work(config)
     robots = [Runtime(CNode(fleet, i, work, controller), config, BEGAN_MS) for i in range(2)]
-    planners = [ToGoal(i + 1, scenario.goal_m) for i in range(2)] if declared.advised and not controller else []
+    make = adviser(scenario, controller)
+    planners = [make(i + 1, scenario.goal_m) for i in range(2)] if make else []
     if scenario.attacks:
         _as_liars_know(scenario)
     passed = 0

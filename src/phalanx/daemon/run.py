@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 from phalanx.bti.nodes import Refused
@@ -20,12 +19,13 @@ from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
+from phalanx.sim.scenarios.run import MakeController, with_room
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
 from phalanx.sim.scenarios.starts import WHEELS
 
 from .driver import Base, make_driver
 from .kept_log import KeptLog
-from .life import Life, MakeController
+from .life import Life
 from .on_air import HostileRadio, OnAir
 from .rehearsal import rehearse
 from .sealed_air import SealedAir, with_room_for_seals
@@ -63,8 +63,7 @@ def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, M
     if not settings.said.controller:
         return scenario, None
     _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
-    state_bytes = max(scenario.bti.state_bytes, getattr(made, "state_bytes", 0))
-    return replace(scenario, bti=replace(scenario.bti, state_bytes=state_bytes)), made
+    return with_room(scenario, made), made
 
 
 def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: str) -> None:

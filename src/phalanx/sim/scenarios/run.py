@@ -37,6 +37,7 @@ from phalanx.wire.table import SENSOR
 
 from .scenario import AttackSpec, Scenario, in_scenarios
 
+MakeController = Callable[[int], Controller]
 # Robots that never lie again.
 FOREVER_MS = (1 << 32) - 1
 
@@ -76,6 +77,30 @@ def plan_of(scenario: Scenario, spec: AttackSpec, boot_ms: int, chance: np.rando
     )
 
 
+def number_of(scenario: Scenario, controller: MakeController | None) -> int:
+    """What a fleet knows its controller by: a researcher's own has no number."""
+    return 0 if controller else dispatch.NUMBERS[scenario.controller]
+
+
+def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
+    """The same, in which a researcher's own controller has room for what it remembers."""
+    state_bytes = max(scenario.bti.state_bytes, getattr(controller, "state_bytes", 0))
+    return replace(scenario, bti=replace(scenario.bti, state_bytes=state_bytes))
+
+
+def adviser(
+    scenario: Scenario, controller: MakeController | None, planner: MakePlanner | None = None
+) -> MakePlanner | None:
+    """Who advises each robot: `planner` or `ToGoal`; None where nobody can.
+
+    Raises: UsageError: a planner for robots that nobody can advise.
+    """
+    advised = _driving(scenario).advised is not None and controller is None
+    if planner and not advised:
+        raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
+    return planner or ToGoal if advised else None
+
+
 class Run:
     """A scenario being run.
 
@@ -94,17 +119,14 @@ class Run:
     def __init__(
         self,
         scenario: Scenario,
-        controller: Callable[[int], Controller] | None = None,
+        controller: MakeController | None = None,
         planner: MakePlanner | None = None,
         *,
         plain: bool = False,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
         scenario, controller, self.stage = _on_stage(scenario, controller)
-        if longest := getattr(controller, "state_bytes", 0):
-            bti = replace(scenario.bti, state_bytes=max(scenario.bti.state_bytes, longest))
-            scenario = replace(scenario, bti=bti)
-        self.scenario = scenario
+        self.scenario = scenario = with_room(scenario, controller)
         n = scenario.robots
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
@@ -112,14 +134,12 @@ class Run:
         bundled = _driving(scenario)
         if scenario.controller not in in_scenarios() and not self.has_station:
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
-        advised = bundled.advised is not None and controller is None
-        if planner and not advised:
-            raise UsageError("a planner, but nobody that it could advise", "controller: guard")
+        make_planner = adviser(scenario, controller, planner)
         setup = Setup(
             robots=n,
             starts_m=np.array(scenario.starts_m, np.float64),
             profile=PROFILES[scenario.defence],
-            controller=0 if controller else dispatch.NUMBERS[scenario.controller],
+            controller=number_of(scenario, controller),
             params=params_of(scenario),
             body=driven_by(bundled),
             seed=scenario.seed,
@@ -145,10 +165,9 @@ class Run:
         self.robots: dict[int, CNode] = {}
         self._compromise(drawn, controller, chance)
         self.planners: dict[int, Planner] = {}
-        if advised:
-            make = planner or ToGoal
-            self.planners = {i: make(i + 1, scenario.goal_m) for i in range(n)}
-        if controller or advised:
+        if make_planner:
+            self.planners = {i: make_planner(i + 1, scenario.goal_m) for i in range(n)}
+        if controller or make_planner:
             for i in range(n):
                 self.robots.setdefault(i, CNode(self.world.fleet, i, self.world.work, controller))
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
@@ -158,7 +177,7 @@ class Run:
     def _compromise(
         self,
         drawn: tuple[AttackSpec, ...],
-        controller: Callable[[int], Controller] | None,
+        controller: MakeController | None,
         chance: np.random.Generator,
     ) -> None:
         scenario, world = self.scenario, self.world
@@ -295,8 +314,8 @@ class Run:
 
 
 def _on_stage(
-    scenario: Scenario, controller: Callable[[int], Controller] | None
-) -> tuple[Scenario, Callable[[int], Controller] | None, Stage | None]:
+    scenario: Scenario, controller: MakeController | None
+) -> tuple[Scenario, MakeController | None, Stage | None]:
     """The same with room for what a protocol's robots sense and remember, its robots, and what its world holds."""
     protocol = find_protocol(scenario.controller)
     if not protocol:
