@@ -18,8 +18,10 @@ from phalanx.experiments.scorecard.bout import OUTCOME, run_bout
 from phalanx.experiments.scorecard.card import lines
 from phalanx.experiments.scorecard.picture import draw_card
 from phalanx.experiments.scorecard.plan import AT_S, COMMON, MISSIONS, Card, known_protocols
+from phalanx.experiments.scorecard.wheels import drive, try_on_wheels
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import ATTACKS, IN_FLOCKS
+from phalanx.sim.scenarios.own import find_attack
 from phalanx.sim.scenarios.scenario import in_scenarios
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
@@ -66,6 +68,7 @@ class TestPlan:
             ((), ("flok",), "no protocol 'flok'"),
             (("flip-bit",), ("flock",), "nothing to try"),
             (("no.py:Mine",), (), "no file no.py"),
+            (("hijack:until=20",), ("wheels",), "hijack:until=20 on wheels, which takes no until"),
         ],
     )
     def test_a_mistake_is_one_line(self, attacks, protocols, told):
@@ -95,7 +98,7 @@ def a_trial(attack="spoof", defence="bound", stops=STOPPED_IN_TIME, harm=1.0, **
     ],
 )
 def test_a_promise_that_is_not_kept_is_missed(trial, missed):
-    assert bouts._missed(trial, ATTACKS[trial.attack]) == missed
+    assert [words for words, is_so in bouts._missed(trial, ATTACKS[trial.attack]).items() if is_so] == missed
 
 
 class TestBout:
@@ -129,6 +132,15 @@ class TestBout:
         assert (kept["stopped"], kept["correct_stopped"], kept["missed"]) == (1, 0, "")
         assert 0 < kept["slowest_stop_s"] <= kept["bound_s"]
         assert kept["audit_bytes_per_s"] > 0 == bare["audit_bytes_per_s"]
+
+    def test_on_wheels_an_attack_begins_when_its_words_say_so(self):
+        spec = find_attack("hijack:at=2")
+        swarm = drive("none", 0, 3.0, spec)
+        ((i, liar),) = swarm.liars.items()
+        began_ms = liar.first_deviation_ms - int(swarm.world.boot_us[i]) // 1000
+        assert 2000 <= began_ms <= 3000
+        with pytest.raises(UsageError, match="hijack begins at 2 s, when the run is over"):
+            try_on_wheels(spec, "none", 0, 2.0)
 
     def test_a_mission_s_row_says_whether_its_verdict_was_kept(self):
         for job in Card(("replay-day",), (), 1).jobs:
@@ -184,7 +196,7 @@ class TestCommand:
                     store.add(job, run(job))
             return []
 
-        monkeypatch.setattr(command, "run_sweep", run_sweep)
+        monkeypatch.setattr("phalanx.cli.sweep.run_sweep", run_sweep)
 
     def test_a_row_of_one_s_own_is_added_to_the_table(self, here, phalanx, tmp_path, monkeypatch):
         pytest.importorskip("matplotlib")

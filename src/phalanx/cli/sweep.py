@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from phalanx.errors import UsageError
 from phalanx.experiments.sweep.cluster import run_sweep
-from phalanx.experiments.sweep.plan import read_sweep
-from phalanx.experiments.sweep.store import Store, points
+from phalanx.experiments.sweep.plan import Plan, read_sweep
+from phalanx.experiments.sweep.store import OUTCOME, Store, points
 from phalanx.experiments.version import version
 
 from .commands.runs import tell_of_compiling
@@ -20,27 +21,11 @@ MOST_FAILURES = 10  # that are told one by one
 
 def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | None, as_json: bool) -> int:
     """Runs a sweep; 1 if it was stopped or a run failed."""
-    if scheduler and workers:
-        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
-    chosen, progress = read_sweep(file), Progress()
-    tell_of_compiling()
-
-    def tell(done: int, of: int) -> None:
-        progress.tell(f"{done} of {of} runs", done / of)
-
-    with Store(out or Path("out") / file.stem, chosen, version()) as store:
-        try:
-            with said_aside():
-                failed = run_sweep(chosen, store, scheduler, workers, tell)
-        except KeyboardInterrupt:
-            end_status_line()
-            store.write()
-            talk(f"stopped: {len(store.done)} rows are in {store.runs}; the same command goes on")
-            return 1
-        end_status_line()
-        store.write()
-        rows = points(chosen, store.rows())
-    tell_failed(failed)
+    chosen = read_sweep(file)
+    store, failed, stopped = make_runs(chosen, out or Path("out") / file.stem, scheduler, workers)
+    if stopped:
+        return 1
+    rows = points(chosen, store.rows())
     if as_json:
         print_json({"points": rows, "failed": failed, "rows": str(store.runs)})
     else:
@@ -49,12 +34,40 @@ def sweep(file: Path, scheduler: str | None, workers: int | None, out: Path | No
     return 1 if failed else 0
 
 
-def tell_failed(failed: list[str]) -> None:
-    """The first runs that failed, one by one, and how many there are more."""
+def make_runs(
+    plan: Plan,
+    out: Path,
+    scheduler: str | None,
+    workers: int | None,
+    columns: Mapping[str, str] = OUTCOME,
+    run: Callable[[Any], dict[str, Any]] | None = None,
+) -> tuple[Store, list[str], bool]:
+    """The folder with all runs, a line for each that failed, and whether Ctrl-C came first; how far it is, is told.
+
+    `run` makes a job's row; None for a sweep's. Raises: UsageError, Unavailable.
+    """
+    if scheduler and workers:
+        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+    progress, failed, stopped = Progress(), list[str](), False
+
+    def tell(done: int, of: int) -> None:
+        progress.tell(f"{done} of {of} runs", done / of)
+
+    tell_of_compiling()
+    with Store(out, plan, version(), columns) as store:
+        try:
+            with said_aside():
+                failed = run_sweep(plan, store, scheduler, workers, tell, run=run)
+        except KeyboardInterrupt:
+            stopped = True
+        end_status_line()
     for line in failed[:MOST_FAILURES]:
         talk(f"failed: {line}")
     if len(failed) > MOST_FAILURES:
         talk(f"failed: {len(failed) - MOST_FAILURES} more")
+    if stopped:
+        talk(f"stopped: {len(store.done)} runs are in {store.runs}; the same command goes on")
+    return store, failed, stopped
 
 
 def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:

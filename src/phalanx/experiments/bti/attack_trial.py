@@ -40,6 +40,12 @@ class Stop:
             return None
         return self.safe_mode_s - self.first_deviation_s
 
+    def is_in_time(self, bound_s: float | None, now_s: float) -> bool:
+        """Whether it took no longer than that; who is not stopped yet may not be late yet: the run ended first."""
+        if self.first_deviation_s is None or bound_s is None:
+            return True
+        return (now_s if self.safe_mode_s is None else self.safe_mode_s) - self.first_deviation_s <= bound_s
+
 
 class Sent(NamedTuple):
     """What a robot has sent until `at_s`: airtime of its AUDIT frames, each counted once; and of all tries of all."""
@@ -85,16 +91,7 @@ class FlockTrial(Trial):
         """Whether each robot that deviated was stopped within its bound; None where nothing is promised."""
         if self.bound_s is None:
             return None
-        return all(self._in_time(stop) for stop in self.stops)
-
-    def _in_time(self, stop: Stop) -> bool:
-        bound_s = self.bound_of(stop)
-        if stop.first_deviation_s is None or bound_s is None:
-            return True
-        if stop.after_s is not None:
-            return stop.after_s <= bound_s
-        # Not stopped yet, and not late yet: the run ended first.
-        return float(self.attacked["duration_s"]) < stop.first_deviation_s + bound_s
+        return all(stop.is_in_time(self.bound_of(stop), self.attacked["duration_s"]) for stop in self.stops)
 
     @property
     def within_buckets(self) -> bool | None:

@@ -18,7 +18,7 @@ from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
 
-from .plan import AT_S, WATCHED_S, WHEELS, Bout
+from .plan import AT_S, HONEST_KEPT, WATCHED_S, WHEELS, Bout
 from .wheels import try_on_wheels
 
 # What a run comes to; Arrow's types.
@@ -38,7 +38,6 @@ OUTCOME = {
     "digest": "string",
     "cpu_s": "double",
 }
-HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same
 
 
 def run_bout(bout: Bout) -> dict[str, Any]:
@@ -47,23 +46,19 @@ def run_bout(bout: Bout) -> dict[str, Any]:
     with contextlib.redirect_stdout(sys.stderr), mistakes_in(bout.attack, bout.controller):
         spec = find_attack(bout.attack)
         attack = spec.attack
+        if "at=" not in bout.attack:
+            spec = replace(spec, at_s=AT_S)
         if bout.scenario:
             told = _in_flock(bout, spec, bout.scenario)
         elif bout.protocol == WHEELS:
-            told = try_on_wheels(attack, bout.defence, bout.seed, AT_S, AT_S + WATCHED_S)
+            told = try_on_wheels(spec, bout.defence, bout.seed, AT_S + WATCHED_S)
         elif attack.scene == "team":
             told = _in_team(try_in_team(attack, bout.defence, bout.seed))
         else:
             told = _on_errand(try_mission_attack(attack, bout.defence, bout.seed, spec.options))
+    told["missed"] = "; ".join(words for words, is_so in told["missed"].items() if is_so)
     harm = {"declared": attack.verdicts[bout.defence], "harm_unit": attack.harm.unit, "bites_from": attack.bites_from}
     return dict.fromkeys(OUTCOME) | harm | told | {"cpu_s": time.thread_time() - begun_s}
-
-
-def prepare(bout: Bout) -> None:
-    """What a run needs is compiled."""
-    if bout.scenario:
-        with mistakes_in(bout.attack, bout.controller):
-            Run(*find_controller(bout.controller, bout.scenario))
 
 
 @lru_cache(HONEST_KEPT)
@@ -73,8 +68,6 @@ def _honest(scenario: Scenario, controller: str | None) -> Run:
 
 
 def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any]:
-    if "at=" not in bout.attack:
-        spec = replace(spec, at_s=AT_S)
     others = spec.attack.liars(scenario.bti.f_max) - 1
     attacked, own = find_controller(
         bout.controller, replace(scenario, attacks=(spec, *(replace(spec, robot=None),) * others))
@@ -93,30 +86,28 @@ def _in_flock(bout: Bout, spec: AttackSpec, scenario: Scenario) -> dict[str, Any
         "slowest_stop_s": max(lasted_s, default=None),
         "bound_s": max(filter(None, map(trial.bound_of, trial.stops)), default=None),
         "correct_stopped": len(trial.attacked["correct_in_safe_mode"]) + len(trial.attacked["without_quorum"]),
-        "missed": "; ".join(_missed(trial, spec.attack)),
+        "missed": _missed(trial, spec.attack),
         "audit_bytes_per_s": trial.honest["bytes_per_s_per_robot"]["audit"],
         "digest": trial.attacked["digest"],
     }
 
 
-def _missed(trial: FlockTrial, attack: Attack) -> list[str]:
+def _missed(trial: FlockTrial, attack: Attack) -> dict[str, bool]:
     promised = trial.defence != "none" and trial.declared in ("stopped", "limited", "harmless")
     stopped = trial.attacked["correct_in_safe_mode"] or trial.attacked["without_quorum"]
     small = trial.declared in ("limited", "harmless") and trial.defence != "none"
     bites = small and (trial.harm or 0.0) >= (attack.limit or attack.bites_from)
-    found = {
+    return {
         "stopped too late": trial.stopped_in_time is False,
         "correct robots stopped": bool(promised and stopped),
         "beyond its bucket": trial.within_buckets is False,
         "bites": bites,
     }
-    return [words for words, is_so in found.items() if is_so]
 
 
 def _in_team(trial: TeamTrial) -> dict[str, Any]:
     both = trial.deviated_s is not None and trial.stopped_s is not None
     late = trial.declared == "stopped" and not trial.in_safe_mode and trial.broken
-    found = {"stopped too late": late, "correct robots stopped": bool(trial.in_safe_mode)}
     return {
         "harm": float(trial.others - trial.completed),
         "harm_unit": "robots",  # whose mission was not completed
@@ -126,7 +117,7 @@ def _in_team(trial: TeamTrial) -> dict[str, Any]:
         "slowest_stop_s": (trial.stopped_s or 0.0) - (trial.deviated_s or 0.0) if both else None,
         "bound_s": trial.bound_s,
         "correct_stopped": len(trial.in_safe_mode),
-        "missed": "; ".join(words for words, is_so in found.items() if is_so),
+        "missed": {"stopped too late": late, "correct robots stopped": bool(trial.in_safe_mode)},
     }
 
 
@@ -144,5 +135,5 @@ def _on_errand(trial: MissionTrial) -> dict[str, Any]:
         "deviated": 1,
         "stopped": int(stopped),
         "correct_stopped": 0,
-        "missed": "" if trial.kept or trial.defence == "none" else f"not {trial.declared}",
+        "missed": {f"not {trial.declared}": trial.defence != "none" and not trial.kept},
     }

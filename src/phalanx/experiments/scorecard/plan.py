@@ -25,7 +25,10 @@ from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 # When liars begin, and for how long they are watched: T_val and more than a round of audits beside it.
 AT_S, WATCHED_S = 12.0, 24.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
+HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same
 WHEELS = "wheels"  # the demo's robots, who wait for orders: attacks that make sense for them
+# Of an attack's words, what flocks alone take.
+UNHEARD = {WHEELS: ("robot", "until"), "mission": ("at", "robot", "until"), "team": ("at", "robot", "until")}
 # Near enough to each other that neighbours push, and near the goal, so that lies about the way there matter.
 SMALL = Scenario(
     name="scorecard",
@@ -76,6 +79,12 @@ class Card:
                 )
         if not self._tried:
             raise UsageError("nothing to try", "these attacks are none on these protocols")
+        for protocol, words in self._tried:
+            for name in UNHEARD.get(protocol, ()):
+                if f"{name}=" in words:
+                    raise UsageError(
+                        f"{words} on {protocol}, which takes no {name}", "another --controller, or without"
+                    )
 
     @property
     def axes(self) -> Mapping[str, tuple[Cell, ...]]:

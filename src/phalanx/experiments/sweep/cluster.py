@@ -32,7 +32,6 @@ def run_sweep(
     on_progress: Callable[[int, int], None] = lambda _done, _of: None,
     *,
     run: Callable[[Any], dict[str, Any]] | None = None,
-    prepare: Callable[[Any], object] | None = None,
 ) -> list[str]:
     """All runs that the store does not have are made and added to it.
 
@@ -41,7 +40,6 @@ def run_sweep(
         workers: how many of these; None for one a processor.
         on_progress: is told how many runs are there, and of how many.
         run: makes a job's row, in whichever process; None for a `Sweep`'s.
-        prepare: called with the first job, here, before there are other processes; likewise.
     Returns: a line for each run that failed; the others are there.
     Raises: UsageError: of the sweep. Unavailable: dask is not installed; no scheduler there, or it went away; a disk
         is full. Ctrl-C: KeyboardInterrupt. Whatever it is, what came until then is in the store.
@@ -52,7 +50,7 @@ def run_sweep(
     if not todo:
         return []
     if scheduler is None:
-        (prepare or _compile)(todo[0])
+        _compile(todo[0])
     failed: list[str] = []
     with _client(scheduler, workers) as (dask, client):
         ahead = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
@@ -89,8 +87,10 @@ def run_job(job: Job) -> dict[str, Any]:
         return outcome(run.summary(), time.thread_time() - begun_s)
 
 
-def _compile(job: Job) -> None:
+def _compile(job: Any) -> None:
     """Here and once, and not in each process at a time; and what can be refused is refused here."""
+    if not job.scenario:  # what a scorecard tries beside flocks
+        return
     with mistakes_in(job.attack, job.controller):
         Run(*find_controller(job.controller, job.scenario))
 
