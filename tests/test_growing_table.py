@@ -105,7 +105,7 @@ def test_a_folder_that_cannot_be_made_and_a_missing_file_are_told(tmp_path, kind
         kind.open(tmp_path / "file" / "x.csv").__enter__()
     with pytest.raises(UsageError, match="no file"):
         kind.count(tmp_path / "nothing.csv")
-    with pytest.raises(Unavailable, match="cannot read"):
+    with pytest.raises(UsageError, match="is a folder"):
         kind.count(tmp_path)
 
 

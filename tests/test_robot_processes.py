@@ -230,6 +230,7 @@ def running(path):
 
 
 def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path):
+    boards.built("node")  # before a robot waits for it to answer
     keys = Keys.new("test")
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
     (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))

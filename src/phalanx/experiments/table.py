@@ -22,6 +22,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.config.written import read_at_most
 from phalanx.errors import Unavailable, UsageError
 
 from .figure import Figure
@@ -29,6 +30,7 @@ from .version import version
 
 Rows = NDArray[np.float64]
 END = "# end "
+MOST_BYTES = 1 << 30
 ELSEWHERE = "use another folder with --out, or move the file away"
 
 
@@ -79,13 +81,7 @@ def read_table(path: Path, figure: str = "") -> Table:
 
     Raises: UsageError: no such file, or not one of ours. Unavailable: it cannot be read.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "phalanx reproduce makes one") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
-    return _parse(path, data, figure)[0]
+    return _parse(path, read_at_most(path, MOST_BYTES, "phalanx reproduce makes one"), figure)[0]
 
 
 class TableFile:

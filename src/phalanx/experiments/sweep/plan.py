@@ -14,7 +14,8 @@ from typing import Any, Protocol
 import yaml
 
 from phalanx.config.written import compose, line_of, read_at_most, words_of
-from phalanx.errors import Unavailable, UsageError, did_you_mean
+from phalanx.errors import UsageError, did_you_mean
+from phalanx.sim.scenarios import own
 from phalanx.sim.scenarios.file import DERIVED, find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file, no_controller
 from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
@@ -151,13 +152,7 @@ def key_of(*said: object) -> str:
 
 def content_of(words: str) -> str:
     """Of the file in "FILE.py:CLASS", a digest. Raises: UsageError: no such file. Unavailable: it cannot be read."""
-    path = Path(words.partition(":")[0])
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "FILE.py:CLASS") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    return hashlib.sha256(read_at_most(Path(words.partition(":")[0]), own.MOST_BYTES, "FILE.py:CLASS")).hexdigest()
 
 
 def read_sweep(path: Path) -> Sweep:

@@ -16,7 +16,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from phalanx.errors import PhalanxError, Unavailable, UsageError, did_you_mean
+from phalanx.config.written import read_at_most
+from phalanx.errors import PhalanxError, UsageError, did_you_mean
 from phalanx.robot.attacks.attack import Attack, own_attack
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
@@ -27,6 +28,7 @@ from .scenario import CONTROLLERS, AttackSpec, Scenario, in_scenarios, parse_att
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
 # Raised where no line of a researcher's file runs, these say nothing of it.
 OURS = (AssertionError, OSError, MemoryError, SystemExit)
+MOST_BYTES = 1 << 24  # of a file of one's own
 logger = logging.getLogger(__name__)
 
 
@@ -187,12 +189,7 @@ def is_file(words: str) -> bool:
 
 
 def _run(path: Path) -> ModuleType:
-    try:
-        path.read_bytes()
-    except FileNotFoundError as error:
-        raise UsageError(f"no file {path}", "FILE.py:CLASS") from error
-    except OSError as error:
-        raise Unavailable(f"cannot read {path}: {error.strerror}") from error
+    read_at_most(path, MOST_BYTES, "FILE.py:CLASS")
     name = f"phalanx_own_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
