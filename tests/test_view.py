@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import re
 import struct
 
 import aiohttp
 import pytest
 import zstandard
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.KeyValuePair_pb2 import KeyValuePair
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from mcap.writer import CompressionType, Writer
 
 from phalanx.cli import view as view_command
@@ -15,11 +20,14 @@ from phalanx.gateway.serve_view import ViewPages
 from phalanx.gateway.site import beside
 from phalanx.sim import recorded
 from phalanx.sim.audited.watch import VerdictReader
+from phalanx.sim.recorded import Said
 from phalanx.sim.recorder import NS, TOPICS, frame
 from phalanx.sim.scenarios import scenes
 from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenes import Live, lines_of
+from phalanx.sim.scenarios.scenes import Live, Scenes, lines_of
 from test_recording import SCENARIO
+
+ATTACK = KeyValuePair(key="attack", value="spoof")
 
 
 @pytest.fixture(scope="module")
@@ -103,19 +111,72 @@ def test_a_file_that_unpacks_to_more_than_is_read_is_refused_before_it_is_unpack
     with pytest.raises(UsageError, match=r"bomb\.mcap unpacks to more"):
         (lines_of(bomb))
     bomb.write_bytes(chunk(b"", 1, b"lz4"))
-    with pytest.raises(UsageError, match="unpacks to more"):
+    with pytest.raises(UsageError, match=r"bomb\.mcap is packed as 'lz4'"):
         (lines_of(bomb))
 
 
-def written(path, *frames, t_ns=0):
-    """A recording of these frames, by somebody else."""
+def written(path, *frames, t_ns=0, steps=1):
+    """A recording of these frames, by somebody else, a chunk a step."""
     with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE)
+        writer = Writer(file, compression=CompressionType.NONE, chunk_size=1)
         writer.start()
         channel = writer.register_channel("/tf", "protobuf", writer.register_schema("x", "protobuf", b""))
-        writer.add_message(channel, t_ns, TOPICS["/tf"](transforms=frames).SerializeToString(), t_ns)
+        for at_ns in range(t_ns, t_ns + steps * NS, NS):
+            writer.add_message(channel, at_ns, TOPICS["/tf"](transforms=frames).SerializeToString(), at_ns)
         writer.finish()
     return path
+
+
+def test_of_many_chunks_those_are_shown_that_are_whole(tmp_path, caplog):
+    path = written(tmp_path / "x.mcap", frame(0, "robot-1", 1, 2, 0), steps=5)
+    whole, data = lines_of(path), path.read_bytes()
+    assert [line["t"] for line in whole] == [0, 1, 2, 3, 4]
+    third = [at.start() for at in re.finditer(b"robot-1", data)][2]
+    for length in range(third - 20, third + 20):
+        path.write_bytes(data[:length])
+        assert lines_of(path) == whole[:2]
+    assert "cut short" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        Said("/shields", 0, {"robots": [{"id": 1, "safe_mode": False, "tokens": [{"auditor": 2, "left_s": 1}] * 200}]}),
+        Said("/scene", 0, TOPICS["/scene"](entities=[SceneEntity(id="robot-1", metadata=[ATTACK])])),
+    ],
+)
+def test_all_that_a_line_holds_is_counted(said):
+    lines: list = []
+    told = Scenes(lines.append)
+    for second in range(200):
+        told.take(Said("/tf", second * NS, TOPICS["/tf"]()))
+        if second == 0:
+            told.take(said)
+    told.close()
+    assert told.told >= 200
+
+
+def test_what_is_said_of_a_run_is_what_the_page_knows_once():
+    lines: list = []
+    told = Scenes(lines.append)
+    for name in ("first", "second"):
+        told.take(Said("metadata scenario", 0, {"name": name, "seed": "1" * 1000, "x" * 9999: "y"}))
+    assert lines == [{"about": {"name": "first", "seed": "1" * scenes.LONGEST}}]
+
+
+def test_a_message_of_more_discs_than_anybody_draws_is_refused_before_they_are_made():
+    ground = SceneEntity(id="ground")
+    ground.MergeFromString(SceneEntity(cylinders=[CylinderPrimitive()]).SerializeToString() * (scenes.MOST_DRAWN + 1))
+    with pytest.raises(ValueError, match=str(scenes.MOST_DRAWN)):
+        Scenes(lambda _: None).take(Said("/scene", 0, TOPICS["/scene"](entities=[ground])))
+
+
+def test_a_pipe_is_no_recording_and_is_not_waited_for(tmp_path):
+    for name in ("pipe", "pipe.mcap"):
+        os.mkfifo(tmp_path / name)
+        assert recorded.is_recording(tmp_path / name) == (name != "pipe")
+        with pytest.raises(UsageError, match="is no file"):
+            (lines_of(tmp_path / name))
 
 
 @pytest.mark.parametrize("x_m", [float("nan"), float("inf"), 1e300])
@@ -163,13 +224,16 @@ async def test_no_other_host_s_name_and_no_nonsense_is_answered_and_a_port_that_
             ("/api/run", {"Host": "evil.test"}, 403),
             ("/api/run?from=-1", {}, 400),
             ("/api/run?from=9999999999", {}, 400),
+            ("/api/run?from=1&run=another", {}, 409),
         ):
             async with http.get(path, headers=headers) as answer:
                 assert answer.status == status, path
         pages.put({"t": 0.0})
         pages.put(None)
-        async with http.get("/api/run?from=1") as answer:
-            assert await answer.text() == '{"end": true}\n'
+        for run in ("", answer.headers.get("Run", "")):
+            async with http.get(f"/api/run?from=1&run={run}") as answer:
+                assert await answer.text() == '{"end": true}\n'
+                assert answer.headers["Run"]
         with pytest.raises(Unavailable, match="already in use") as refused:
             await ViewPages(pages.port).__aenter__()
         assert "--port 0" in refused.value.hint

@@ -70,4 +70,13 @@ describe("a run", () => {
     expect(pieces.swarmAt(0.5, 1, 0).robots).toEqual(made().swarmAt(0.5, 1, 0).robots);
     expect(pieces.end_s).toBe(9);
   });
+
+  test("a step may hold more than a stack does, and so much is drawn", () => {
+    const run = new Run();
+    const many = <T>(one: T): T[] => Array<T>(130_000).fill(one);
+    run.add([{ t: 0, at: [], lies: [], marks: many([1, 1]), walls: many([0, 0, 1, 1]), events: many([0, 1, "x"]) }]);
+    expect(run.events.length).toBe(130_000);
+    const { missions } = run.swarmAt(0, 1, 0);
+    expect([missions?.lit?.length, missions?.walls?.length]).toEqual([10_000, 10_000]);
+  });
 });

@@ -110,7 +110,8 @@ function Chosen({ player, address }: { readonly player: Player; readonly address
   const { robots, terms, at_ms } = player.view.swarm;
   const robot = robots.get(address);
   if (!robot) return <p>It is not here yet.</p>;
-  const lies = player.run.steps[0]?.lies.find(([number]) => number === robot.number)?.[1];
+  const step = player.run.steps[Math.max(player.run.indexAt(player.moment.t_s), 0)];
+  const lies = step?.lies.find(([number]) => number === robot.number)?.[1];
   const tokens = robot.shield && terms ? counting(robot.shield, terms, at_ms) : [];
   return (
     <>

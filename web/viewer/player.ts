@@ -73,19 +73,27 @@ export class Player implements SwarmSource {
   }
 
   async #load(): Promise<void> {
-    let had = 0;
+    let [had, run] = [0, ""];
     while (!this.run.ended) {
+      let lines: Line[];
       try {
-        const answer = await fetch(`/api/run?from=${had}`, { cache: "no-store" });
+        const answer = await fetch(`/api/run?from=${had}&run=${run}`, { cache: "no-store" });
+        // Another run is served there now: it is not mixed with what this page has.
+        if (answer.status === 409) {
+          location.reload();
+          return;
+        }
         if (!answer.ok) throw new Error(answer.statusText);
-        const lines = (await answer.text()).split("\n").slice(0, -1);
-        this.run.add(lines.map((line) => JSON.parse(line) as Line));
-        had += lines.length;
-        if (this.#moment.away) this.change({ away: false });
+        run = answer.headers.get("Run") ?? "";
+        lines = (await answer.text()).split("\n").slice(0, -1).map((line) => JSON.parse(line) as Line);
       } catch {
         this.change({ away: true });
         await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+        continue;
       }
+      had += lines.length;
+      this.run.add(lines);
+      if (this.#moment.away) this.change({ away: false });
     }
   }
 }

@@ -41,6 +41,8 @@ const MOST_WITH_TRAILS = 200;
 /** Between steps that are further apart nobody is shown on the way. */
 const GLIDE_S = 1;
 const MOST_AUDITS = 256;
+/** Marks, and walls: all of them are drawn, many times a second. */
+const MOST_DRAWN = 10_000;
 const MARGIN = 0.06;
 const LEAST_MM = 1000;
 
@@ -85,11 +87,12 @@ export class Run {
     const places = [...step.at.map(([, x, y]) => [x, y] as const), ...(step.marks ?? [])];
     const ends = (step.walls ?? []).flatMap(([ax, ay, bx, by]) => [[ax, ay] as const, [bx, by] as const]);
     for (const [x, y] of [...places, ...ends]) this.#stretch(x, y);
-    for (const [x, y] of step.marks ?? []) this.#marks.push({ t: step.t, x, y, type: "" });
-    this.#walls.push(...(step.walls ?? []));
+    // One by one: what is spread as arguments must fit the stack.
+    for (const [x, y] of step.marks ?? []) if (this.#marks.length < MOST_DRAWN) this.#marks.push({ t: step.t, x, y, type: "" });
+    for (const wall of step.walls ?? []) if (this.#walls.length < MOST_DRAWN) this.#walls.push(wall);
     const refused = (step.audits ?? []).filter(([, , , refusal]) => refusal !== "");
     const told = refused.map(([t, by, of, refusal]): Event => [t, of, `refused a token by robot ${by}: ${refusal}`]);
-    this.events.push(...[...told, ...(step.events ?? [])].sort((a, b) => a[0] - b[0]));
+    for (const event of [...told, ...(step.events ?? [])].sort((a, b) => a[0] - b[0])) this.events.push(event);
   }
 
   #stretch(x: number, y: number): void {

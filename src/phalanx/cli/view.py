@@ -35,7 +35,8 @@ def view(source: str, port: int, **said: Any) -> int:
     if not is_recording(Path(source)):
         chosen = choose(source, **said)
         warn(chosen.scenario)
-        seen = 2 * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
+        each = 2 + chosen.scenario.bti.tokens_needed
+        seen = each * chosen.scenario.robots * chosen.scenario.duration_s / STEP_S
         if seen > MOST_TOLD:
             raise UsageError(f"{chosen.scenario.robots} robots for so long are more than a page keeps", "--duration")
         run(_served(port, lambda put, check: _live(chosen, put, check)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import secrets
 from typing import Any
 
 from aiohttp import web
@@ -23,6 +24,7 @@ class ViewPages(LoopbackSite):
     def __init__(self, port: int) -> None:
         self._lines: list[bytes] = []
         self._ended = False
+        self._run = secrets.token_hex(8)  # a page that was left open shows another
         super().__init__("viewer", OPERATOR_POLICY, port, connections=CONNECTIONS)
 
     def put(self, words: dict[str, Any] | None) -> None:
@@ -39,6 +41,8 @@ class ViewPages(LoopbackSite):
         asked = request.query.get("from", "0")
         if not (asked.isascii() and asked.isdigit() and len(asked) < 10):
             return web.Response(status=400, text="from is the number of lines that you have\n")
+        if (request.query.get("run") or self._run) != self._run:
+            return web.Response(status=409, text="another run is here now\n")
         first = int(asked)
         for _ in range(round(WAIT_S / LOOK_S)):
             if len(self._lines) > first or self._ended:
@@ -52,4 +56,5 @@ class ViewPages(LoopbackSite):
             some.append(line)
             size += len(line)
         body = b"".join(some)
-        return web.Response(body=body, content_type="application/x-ndjson", headers={"Cache-Control": "no-store"})
+        headers = {"Cache-Control": "no-store", "Run": self._run}
+        return web.Response(body=body, content_type="application/x-ndjson", headers=headers)

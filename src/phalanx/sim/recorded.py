@@ -37,11 +37,15 @@ class Said:
 
 def is_recording(path: Path) -> bool:
     """Whether it is meant to be one, by its name or its first bytes."""
+    if path.suffix == ".mcap":
+        return True
     try:
+        if not path.is_file():  # nor is a pipe opened, which may be for ever
+            return False
         with path.open("rb") as file:
-            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC or path.suffix == ".mcap"
+            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
     except OSError:
-        return path.suffix == ".mcap"
+        return False
 
 
 def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Iterator[Said]:
@@ -51,7 +55,7 @@ def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Itera
     """
     topics: dict[int, str] = {}
     try:
-        with path.open("rb") as file:
+        with _opened(path, hint) as file:
             for record in _records(file, path, most_bytes):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
@@ -72,6 +76,12 @@ def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Itera
         raise UsageError(f"{path} is no recording, or damaged", hint) from error
 
 
+def _opened(path: Path, hint: str) -> IO[bytes]:
+    if path.exists() and not path.is_file():  # a pipe that nobody writes would be waited for
+        raise UsageError(f"{path} is no file", hint)
+    return path.open("rb")
+
+
 def _words(topic: str, data: bytes) -> Any:
     kind = TOPICS.get(topic)
     return kind.FromString(data) if kind else json.loads(data)
@@ -90,7 +100,11 @@ def _records(file: IO[bytes], path: Path, most_bytes: int) -> Iterator[Any]:
         if record.compression == "zstd":
             size = max(size, zstandard.frame_content_size(record.data))
         unpacked += size
-        if size > MOST_CHUNK_BYTES or unpacked > most_bytes or record.compression not in ("zstd", ""):
+        if record.compression not in ("zstd", ""):
+            raise UsageError(
+                f"{path} is packed as {record.compression[:20]!r}", "only zstd is read, and what is not packed"
+            )
+        if size > MOST_CHUNK_BYTES or unpacked > most_bytes:
             raise UsageError(f"{path} unpacks to more than is read", "phalanx writes no such file")
         yield from breakup_chunk(record)
 

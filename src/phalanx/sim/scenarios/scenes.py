@@ -26,10 +26,12 @@ from .scenario import Scenario
 log = logging.getLogger(__name__)
 HINT = "phalanx sim run SCENARIO --record FILE.mcap makes one"
 GRAIN_S = 0.1  # of missions each step is recorded: many a second
-MOST_TOLD = 1_000_000  # places, shields, audits: what a browser keeps without effort; 25 robots for an hour
+MOST_TOLD = 2_500_000  # places, shields, tokens, audits: what a browser keeps without effort; 25 robots for an hour
 FARTHEST_M = 1e6
 LONGEST = 120  # of a text
+MOST_DRAWN = 100_000  # things of a message: two bytes may be a disc, and a disc CORNERS walls
 CORNERS = 16  # of a disc, as walls
+ABOUT = ("name", "seed", "defence", "duration_s", "tokens_needed", "t_val_ms")
 _ROBOT = re.compile(r"robot-(\d{1,6})", re.ASCII)
 _VERDICT = re.compile(r"(?:gives|refuses) a token to robot (\d{1,6})(?:: (.*))?", re.ASCII | re.DOTALL)
 
@@ -86,6 +88,7 @@ class Scenes:
         self.told = 0  # so much so far
         self.t_s: float | None = None  # of the step that is being told
         self._put = put
+        self._about = False  # it was told
         self._at: dict[int, tuple[int, int, int]] = {}  # x mm, y mm, heading in degrees
         self._lies: dict[int, str] = {}
         self._step: Line = {}
@@ -93,16 +96,24 @@ class Scenes:
     def take(self, said: Said) -> None:
         """The next message."""
         match said.topic:
-            case "metadata scenario":
-                self._put({"about": {str(key): str(value)[:LONGEST] for key, value in said.words.items()}})
+            case "metadata scenario" if not self._about:
+                self._about = True
+                self._put({"about": {key: str(said.words[key])[:LONGEST] for key in ABOUT if key in said.words}})
             case "/tf":
                 self._move(said.t_ns / NS, said.words.transforms)
             case "/scene":
+                drawn = [
+                    (each.cylinders, each.cubes, *(line.points for line in each.lines)) for each in said.words.entities
+                ]
+                if sum(len(things) for each in drawn for things in each) > MOST_DRAWN:
+                    raise ValueError(MOST_DRAWN)
                 for entity in said.words.entities:
                     self._draw(entity)
             case "/shields":
                 self._step.pop("shields", None)
-                self._add("shields", [_shield(each) for each in said.words["robots"]])
+                shields = [_shield(each) for each in said.words["robots"]]
+                self._add("shields", shields)
+                self.told += sum(len(tokens) for *_, tokens in shields)
             case "/log":
                 self._say(said.t_ns / NS, said.words)
 
@@ -111,7 +122,7 @@ class Scenes:
         if self.t_s is None:
             return  # what came before the first step is in it
         at = [[rob_id, *place] for rob_id, place in self._at.items()]
-        self.told += len(at)
+        self.told += len(at) + len(self._lies)
         self._put({"t": self.t_s, "at": at, "lies": list(self._lies.items()), **self._step})
         self._step = {}
 
