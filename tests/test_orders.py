@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,19 @@ from hypothesis import strategies as st
 from ordered import MISSION, PUBLIC, order, robot, route_order, signer, stop_order, wheels_order
 from phalanx.bti import trusted
 from phalanx.robot.controllers.orders import DRIFT, LATE_MS, MOST_CHECKS
-from phalanx.wire.driven import GATEWAY, OPERATOR, SIGNATURE_BYTES, TELL_GO, TELL_NOTHING, WHEELS_MEMORY
+from phalanx.robot.station import AT_ONCE, COLOUR, MOTION, Station
+from phalanx.wire.driven import (
+    EVERYBODY,
+    GATEWAY,
+    OPERATOR,
+    ORDER,
+    SIGNATURE_BYTES,
+    TELL_GO,
+    TELL_NOTHING,
+    TELL_ROUTE,
+    TELL_WHEELS,
+    WHEELS_MEMORY,
+)
 from phalanx.wire.fields import row
 from test_wheels import reading, wheels
 
@@ -251,3 +264,50 @@ def test_a_signers_clock_that_stands_or_goes_back_makes_no_order_old():
         this.on_recv(0, frame)
     assert wheels(this, 0) == (9, 9)
     assert gateway.number == 3
+
+
+class Heard:
+    """An air on which all that is said is noted: to whom, and which action."""
+
+    def __init__(self):
+        self.said = []
+
+    def is_busy(self) -> bool:
+        return False
+
+    def is_deaf(self, _robot: int) -> bool:
+        return False
+
+    def say(self, frame: bytes, robot: int) -> None:
+        self.said.append((robot, ORDER.decode(frame)["action"]))
+
+
+def said_from(station: Station, now_s: float, end_s: float) -> list[tuple[int, int]]:
+    """All but beacons."""
+    air = Heard()
+    while now_s < end_s:
+        station.speak(air, now_s, round(1000 * now_s))
+        now_s += 0.005
+    return [each for each in air.said if each[1] != TELL_NOTHING]
+
+
+def test_a_stop_waits_neither_for_colours_nor_for_a_long_route_when_a_station_is_hushed():
+    station = Station(signer(GATEWAY), signer(OPERATOR))
+    gateway = station.gateway
+    for rob in (1, 2):
+        station.tell(rob, MOTION, partial(gateway.route, threshold_mm=50, points_mm=[(1, 1)] * 32))
+    assert said_from(station, 0.0, 0.05) == [(1, TELL_ROUTE), (2, TELL_ROUTE)]
+    for rob in (1, 2):
+        station.tell(rob, COLOUR, partial(gateway.led, red=1, green=2, blue=3))
+        station.tell(rob, MOTION, partial(gateway.wheels, left_pct=0, right_pct=0))
+    assert said_from(station, 0.05, 0.1) == [], "the robots' logs have no room yet"
+    station.hush()
+    assert said_from(station, 0.1, 0.15) == [(1, TELL_WHEELS), (2, TELL_WHEELS)]
+    assert not station.has_to_speak
+
+
+def test_robots_are_told_that_they_may_go_by_a_station_that_never_stopped_them():
+    station = Station(signer(GATEWAY), signer(OPERATOR))
+    assert said_from(station, 0.0, 1.0) == []
+    station.release()
+    assert said_from(station, 1.0, 1.45) == [(EVERYBODY, TELL_GO)] * AT_ONCE

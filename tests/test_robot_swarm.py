@@ -8,7 +8,8 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import pytest
@@ -20,7 +21,7 @@ from phalanx.cli.mission.files import read_signing_key
 from phalanx.daemon.evidence import read_kept
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
-from phalanx.daemon.swarm import YEAR_MS, RobotSwarm
+from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
@@ -28,7 +29,7 @@ from phalanx.io import Client
 from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued
 from phalanx.robot import Led, Point
-from phalanx.wire.driven import GATEWAY, OPERATOR, WHEELS_MEMORY
+from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
 from phalanx.wire.table import AUDIT_TOKEN, WHEELS_STATE
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
@@ -104,6 +105,13 @@ def gateway(file, clock=time.time):
         yield swarm
 
 
+def waiting(radio: socket.socket) -> Iterator[bytes]:
+    """What has come and waits."""
+    with suppress(BlockingIOError):
+        while True:
+            yield radio.recv(2048)
+
+
 def soon(is_so) -> None:
     until_s = time.monotonic() + 5
     while not is_so():
@@ -129,7 +137,7 @@ class TestFile:
         ended = called("up", "--swarm", str(file), "--duration", "0.1")
         assert (ended.returncode, ended.stdout) == (2, "")
         assert trouble in ended.stderr
-        assert not file.with_suffix(".said").exists()
+        assert not file.with_name("mission-1.said").exists()
 
     def test_a_robot_that_the_missions_key_is_not_for_is_refused(self, file):
         file.write_text(file.read_text().replace('"robot": 2', '"robot": 3'))
@@ -172,6 +180,28 @@ class TestSwarm:
             assert robots.obeys(1, lambda state: state["count"] == 1)
         assert robots.obeys(1, lambda state: state["count"] == 0), "under way by our word, at our end"
 
+    def test_who_follows_the_longest_route_when_a_gateway_ends_is_told_more_than_once_to_stop(self, file, robots):
+        route = [Point(100.0 * k, 200.0) for k in range(32)]
+        with gateway(file) as swarm:
+            for which in (0, 1):
+                robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
+            soon(lambda: len(swarm.robots()) == 2)
+            for each in swarm.robots():
+                swarm.follow(each.address, route, 50.0)
+            assert all(robots.obeys(which, lambda state: state["count"] == 32) for which in (0, 1))
+        for which, each in enumerate(robots.sockets):
+            each.setblocking(False)
+            told = [ORDER.decode(frame)["action"] for frame in waiting(each)]
+            assert told.count(TELL_WHEELS) == LAST_TIMES, which
+
+    def test_a_go_is_said_though_this_gateway_said_no_stop(self, file, robots):
+        with gateway(file) as swarm:
+            swarm.hold()
+            assert robots.obeys(0, lambda state: state["held"] == 1 << OPERATOR)
+        with gateway(file) as swarm:
+            swarm.release()
+            assert robots.obeys(0, lambda state: state["held"] == 0)
+
     def test_the_operators_stop_is_heard_by_robots_that_never_spoke_and_ends_at_go(self, file, robots):
         with gateway(file) as swarm:
             swarm.hold()
@@ -191,10 +221,17 @@ class TestSwarm:
                 assert robots.obeys(0, lambda state: state["held"] == 1 << OPERATOR)
                 swarm.release()
                 assert robots.obeys(0, lambda state: state["held"] == 0)
-        assert int(file.with_suffix(".said").read_text()) == 2e12 + 2 * YEAR_MS
+        assert int(file.with_name("mission-1.said").read_text()) == 2e12 + 2 * YEAR_MS
+
+    def test_a_start_that_does_not_know_what_was_said_warns_of_it_once(self, file, caplog):
+        for _ in range(2):
+            with gateway(file):
+                pass
+        assert [each.getMessage() for each in caplog.records if "driven on mission 1 before" in each.getMessage()] != []
+        assert len(caplog.records) == 1
 
     def test_what_was_said_is_not_guessed_if_its_file_is_damaged(self, file):
-        file.with_suffix(".said").write_text("soon")
+        file.with_name("mission-1.said").write_text("soon")
         with pytest.raises(Unavailable, match="cannot read"):
             gateway(file).__enter__()
 

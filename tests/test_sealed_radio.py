@@ -14,12 +14,17 @@ from oracle import nodes as oracle
 from oracle.sealed import SealedANode
 from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Refused, seal_mission_key
+from phalanx.config import BtiConfig
+from phalanx.daemon.life import Life
 from phalanx.daemon.on_air import forgeries, parse_on_air
 from phalanx.daemon.sealed_air import SENDERS, WAITING, SealedAir, with_room_for_seals
+from phalanx.daemon.trusted import OwnClock
 from phalanx.errors import UsageError
+from phalanx.robot.planner import ToGoal
+from phalanx.robot.runtime import NEVER_MS
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire import lines
-from phalanx.wire.table import FRAME_MAX, SEAL
+from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL, STATE
 from test_firmware_oracle import LIMITS
 
 (STORY,) = json.loads((ROOT / "vectors" / "sealed.json").read_text())["cases"]
@@ -239,3 +244,34 @@ def test_a_mission_with_more_neighbours_than_are_remembered_is_refused_and_frame
 def test_an_attack_on_the_air_that_is_none_is_said(words):
     with pytest.raises(UsageError, match="on-air"):
         parse_on_air(words, 4)
+
+
+@pytest.mark.timeout(600)  # the first run after a kernel has changed compiles it
+def test_a_planner_hears_no_frame_that_its_a_node_refused():
+    heard, codes = [], {1: 34, 2: boards.CODES["BAD_MAC"]}
+
+    class Listens(ToGoal):
+        def hear(self, _t_s, rob_id, *_where):
+            heard.append(rob_id)
+
+    class Nodes:
+        def ask(self, call, _now_ms=None, **arguments):
+            if call is not lines.RECV:
+                return len(arguments.get("frame", b"")), entry(arguments.get("frame", b""))
+            code = codes[STATE.decode(arguments["frame"])["id"]]
+            return code, entry(arguments["frame"]) if code > 0 else b""
+
+    def entry(frame):
+        return bytes(ENTRY_HEADER_BYTES) + frame
+
+    mission = Scenario(robots=4, controller="guard", bti=BtiConfig(f_max=1))
+    life = Life(mission, 3, OwnClock(Nodes()), None, None, Listens)
+    life.begin()
+    for rob_id in (2, 1, 2):
+        life._hear(STATE.encode(id=rob_id, t=1, x_m=0.0, y_m=0.0, vx_mps=0.0, vy_mps=0.0))
+    for timer in ("check_ms", "_round_ms", "wake_ms"):
+        setattr(life.runtime, timer, NEVER_MS)
+    life.runtime._step = 1 << 20  # no reading is due
+    while life._frames:
+        life._turn()
+    assert heard == [1]

@@ -152,10 +152,10 @@ class Life:
         elif runtime.audit_ms <= now_ms:
             what, done = "audit", runtime.on_audit(now_ms)
         elif self._frames:
-            frame = self._frames.popleft()
-            if self._planner:
-                overheard(self._planner, now_ms, frame)
+            frame, taken = self._frames.popleft(), self._clock.taken
             what, done = "frame", runtime.on_frame(now_ms, frame)
+            if self._planner and self._clock.taken > taken:  # what the a-node refused, nobody heard
+                overheard(self._planner, now_ms, frame)
         else:
             return runtime.due_ms - now_ms
         self._perform(done)

@@ -33,7 +33,8 @@ from .swarm_file import SwarmSettings
 log = logging.getLogger(__name__)
 
 TURN_S = 0.02
-LAST_WORDS_S = 0.3
+# At the end whoever follows a route is told so often to stop, as UDP loses words; it takes so long at most.
+LAST_TIMES, LAST_WORDS_S = 3, 3.0
 # Of a robot that says so much less often than it should nobody can say more than that it is silent.
 SILENT_STATES = 4
 # Each start's words are as a year later than the last one's: whatever the clock was set to, they are news (orders.md).
@@ -85,20 +86,24 @@ class RobotSwarm(Ordered):
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        for each in self._members:
-            if each.route:
-                self.stop(each.address)
         self._over.set()
-        self._thread.join(2 * LAST_WORDS_S)
+        self._thread.join(LAST_WORDS_S + 1)
         self._radio.close()
 
     def _reserve(self) -> int:
         """From here on the words of this start count, ms; what is said is above all that was ever said."""
-        path, now_ms = self._settings.path.with_suffix(".said"), int(self._clock() * 1000)
+        mission, now_ms = self._settings.mission, int(self._clock() * 1000)
+        path = self._settings.path.with_name(f"mission-{mission}.said")
         try:
             first_ms = max(now_ms, int(path.read_text()) + YEAR_MS)
         except FileNotFoundError:
             first_ms = now_ms
+            log.warning(
+                "%s is not there: robots that were driven on mission %d before may obey nothing, not even a stop: "
+                "give them the next mission's key",
+                path,
+                mission,
+            )
         except (OSError, ValueError) as error:
             raise Unavailable(f"cannot read {path}", "remove it, and issue the next mission's key") from error
         write_private(path, b"%d\n" % first_ms, replace=True)
@@ -107,8 +112,8 @@ class RobotSwarm(Ordered):
     # --- its thread ---------------------------------------------------------------------------------------------------
 
     def _live(self) -> None:
-        until_s = float("inf")
-        while (now_s := time.monotonic()) < until_s:
+        until_s, times, under_way = float("inf"), LAST_TIMES, list[str]()
+        while (now_s := time.monotonic()) < until_s and (times or self._station.has_to_speak):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
                 select.select([self._radio], [], [], min(max(0.0, next_s - now_s), TURN_S))
@@ -116,8 +121,17 @@ class RobotSwarm(Ordered):
             except Exception:  # whatever it was, a stop has still to be said
                 log.exception("the robots' radio")
                 time.sleep(TURN_S)
-            if self._over.is_set():
-                until_s = min(until_s, now_s + LAST_WORDS_S)
+            if not self._over.is_set():
+                continue
+            if until_s > now_s + LAST_WORDS_S:
+                until_s = now_s + LAST_WORDS_S
+                under_way = [each.address for each in self._members if each.route]
+                self._station.hush()
+            elif not times or self._station.has_to_speak:
+                continue
+            times -= 1
+            for address in under_way:
+                self.stop(address)
 
     @property
     def _said_ms(self) -> int:

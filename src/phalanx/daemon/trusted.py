@@ -30,16 +30,21 @@ class OwnClock:
     """The nodes' own clock, as it shows in what they answer: between a call and its answer it was so late.
 
     Ours is moved as little as that allows, so it follows one that drifts.
+
+    Attributes:
+        taken: frames of others that the a-node let in.
     """
 
     def __init__(self, node: Elsewhere) -> None:
         self._node = node
+        self.taken = 0
         self._ahead_ms: float | None = None  # of ours
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
         """See bti.elsewhere.Elsewhere."""
         before_ms = _ours_ms()
         code, result = self._node.ask(call, now_ms, **arguments)
+        self.taken += call is lines.RECV and code >= 0
         if call in FORWARDED and code > 0:
             t = get_u32(row(result), AT_T)
             least, most = t - _ours_ms(), t + 1 - before_ms

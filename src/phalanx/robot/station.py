@@ -53,7 +53,7 @@ class Station:
     def __init__(self, gateway: Signer, operator: Signer) -> None:
         self.gateway, self.operator = gateway, operator
         self.held = False
-        self._was_held = False
+        self._was_held = self._let_go = False
         self._at_once = 0
         self._beacon_at_s, self._operator_at_s = 0.0, math.inf
         self._may_speak_at_s = 0.0
@@ -65,6 +65,20 @@ class Station:
     def tell(self, robot: int, kind: int, make: Make) -> None:
         """An order for the robot waits, in the place of one of its kind; for any thread."""
         self._waiting[robot, kind] = make
+
+    def release(self) -> None:
+        """Robots may be driven again, and are told so, whoever had them stand: a station before this one, too."""
+        self.held = False
+        self._let_go = True
+
+    def hush(self) -> None:
+        """No colour waits any longer, and no order for its robot's log: for the last words."""
+        self._drop(COLOUR)
+
+    @property
+    def has_to_speak(self) -> bool:
+        """Whether an order waits, or what all are told at once is not over."""
+        return bool(self._waiting or self._at_once)
 
     def told(self, robot: int) -> int | None:
         """The number of the last order to the robot; None if one to move is still to be said."""
@@ -78,19 +92,24 @@ class Station:
         self._hear_operator(now_s)
         if now_s >= self._may_speak_at_s and not air.is_busy() and not self._say_to_all(air, now_s, said_ms):
             self._say_to_one(air, now_s, said_ms)
-        pace_s = 1 / ORDERS_PER_S if self._waiting or self._at_once else math.inf
+        pace_s = 1 / ORDERS_PER_S if self.has_to_speak else math.inf
         return now_s + pace_s
 
     def _hear_operator(self, now_s: float) -> None:
-        held = self.held
-        if held != self._was_held:
+        held, let_go = self.held, self._let_go
+        if held != self._was_held or let_go:
+            if let_go:
+                self._let_go = False
             self._was_held, self._at_once, self._operator_at_s = held, AT_ONCE, now_s
         if held:
-            for key in list(self._waiting):  # another thread may tell something meanwhile
-                if key[1] == MOTION:
-                    self._waiting.pop(key)
-            # What a long route has used up of a robot's log is made good when it stands.
-            self._may_order_at_s.clear()
+            self._drop(MOTION)
+
+    def _drop(self, kind: int) -> None:
+        for key in list(self._waiting):  # another thread may tell something meanwhile
+            if key[1] == kind:
+                self._waiting.pop(key)
+        # What a long route has used up of a robot's log is made good when it stands.
+        self._may_order_at_s.clear()
 
     def _say_to_all(self, air: Air, now_s: float, said_ms: int) -> bool:
         if now_s >= self._operator_at_s:

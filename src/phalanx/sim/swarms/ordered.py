@@ -40,7 +40,7 @@ class Ordered(Roster):
 
     def release(self) -> None:
         """They may be driven again."""
-        self._station.held = False
+        self._station.release()
 
     def set_led(self, address: str, led: Led) -> None:
         """Show a colour."""
