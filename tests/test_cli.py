@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
+import tomllib
 from importlib import import_module
 from pathlib import Path
 
@@ -165,7 +168,7 @@ class TestMistakes:
         assert not done.stderr
 
     def test_ctrl_c_is_quiet_before_anything_else_is_imported(self):
-        # What the console script says; before its line Python's own start has a traceback, for a hundredth of a second.
+        # What the entry point says; whatever comes before is made to wait by the script that starts it.
         code = (
             "import signal, sys\n"
             "before = []\n"
@@ -180,6 +183,26 @@ class TestMistakes:
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
         assert done.stdout.split() == ["phalanx", "phalanx.__main__"], done.stderr
+
+    @pytest.mark.parametrize("linked", [False, True])
+    def test_ctrl_c_in_pythons_own_start_and_in_an_installers_script_ends_us_without_a_word(self, tmp_path, linked):
+        # A tool links what it installs; `site` comes before any line of a program.
+        (folder := tmp_path / "a tool's").mkdir()
+        script = shutil.copy(ROOT / "release" / "phalanx", folder)
+        entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["phalanx-python"]
+        assert entry == "phalanx.__main__:main"
+        begins = ["import os, re", "from pathlib import Path", "from phalanx.__main__ import main", "main()"]
+        (folder / "phalanx-python").write_text("\n".join([f"#!{sys.executable}", *begins]))
+        (folder / "phalanx-python").chmod(0o755)
+        (folder / "sitecustomize.py").write_text(
+            "import os, signal; os.kill(os.getpid(), signal.SIGINT); os.write(1, b'on')"
+        )
+        if linked:
+            (tmp_path / "phalanx").symlink_to(script)
+            script = tmp_path / "phalanx"
+        before = os.environ | {"PYTHONPATH": f"{folder}:{ROOT / 'src'}"}
+        done = subprocess.run([script, "--help"], capture_output=True, text=True, timeout=60, env=before)
+        assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "on", "")
 
     def test_no_command_tells_where_help_is(self):
         done = run()

@@ -6,8 +6,10 @@ import _signal as signal  # type: ignore[import-not-found]  # `signal` imports m
 # Python makes of it. Then `runs`, in `cli/commands/`, has it answered.
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+# `release/phalanx` has had it wait until here, while Python and an installer's script began.
+signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
-from phalanx.cli import main
+from phalanx.cli import main  # noqa: E402  # only now
 
 if __name__ == "__main__":
     main()
