@@ -32,3 +32,20 @@ def test_its_claims_lose_nobody_and_without_the_bound_every_time_several():
 def test_nor_does_a_flock_whose_robots_hear_few_others(step_m):
     few = {"grid_step_m": step_m, "d_m": step_m, "bti": BtiConfig(f_max=1)}
     assert [lost(seed, 4.0, **few) for seed in SEEDS] == [0, 0, 0]
+
+
+def test_nor_do_claims_that_last_twice_as_long_where_audits_are_rare():
+    """T_val 20 s: with the push that is harmless for 10 s, seed 0 loses four."""
+    bti = BtiConfig(f_max=1, t_audit_ms=8000, t_val_ms=20_000)
+    made = Scenario(
+        robots=25, grid_step_m=25.0, d_m=20.0, goal_m=(150.0, 150.0), duration_s=52.0, bti=bti,
+        attacks=(AttackSpec(name="expel", at_s=1.0),),
+    )  # fmt: skip
+    told = []
+    for harder in (1, 2):
+        run = Run(made)
+        run.world.fleet.params[PUSH] *= harder
+        run.advance(made.duration_s)
+        summary = run.summary()
+        told.append(len(summary["correct_in_safe_mode"]) + len(summary["without_quorum"]))
+    assert told[0] == 0 < told[1]

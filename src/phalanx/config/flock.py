@@ -57,7 +57,11 @@ class FlockConfig:
     c1_gamma: float = within(0.001, 0.0, 1e3, "spring of the goal. The paper prints it negative and adds; we subtract")
     c2_gamma: float = within(0.06, 0.0, 1e3, "damper of the goal, likewise")
     crowd: float = within(
-        4.0, 0.1, NO_CROWD, "all neighbours together push no harder than so many do, each at its hardest (`bound` only)"
+        4.0,
+        0.0,
+        NO_CROWD,
+        "all neighbours together push no harder than so many do, each at its hardest (`bound`;"
+        " less if T_val is above 10 s)",
     )
     limit_mps2: float = within(5.0, 0.0, 1e3, "largest acceleration along each axis")
     n_max: int = within(24, 1, 1024, "neighbours that a robot remembers: not more than BtiConfig.n_max, made as rows")

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from phalanx.bti.elsewhere import raise_failed
 from phalanx.bti.nodes import Limits, Nodes, TrustedNodes
 from phalanx.bti.refusal import Refusal
-from phalanx.config.flock import NO_CROWD
+from phalanx.config import BtiConfig
+from phalanx.config.flock import NO_CROWD, FlockConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import Unavailable, UsageError
@@ -54,9 +55,14 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
                 operator_key=bytes.fromhex(scenario.operator_key),
             )
         )
-    # As printed, neighbours' claims have no bound.
-    flock = scenario.flock if scenario.defence == "bound" else replace(scenario.flock, crowd=NO_CROWD)
-    return bundled.params(scenario.guard if bundled.config is GuardConfig else flock)
+    return bundled.params(scenario.guard if bundled.config is GuardConfig else _bounded_flock(scenario))
+
+
+def _bounded_flock(scenario: Scenario) -> FlockConfig:
+    """The flock's parameters: claims give no more speed in a long T_val than in 10 s; as printed, any."""
+    flock = scenario.flock
+    longer = max(1.0, scenario.bti.t_val_ms / BtiConfig().t_val_ms)
+    return replace(flock, crowd=flock.crowd / longer if scenario.defence == "bound" else NO_CROWD)
 
 
 def _driving(scenario: Scenario) -> Declaration:
