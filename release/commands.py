@@ -71,4 +71,5 @@ class BdistWheel(bdist_wheel):
         (folder / "phalanx-swarm.cdx.json").write_text(json.dumps(bill, indent=1) + "\n", encoding="utf-8")
         # Whoever checked out the sources has a umask, which is nobody else's business.
         for path in Path(self.bdist_dir).rglob("*"):
-            path.chmod(0o755 if path.is_dir() or path.suffix == ".so" or path.name == PROGRAM else 0o644)
+            runs = path.is_dir() or path.suffix == ".so" or path.name == PROGRAM or path.parent.name == "scripts"
+            path.chmod(0o755 if runs else 0o644)

@@ -28,6 +28,8 @@ from phalanx.sim import Dotbots
 pytestmark = pytest.mark.waits
 
 TOKEN = "t0ken" * 6
+# Measured: 0.02 to 0.1 s. What is left is for a machine that does much beside.
+STOPPED_WITHIN_S = 1.0
 SPIN = {"left_y": 30, "right_y": -30}
 
 
@@ -107,9 +109,11 @@ class TestWithTheEventLoopHeldUp:
                 async with beside(OperatorPages(TOKEN, dict, lambda *_: None, hold=hold)) as pages:
                     button = threading.Thread(target=say, args=(f"http://127.0.0.1:{pages.port}", "stop"))
                     button.start()
-                    hold_up_the_event_loop(2.0, busy_s=1.0)
-                    assert not button.is_alive()
+                    hold_up_the_event_loop(STOPPED_WITHIN_S, busy_s=STOPPED_WITHIN_S)
                     stood = swarm.how_they_stand()
+                    hold_up_the_event_loop(1.0, busy_s=0.0)
+                    assert not button.is_alive()
+                    assert swarm.how_they_stand() == stood
                     assert not swarm.robots()[0].route
                     hold_up_the_event_loop(0.5, busy_s=0.0)
                     assert swarm.how_they_stand() == stood
@@ -158,8 +162,8 @@ class TestWithTheBrokerDead:
                 for n, stop in enumerate((lambda: type_in(""), lambda: say(url, "stop", token)), 1):
                     assert routes() == [1, 1, 1]
                     stop()
+                    asyncio.run(eventually(lambda: routes() == [0, 0, 0], STOPPED_WITHIN_S))
                     gateway.wait_for("held", n)
-                    asyncio.run(eventually(lambda: routes() == [0, 0, 0]))
                     assert say(url, "state", token)["held"]
                     if n == 1:
                         type_in("go")

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from chromium import PHONE, a_page, badge, barriers, choose, insecure, moves, pixels, wait_until
+from chromium import BUZZED, PHONE, a_page, badge, barriers, choose, insecure, moves, pixels, wait_until
 from conftest import a_gateway
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
@@ -23,6 +23,15 @@ def cut_off(page) -> int:
     """Lines of the shield's words that do not fit."""
     return page.evaluate(
         "[...document.querySelectorAll('[data-testid=shield] p')].filter((p) => p.scrollWidth > p.clientWidth).length"
+    )
+
+
+def warned(page) -> bool:
+    """Whether the shield's words are in the colour of warnings."""
+    return page.evaluate(
+        "() => { const is = document.createElement('i'); is.style.color = 'var(--warn)'; document.body.append(is);"
+        " const [a, b] = [is, document.querySelector('[data-testid=shield] p')].map((n) => getComputedStyle(n).color);"
+        " is.remove(); return a === b; }"
     )
 
 
@@ -99,10 +108,10 @@ def test_arcs_show_vouchers_a_refusal_flashes_and_the_liar_goes_grey(browser, tm
         phone.locator("[data-testid=joystick][aria-disabled=false]").wait_for()
 
 
-def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser):
+def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser, tmp_path):
     with (
         a_gateway("--defence", "bound") as (up, ready),
-        a_page(browser) as phone,
+        a_page(browser, BUZZED, **PHONE) as phone,
         a_page(browser, viewport={"width": 1280, "height": 900}) as desk,
     ):
         phone.goto(insecure(ready["qr_url"]))
@@ -117,8 +126,16 @@ def test_a_stopped_robot_is_let_go_by_the_thumb_that_drives_it(browser):
         desk.get_by_test_id("attack").select_option(label="crash")
         desk.get_by_test_id("compromise-button").click()
         shield(phone, "low").wait_for(timeout=20_000)
+        phone.screenshot(path=tmp_path / "low.png")
+        assert cut_off(phone) == 0
+        assert pixels(phone, 1, "--warn") > 5, "short arcs"
+        assert warned(phone)
+        assert not barriers(phone)
+        assert phone.evaluate("window.buzzed.length") == 0
         shield(phone, "stopped").wait_for(timeout=20_000)
+        assert not warned(phone)
         phone.get_by_test_id("news").get_by_text("Ada was stopped").wait_for()
+        assert phone.evaluate("window.buzzed.length")
         wait_until(lambda: obeys_nobody(phone))
         sent = len(moves(up))
         assert sent > 50

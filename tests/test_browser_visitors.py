@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 from contextlib import contextmanager
 
 import pytest
+from paho.mqtt import publish
 
-from chromium import PHONE, a_page, badge, barriers, barriers_in_both_schemes, choose, insecure, moves, wait_until
+from chromium import (
+    BUZZED,
+    PHONE,
+    a_page,
+    badge,
+    barriers,
+    barriers_in_both_schemes,
+    choose,
+    insecure,
+    moves,
+    wait_until,
+)
 from conftest import a_gateway, bare_mosquitto
+from phalanx.crypto import seal_jwe
 from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
+from phalanx.link.keys import derive_epoch
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
 SIDEWAYS = PHONE | {"viewport": {"width": 844, "height": 390}}
-BUZZED = "window.buzzed = []; navigator.vibrate = (pattern) => { window.buzzed.push(pattern); return true; };"
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +129,7 @@ def test_a_thumb_reaches_the_joystick_on_a_phone_whose_browser_has_bars(browser,
         assert not outside(page, "map", "route-start", "route-undo", *(["threshold"] if upright else []))
 
 
-def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(browser, gateway):
+def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(browser, gateway, tmp_path):
     up, ready = gateway
     with a_visitor(browser, ready, "Cleo", BUZZED) as page:
         assert not outside(page, "map", "joystick", "robot-select", "route-toggle")
@@ -131,6 +145,8 @@ def test_a_route_is_drawn_and_begun_without_scrolling_and_its_end_is_announced(b
         page.get_by_test_id("joystick").wait_for()
         assert page.evaluate("window.scrollY") == 0
         page.get_by_test_id("news").get_by_text("Cleo has arrived").wait_for()
+        page.screenshot(path=tmp_path / "arrived.png")
+        assert not barriers_in_both_schemes(page)
         assert page.get_by_test_id("news").get_attribute("role") == "status"
         assert page.evaluate("window.buzzed.length") == 1
         (route,) = [e["payload"] for e in up.events("command") if e["name"] == "waypoints"]
@@ -147,6 +163,7 @@ def test_who_shares_a_robot_is_told_and_so_is_who_only_looks(browser, gateway):
         one.get_by_test_id("joystick").focus()
         one.keyboard.down("KeyW")
         other.get_by_text("Another visitor drives it").wait_for()
+        assert not barriers_in_both_schemes(other)
         assert len(moves(up)) > before
         assert one.get_by_test_id("others").count() == 0, "nobody else"
         other.get_by_test_id("joystick").focus()
@@ -175,6 +192,7 @@ def test_two_fingers_enlarge_the_map_and_a_tap_still_means_what_it_shows(browser
         fingers("touchEnd")
         page.get_by_test_id("zoom-out").wait_for()
         assert page.evaluate("visualViewport.scale") == 1, "the map alone"
+        assert not barriers_in_both_schemes(page)
         given = len([e for e in up.events("command") if e["name"] == "waypoints"])
         page.get_by_test_id("route-toggle").click()
         for across in (0.5, 0.75):
@@ -198,12 +216,13 @@ def test_a_broker_that_refuses_the_login_is_named_and_tried_again(browser, gatew
         qr = QrUrl(Pin("1" * 39), f"ws://127.0.0.1:{ws}/mqtt", "/qrkey")
         page.goto(insecure(qr.for_page(ready["page_url"])))
         page.get_by_text("Login refused by the broker").wait_for()
+        assert not barriers_in_both_schemes(page)
         with page.expect_websocket(timeout=10_000):
             pass  # it may learn a new password
         assert "Login refused" in badge(page, "offline")
 
 
-def test_a_phone_says_the_login_that_is_in_the_link(browser, tmp_path):
+def test_a_phone_says_the_login_that_is_in_the_link_and_comes_back_from_where_an_attacker_leads_it(browser, tmp_path):
     tcp, ws = free_port(), free_port()
     users, login = tmp_path / "users", tmp_path / "login"
     subprocess.run(["mosquitto_passwd", "-c", "-b", users, "guest", "open house"], check=True)
@@ -222,6 +241,16 @@ def test_a_phone_says_the_login_that_is_in_the_link(browser, tmp_path):
             page.reload()
             badge(page, "live")
             assert "house" not in page.url
+            # A forged rotation: on a broker that is not ours, whoever has the pin can. Nobody speaks there.
+            choose(page, "Ada")
+            epoch = derive_epoch(Pin(ready["pin"]))
+            forged = seal_jwe(b'{"cmd":255,"pin_code":"666666666666"}', epoch.key, os.urandom(12))
+            who = {"username": "guest", "password": "open house"}
+            publish.single(f"/qrkey/{epoch.topic}/notify", forged, hostname="127.0.0.1", port=tcp, auth=who)
+            badge(page, "late")
+            page.screenshot(path=tmp_path / "led-away.png")
+            badge(page, "live")
+            page.locator("[data-testid=joystick][aria-disabled=false]").wait_for()
 
 
 def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway):
@@ -231,6 +260,7 @@ def test_a_phone_turned_sideways_shows_map_and_joystick_at_once(browser, gateway
         page.get_by_test_id("route-toggle").click()
         assert not outside(page, "map", "route-start", "threshold")
         assert page.evaluate("document.documentElement.scrollWidth") == 844
+        assert not barriers_in_both_schemes(page)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

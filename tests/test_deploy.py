@@ -47,6 +47,13 @@ def test_systemd_takes_every_line_of_the_units(tmp_path):
         assert faults_of_unit(text.replace(right, wrong), tmp_path)
 
 
+def test_what_a_unit_prints_goes_where_something_is_when_it_is_opened():
+    """systemd makes a unit's own folders later, and no command says so before it is started."""
+    (where,) = re.findall(r"^StandardOutput=truncate:(.*)$", (DEPLOY / "phalanx.service").read_text(), re.MULTILINE)
+    assert Path(where).parent == Path("/run")
+    assert f"head -1 {where} " in (ROOT / "docs" / "service.md").read_text()
+
+
 def steps() -> list[tuple[str, str]]:
     """Instruction and words of each step of the Containerfile."""
     text = re.sub(r"^#.*\n", "", (DEPLOY / "Containerfile").read_text(), flags=re.MULTILINE).replace("\\\n", " ")

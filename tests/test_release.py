@@ -133,3 +133,4 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     nodes = inside["phalanx/trusted_node"]
     assert not any(b"/root/" in data or b"/home/" in data for data in [nodes, *shared.values()])
     assert modes["phalanx/trusted_node"] == 0o755
+    assert [modes[name] for name in modes if name.endswith(".data/scripts/phalanx")] == [0o755], "some pips ask for it"
