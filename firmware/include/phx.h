@@ -62,7 +62,7 @@ typedef struct {
 
 /* Both keys of LightMAC, expanded once. */
 typedef struct {
-    uint64_t round[2][PHX_ROUNDS + 1u];
+    uint16_t round[2][4u * (PHX_ROUNDS + 1u)];
 } phx_mac_key;
 
 /* Kept without power. The port writes it out before it answers the call that changed it. */

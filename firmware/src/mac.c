@@ -4,12 +4,15 @@
    Two blocks at once (after Reis, Aranha, Lopez: PRESENT runs fast, CHES 2017). Bit 16h + 4m + l of a block, which is
    bit l of the nibble 4h + m, lies in word l, in place 4h + m of the block's half. The permutation sends l, h, m to
    m, l, h. So exchanging l with m is all of it, if from then on places are read as 4m + h; then l is exchanged with the
-   other half of the place, and they are read as at first. No bit of a block is ever moved one by one. */
+   other half of the place, and they are read as at first. The same exchanges take blocks apart and put them together: no
+   bit of a block is ever moved one by one. */
 #include <string.h>
 
 #include "internal.h"
 
-/* All S-boxes at once: the bits of a nibble as boolean functions (14 gates, Courtois et al. 2011). A macro, as is the
+#define HALF 0xffffu
+
+/* All S-boxes at once: the bits of a nibble as boolean functions (14 gates, Courtois et al. 2011). A macro, as are the
    next: a compiler that is told to be small would call a function, and keep the words in memory. */
 #define SUBSTITUTE(x0, x1, x2, x3) do { \
         uint32_t t1 = x1 ^ x2, t2 = x2 & t1, t3 = x3 ^ t2, y0 = x0 ^ t3; \
@@ -24,11 +27,10 @@
 
 /* The same to both blocks. */
 #define ADD_KEY(key) do { \
-        uint32_t k0 = (uint32_t)(key), k2 = (uint32_t)((key) >> 32); \
-        w0 ^= (k0 & half) | k0 << 16; \
-        w1 ^= k0 >> 16 | (k0 & ~half); \
-        w2 ^= (k2 & half) | k2 << 16; \
-        w3 ^= k2 >> 16 | (k2 & ~half); \
+        w0 ^= (key)[0] | (uint32_t)(key)[0] << 16; \
+        w1 ^= (key)[1] | (uint32_t)(key)[1] << 16; \
+        w2 ^= (key)[2] | (uint32_t)(key)[2] << 16; \
+        w3 ^= (key)[3] | (uint32_t)(key)[3] << 16; \
     } while (0)
 
 /* Bits of `low` change places with those of `high` that are `by` places up. */
@@ -38,91 +40,106 @@
         low ^= t << by; \
     } while (0)
 
-static uint32_t swap(uint32_t x, unsigned by, uint32_t mask)
+/* Of the number of each word and that of each place: the word's with the place's low half, and with its high half. */
+#define TURN_LOW() do { \
+        EXCHANGE(w0, w1, 1, 0x55555555u); \
+        EXCHANGE(w2, w3, 1, 0x55555555u); \
+        EXCHANGE(w0, w2, 2, 0x33333333u); \
+        EXCHANGE(w1, w3, 2, 0x33333333u); \
+    } while (0)
+#define TURN_HIGH() do { \
+        EXCHANGE(w0, w1, 4, 0x0f0f0f0fu); \
+        EXCHANGE(w2, w3, 4, 0x0f0f0f0fu); \
+        EXCHANGE(w0, w2, 8, 0x00ff00ffu); \
+        EXCHANGE(w1, w3, 8, 0x00ff00ffu); \
+    } while (0)
+/* w: of each of two blocks the low word, then the high ones. They come out sliced: word l, place 4h + m. */
+static void encrypt(const uint16_t *round, uint32_t w[4])
 {
-    uint32_t t = (x ^ (x >> by)) & mask;
+    uint32_t w0 = w[0], w1 = w[1], w2 = w[2], w3 = w[3];
 
-    return x ^ t ^ (t << by);
-}
-
-/* l, h, m to l, m, h, and back. Halves are handled alone: 64 bits are two registers. */
-static uint64_t turned(uint64_t words)
-{
-    uint32_t low = (uint32_t)words, high = (uint32_t)(words >> 32);
-
-    low = swap(swap(low, 3, 0x0a0a0a0au), 6, 0x00cc00ccu);
-    high = swap(swap(high, 3, 0x0a0a0a0au), 6, 0x00cc00ccu);
-    return (uint64_t)high << 32 | low;
-}
-
-/* A block, h, m, l, as its four words: l, m, h, as before each second round and in the end; and back. */
-static uint64_t sliced(uint64_t block)
-{
-    uint32_t low = swap((uint32_t)block, 15, 0x0000aaaau), high = swap((uint32_t)(block >> 32), 15, 0x0000aaaau);
-
-    EXCHANGE(low, high, 2, 0x33333333u);
-    return (uint64_t)high << 32 | low;
-}
-
-/* Two blocks, sliced and turned; what comes of them is sliced only. */
-static void encrypt(const uint64_t round[PHX_ROUNDS + 1u], uint64_t block[2])
-{
-    const uint32_t half = 0xffffu;
-    uint32_t a0 = (uint32_t)block[0], a2 = (uint32_t)(block[0] >> 32);
-    uint32_t b0 = (uint32_t)block[1], b2 = (uint32_t)(block[1] >> 32);
-    uint32_t w0 = (a0 & half) | b0 << 16, w1 = a0 >> 16 | (b0 & ~half);
-    uint32_t w2 = (a2 & half) | b2 << 16, w3 = a2 >> 16 | (b2 & ~half);
-
-    for (unsigned i = 0;; i += 2u) {
-        ADD_KEY(round[i]);
+    EXCHANGE(w0, w1, 16, HALF); /* to one h of both each */
+    EXCHANGE(w2, w3, 16, HALF);
+    for (unsigned i = 1;; i += 2u, round += 8) {
+        ADD_KEY(round); /* word h, place 4m + l */
+        TURN_LOW();
         SUBSTITUTE(w0, w1, w2, w3);
-        EXCHANGE(w0, w1, 1, 0x55555555u);
-        EXCHANGE(w2, w3, 1, 0x55555555u);
-        EXCHANGE(w0, w2, 2, 0x33333333u);
-        EXCHANGE(w1, w3, 2, 0x33333333u);
-        ADD_KEY(round[i + 1u]);
-        if (i + 1u == PHX_ROUNDS)
+        TURN_HIGH();
+        ADD_KEY(round + 4);
+        if (i == PHX_ROUNDS)
             break;
         SUBSTITUTE(w0, w1, w2, w3);
-        EXCHANGE(w0, w1, 4, 0x0f0f0f0fu);
-        EXCHANGE(w2, w3, 4, 0x0f0f0f0fu);
-        EXCHANGE(w0, w2, 8, 0x00ff00ffu);
-        EXCHANGE(w1, w3, 8, 0x00ff00ffu);
     }
-    block[0] = (uint64_t)((w2 & half) | w3 << 16) << 32 | ((w0 & half) | w1 << 16);
-    block[1] = (uint64_t)(w2 >> 16 | (w3 & ~half)) << 32 | (w0 >> 16 | (w1 & ~half));
+    w[0] = w0;
+    w[1] = w1;
+    w[2] = w2;
+    w[3] = w3;
 }
 
-static uint64_t load(const uint8_t bytes[8])
+/* Word l, place 4h + m to word h, place 4m + l, or back. */
+static void turned(uint32_t w[4], unsigned back)
 {
-    uint32_t high = (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
-    uint32_t low = (uint32_t)bytes[4] << 24 | (uint32_t)bytes[5] << 16 | (uint32_t)bytes[6] << 8 | bytes[7];
+    uint32_t w0 = w[0], w1 = w[1], w2 = w[2], w3 = w[3];
 
-    return (uint64_t)high << 32 | low;
+    for (unsigned n = 0; n < 2u; n++) {
+        if (n == back)
+            TURN_LOW();
+        else
+            TURN_HIGH();
+    }
+    w[0] = w0;
+    w[1] = w1;
+    w[2] = w2;
+    w[3] = w3;
 }
 
-static void store(uint8_t bytes[8], uint64_t value)
+/* What came out sliced as words of two blocks. */
+static void whole(uint32_t w[4])
 {
-    for (unsigned i = 0; i < 8u; i++)
-        bytes[i] = (uint8_t)(value >> (56u - 8u * i));
+    turned(w, 0);
+    EXCHANGE(w[0], w[1], 16, HALF);
+    EXCHANGE(w[2], w[3], 16, HALF);
 }
 
-static void expand(uint64_t round[PHX_ROUNDS + 1u], const uint8_t raw[10])
+static uint32_t load(const uint8_t bytes[4])
 {
-    uint64_t high = load(raw), low = ((uint64_t)raw[8] << 8) | raw[9]; /* bits 79..16 and 15..0 of the register */
+    return (uint32_t)bytes[0] << 24 | (uint32_t)bytes[1] << 16 | (uint32_t)bytes[2] << 8 | bytes[3];
+}
 
-    round[0] = turned(sliced(high));
-    for (unsigned i = 1; i <= PHX_ROUNDS; i++) {
-        uint64_t up = (high & 7u) << 61 | low << 45 | high >> 19; /* by 61 to the left */
-        uint32_t x0 = (uint32_t)(up >> 60), x1 = x0 >> 1, x2 = x0 >> 2, x3 = x0 >> 3;
-        low = (high >> 3) & 0xffffu;
+static void store(uint8_t bytes[8], uint32_t high, uint32_t low)
+{
+    for (unsigned i = 0; i < 4u; i++) {
+        bytes[i] = (uint8_t)(high >> (24u - 8u * i));
+        bytes[4u + i] = (uint8_t)(low >> (24u - 8u * i));
+    }
+}
+
+/* A register of 80 bits: 79..48, 47..16, 15..0. Each round's key is turned as blocks are when it is added. */
+static void expand(uint16_t *round, const uint8_t raw[PHX_KEY_BYTES / 2u])
+{
+    uint32_t high = load(raw), mid = load(raw + 4), low = (uint32_t)raw[8] << 8 | raw[9], w[4];
+
+    for (unsigned i = 0;;) {
+        uint32_t up = mid << 29 | low << 13 | high >> 19; /* by 61 to the left */
+        uint32_t x0 = up >> 28, x1 = up >> 29, x2 = up >> 30, x3 = up >> 31;
+        w[0] = mid & HALF;
+        w[1] = mid >> 16;
+        w[2] = high & HALF;
+        w[3] = high >> 16;
+        if (i % 2u != 0)
+            turned(w, 1);
+        *round++ = (uint16_t)w[0];
+        *round++ = (uint16_t)w[1];
+        *round++ = (uint16_t)w[2];
+        *round++ = (uint16_t)w[3];
+        if (i++ == PHX_ROUNDS)
+            break;
         SUBSTITUTE(x0, x1, x2, x3);
-        x0 = (x0 & 1u) | (x1 & 1u) << 1 | (x2 & 1u) << 2 | (x3 & 1u) << 3;
-        high = (up & 0x0fffffffffffffffu) | (uint64_t)x0 << 60;
-        high ^= i >> 1;
-        low ^= (uint64_t)(i & 1u) << 15;
-        round[i] = i % 2u == 0 ? turned(sliced(high)) : sliced(high);
+        low = (mid >> 3 & HALF) ^ (i & 1u) << 15;
+        mid = (high << 13 | mid >> 19) ^ i >> 1;
+        high = (up & 0x0fffffffu) | x3 << 31 | (x2 & 1u) << 30 | (x1 & 1u) << 29 | (x0 & 1u) << 28;
     }
+    phx_wipe(w, sizeof w);
 }
 
 void phx_mac_expand(phx_mac_key *key, const uint8_t raw[PHX_KEY_BYTES])
@@ -131,38 +148,39 @@ void phx_mac_expand(phx_mac_key *key, const uint8_t raw[PHX_KEY_BYTES])
     expand(key->round[1], raw + PHX_KEY_BYTES / 2u);
 }
 
-/* A block of the message, after its number; sliced and turned. */
-static uint64_t numbered(uint32_t number, const uint8_t message[7])
+/* A block of the message, after its number. */
+static void numbered(uint32_t *w, uint32_t number, const uint8_t message[7])
 {
-    uint8_t block[8];
-
-    block[0] = (uint8_t)number;
-    memcpy(block + 1, message, 7);
-    return turned(sliced(load(block)));
+    w[0] = load(message + 3);
+    w[2] = number << 24 | (uint32_t)message[0] << 16 | (uint32_t)message[1] << 8 | message[2];
 }
 
 int phx_mac(const phx_mac_key *key, const uint8_t *message, uint32_t len, uint8_t mac[PHX_MAC_BYTES])
 {
     uint8_t last[8] = {0};
-    uint64_t sum = 0, block[2];
+    uint32_t sum[4] = {0}, w[4];
 
     if (len > PHX_MAC_MESSAGE_MAX)
         return PHX_E_TOO_LONG;
     for (uint32_t number = 1; len >= 7u; number += 2u) {
-        uint32_t two = len >= 14u;
-        block[0] = numbered(number, message);
-        block[1] = two ? numbered(number + 1u, message + 7) : 0;
-        encrypt(key->round[0], block);
-        sum ^= two ? block[0] ^ block[1] : block[0];
-        message += two ? 14 : 7;
-        len -= two ? 14u : 7u;
+        uint32_t more = len >= 14u ? 7u : 0, mask = more ? ~(uint32_t)0 : HALF;
+        numbered(w, number, message);
+        numbered(w + 1, number + 1u, message + more); /* or the same again, which does not count */
+        encrypt(key->round[0], w);
+        for (unsigned i = 0; i < 4u; i++)
+            sum[i] ^= w[i] & mask;
+        message += 7u + more;
+        len -= 7u + more;
     }
+    whole(sum);
     memcpy(last, message, len);
     last[len] = 0x80;
-    block[0] = turned(sum ^ sliced(load(last)));
-    block[1] = 0;
-    encrypt(key->round[1], block);
-    store(mac, sliced(block[0]));
+    w[0] = sum[0] ^ sum[1] ^ load(last + 4);
+    w[2] = sum[2] ^ sum[3] ^ load(last);
+    w[1] = w[3] = 0;
+    encrypt(key->round[1], w);
+    whole(w);
+    store(mac, w[2], w[0]);
     return 0;
 }
 
@@ -200,12 +218,13 @@ int phx_lightmac(const uint8_t key[PHX_KEY_BYTES], const uint8_t *message, uint3
 
 int phx_present80(const uint8_t key[10], const uint8_t plain[8], uint8_t cipher[8])
 {
-    uint64_t round[PHX_ROUNDS + 1u], block[2] = {0, 0};
+    uint16_t round[4u * (PHX_ROUNDS + 1u)];
+    uint32_t w[4] = {load(plain + 4), 0, load(plain), 0};
 
     expand(round, key);
-    block[0] = turned(sliced(load(plain)));
-    encrypt(round, block);
-    store(cipher, sliced(block[0]));
+    encrypt(round, w);
+    whole(w);
+    store(cipher, w[2], w[0]);
     phx_wipe(round, sizeof round);
     return 0;
 }

@@ -19,6 +19,13 @@
 
 #define AVX2 __attribute__((target("avx2")))
 
+static uint64_t swap(uint64_t x, unsigned by, uint64_t mask)
+{
+    uint64_t t = (x ^ (x >> by)) & mask;
+
+    return x ^ t ^ (t << by);
+}
+
 /* Bits are swapped as by `swap`, in each of four states. */
 AVX2 static inline __m256i swap4(__m256i x, int by, uint64_t mask)
 {
@@ -73,13 +80,17 @@ AVX2 static uint64_t sum_of(const uint64_t round[PHX_ROUNDS + 1u], const uint64_
     return key ^ sum4(one, 4) ^ sum4(two, (int)many - 4);
 }
 
-/* The same, with round keys as the firmware keeps them: sliced, each second one turned. */
-static uint64_t encrypted(const uint64_t kept[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
+/* The same, with round keys as the firmware keeps them: pieces of 16 bits, each second key sliced. */
+static uint64_t encrypted(const uint16_t *kept, const uint64_t s[8], unsigned many)
 {
     uint64_t round[PHX_ROUNDS + 1u], sum;
 
-    for (unsigned i = 0; i <= PHX_ROUNDS; i++)
-        round[i] = sliced(i % 2u == 0 ? turned(kept[i]) : kept[i]);
+    memcpy(round, kept, sizeof round);
+    for (unsigned i = 1; i <= PHX_ROUNDS; i += 2u) {
+        /* l, h, m to l, m, h to h, m, l. */
+        uint64_t key = swap(swap(round[i], 3, 0x0a0a0a0a0a0a0a0au), 6, 0x00cc00cc00cc00ccu);
+        round[i] = swap(swap(key, 15, 0x0000aaaa0000aaaau), 30, 0x00000000ccccccccu);
+    }
     sum = sum_of(round, s, many);
     phx_wipe(round, sizeof round);
     return sum;
@@ -87,14 +98,15 @@ static uint64_t encrypted(const uint64_t kept[PHX_ROUNDS + 1u], const uint64_t s
 
 #else
 
-static uint64_t encrypted(const uint64_t kept[PHX_ROUNDS + 1u], const uint64_t s[8], unsigned many)
+static uint64_t encrypted(const uint16_t *kept, const uint64_t s[8], unsigned many)
 {
     uint64_t sum = 0;
 
     for (unsigned i = 0; i < many; i++) {
-        uint64_t block[2] = {turned(sliced(s[i])), 0};
-        encrypt(kept, block);
-        sum ^= sliced(block[0]);
+        uint32_t w[4] = {(uint32_t)s[i], 0, (uint32_t)(s[i] >> 32), 0};
+        encrypt(kept, w);
+        whole(w);
+        sum ^= (uint64_t)w[2] << 32 | w[0];
     }
     return sum;
 }
@@ -121,8 +133,10 @@ int phx_mac(const phx_mac_key *key, const uint8_t *message, uint32_t len, uint8_
     }
     memcpy(last, message + 7u * blocks, left);
     last[left] = 0x80;
-    s[0] = sum ^ load(last);
-    store(mac, encrypted(key->round[1], s, 1));
+    sum ^= (uint64_t)load(last) << 32 | load(last + 4);
+    s[0] = sum;
+    sum = encrypted(key->round[1], s, 1);
+    store(mac, (uint32_t)(sum >> 32), (uint32_t)sum);
     phx_host_counts[1] += blocks + 1u;
     return 0;
 }
