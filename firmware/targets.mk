@@ -7,6 +7,7 @@ MIPS := mipsel-linux-gnu-
 FOR_TARGETS := -std=c99 -pedantic -Wall -Wextra -Wconversion -Werror -Os -ffreestanding -ffunction-sections -fdata-sections \
 	-fstack-usage -fcallgraph-info=su -g0 -Iinclude -Iports/bare
 NODES := $(SHARED) bound seal
+LINES := $(basename $(notdir $(wildcard line/*.c)))
 
 # $(1) target, $(2) prefix of its tools, $(3) flags that choose its processor, $(4) what the compiler calls for wide numbers
 define target
@@ -17,8 +18,12 @@ build/$(1)/%.o: src/%.c $(HEADERS)
 	@mkdir -p build/$(1)
 	@$(2)gcc $(3) $$(FOR_TARGETS) -c $$< -o $$@
 
+build/$(1)/%.o: line/%.c $(HEADERS)
+	@mkdir -p build/$(1)
+	@$(2)gcc $(3) $$(FOR_TARGETS) -Isrc -c $$< -o $$@
+
 .PHONY: target-$(1)
-target-$(1): $(NODES:%=build/$(1)/%.o)
+target-$(1): $(NODES:%=build/$(1)/%.o) $(LINES:%=build/$(1)/%.o)
 	@echo "$(1)"
 	@$(2)size -t $$^
 endef

@@ -10,7 +10,10 @@ import pytest
 
 import boards
 import qemu
+from oracle.nodes import No
+from oracle.sealed import SealedANode
 from phalanx.bti.nodes import Refused
+from phalanx.bti.trusted import REASONS
 from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.io.serial_node import SerialNodes
@@ -33,6 +36,36 @@ def test_each_processor_answers_as_the_oracle_does(machine, robots, tmp_path):
     for robot in robots:
         with qemu.machines(tmp_path, machine, 1) as (made,):
             assert boards.live(robot, made.board(), made.again) > 50
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("machine", qemu.MACHINES)
+def test_each_processor_seals_as_the_oracle_does(machine, tmp_path):
+    ours, other = (SealedANode(bound=True, limits=LIMITS) for _ in range(2))
+    for robot, rob_id in ((ours, 7), (other, 8)):
+        robot.load_master(MASTER, rob_id)
+        robot.load_mission(0, *sealed(1))
+    with qemu.machines(tmp_path, machine, 1) as (made,):
+        board = made.board()
+        board.make(LIMITS, sealed=True)
+        board.load_master(MASTER, 7)
+        board.load_mission(0, sealed(1))
+        frames = [other.sealed_send(now, b"\x01hello")[7:] for now in (100, 100, 140, 172, 300, 9000)]
+        for now, k in enumerate([0, 1, 1, 2, 3, 0, 2, 4, 3, 5, 4], 200):
+            for frame in (frames[k], frames[k][:-1]):
+                assert told(board, lines.RECV, now, frame) == told(ours, "sealed_recv", now, frame)
+            assert told(board, lines.SEND, now, b"\x01hi") == told(ours, "sealed_send", now, b"\x01hi")
+
+
+def told(node, what, now, frame):
+    """What a board makes of a frame, or the oracle; or why not."""
+    if isinstance(node, SealedANode):
+        try:
+            return getattr(node, what)(now, frame)
+        except No as no:
+            return no.args[0]
+    code, made = node.ask(what, now, frame=frame)
+    return made or REASONS[code].upper()
 
 
 def test_reset_at_any_moment_no_mission_number_is_taken_twice(tmp_path):

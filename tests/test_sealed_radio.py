@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from collections import deque
 from dataclasses import replace
 
@@ -130,12 +131,23 @@ def test_frames_of_one_millisecond_have_a_time_each_and_not_too_far_ahead(pair):
 
 def test_frames_overtake_each_other_by_the_window_and_no_more(pair):
     one, two = pair
-    frames = {now: one.send(now) for now in (100, 101, 164, 400)}
-    assert two.recv(200, frames[164]) == "taken"
+    frames = {now: one.send(now) for now in (100, 101, 132, 164, 400)}
+    assert [two.recv(200, frames[100]), two.recv(200, frames[164])] == ["taken"] * 2
+    assert two.recv(200, frames[132]) == "taken", "what is no newer than the window is not what was heard before it"
     assert two.recv(200, frames[100]) == "repeated", "64 ms behind"
     assert [two.recv(200, frames[101]), two.recv(200, frames[101])] == ["taken", "repeated"]
     assert two.recv(500, frames[400]) == "taken"
     assert two.recv(500, frames[164]) == "repeated"
+
+
+def test_whatever_overtakes_what_each_frame_counts_once(pair):
+    one, two = pair
+    chance, now, frames = random.Random(1), 1000, []
+    for _ in range(150):
+        now += chance.choice([1, 2, 31, 32, 33])
+        frames.append(one.send(now))
+        for frame in chance.choices(frames[-6:], k=2):
+            two.recv(now, frame)
 
 
 def test_what_is_held_back_is_refused_and_what_was_always_late_is_another_clock(pair):
@@ -164,10 +176,14 @@ def test_honest_clocks_may_drift_for_a_day(pair, ppm):
 def test_a_full_table_gives_a_place_to_a_new_sender_when_one_was_silent_for_long():
     us, *others = (Robot(n + 1) for n in range(SENDERS + 2))
     *first, last = others
+    assert us.recv(1000, first[1].send(460)) == "taken"
     assert {us.recv(1000 + k, each.send(500)) for k, each in enumerate(first)} == {"taken"}
     assert us.recv(2000, last.send(500)) == "full"
     assert us.recv(2001, first[0].send(1500)) == "taken"
+    assert us.recv(11_005, last.send(550)) == "full", "one of them was silent for just t_val"
+    earlier = last.send(560)
     assert us.recv(11_010, last.send(600)) == "taken"
+    assert us.recv(11_010, earlier) == "taken", "what another has said in its place is not repeated"
     assert us.recv(11_010, first[0].send(11_000)) == "taken"
     assert us.recv(11_011, first[2].send(700)) == "late", "it is remembered"
     assert us.recv(11_011, first[1].send(800)) == "taken", "forgotten, and another clock now"
@@ -178,6 +194,13 @@ def test_a_frame_leaves_room_for_its_seal(pair):
     assert one.send(1, b"\x01" * (FRAME_MAX - SEAL.size + 1)) == "too_long"
     longest = one.send(1, b"\x01" * (FRAME_MAX - SEAL.size))
     assert (len(longest), two.recv(1, longest)) == (FRAME_MAX, "taken")
+    assert one.send(2**32 - 1) == "clock"
+    assert one.send(2, longest) == "safe_mode", "before its length is looked at"
+
+
+def test_a_seal_of_nobody_is_none_and_takes_no_place(pair):
+    one, two = pair
+    assert two.recv(1, b"\x01" + one.oracle.seal(1, 0, b"\x01")) == "arg"
 
 
 def test_a_board_is_sealed_when_it_is_made_and_stays_so(tmp_path):

@@ -33,7 +33,7 @@ REFUSED = " -00066"
     JUMP_INSIDE,
     JUMP_BESIDE,
 ) = range(10)
-POINTERS, RESET, HANDLERS, PREEMPT = range(10, 14)
+POINTERS, RESET, HANDLERS, PREEMPT, REENTER = range(10, 15)
 
 
 def lived(folder, which: int) -> tuple[dict[str, int], list[str]]:
@@ -108,6 +108,12 @@ def test_pointers_into_the_secure_world_are_refused_and_others_work_on(tmp_path)
     ]
     assert said == [*BEGUN, *(each + REFUSED for each in wrong), "drive +00011", "done +00010"]
     assert motors["off"] >= T_VAL_MS
+
+
+def test_an_interrupt_that_calls_the_gate_again_and_again_never_does_so_inside(tmp_path):
+    motors, said = lived(tmp_path, REENTER)
+    assert said == [*BEGUN, "refused -00002", "mixed up +00000", "entered +00001", f"done +{REENTER:05}"]
+    assert T_VAL_MS <= motors["off"] <= KEYED_MS + T_VAL_MS + CHECK_MS
 
 
 def test_a_reset_is_not_the_c_nodes_to_make(tmp_path):

@@ -53,6 +53,8 @@ class SealedANode(ANode):
         t, src = int.from_bytes(end[:4], "little"), int.from_bytes(end[4:6], "little")
         if self.seal(t, src, frame) != end:
             raise No("BAD_MAC")
+        if src == 0:
+            raise No("ARG")
         if src == self.robot_id:
             raise No("SELF")
         self.admit(now, t, src)

@@ -15,12 +15,14 @@
 
 enum {
     HONEST, HOLD_ON, REPEAT, SLEEP, WRITE_MOTORS, WRITE_MOTORS_SECURE, WRITE_NODES, READ_NODES, JUMP_INSIDE, JUMP_BESIDE,
-    POINTERS, RESET, HANDLERS, PREEMPT
+    POINTERS, RESET, HANDLERS, PREEMPT, REENTER
 };
 
 extern uint8_t data_from[], data_begin[], data_end[], bss_begin[], bss_end[], stack_top[];
 static const uint8_t master[PHX_KEY_BYTES] = {1, 2, 3};
 static uint8_t call[GATE_CALL_MAX], answer[GATE_ANSWER_MAX];
+static volatile uint32_t reenter, entered;
+static volatile int32_t wrong;
 
 static void begin(void);
 static void stuck(void)
@@ -29,9 +31,27 @@ static void stuck(void)
     }
 }
 
+static int32_t mixed_up(const uint8_t *asked, const uint8_t *got)
+{
+    return got[PHX_ANSWER_NUMBER] != asked[PHX_CALL_CHECK_NUMBER] || got[PHX_ANSWER_NUMBER + 1] != asked[PHX_CALL_CHECK_NUMBER + 1];
+}
+
+/* Calls of the interrupt's own, whose numbers are no others'. */
+static void enter_again(void)
+{
+    static uint8_t inner[PHX_CALL_CHECK_BYTES] = {PHX_CALL_CHECK, 0, 0x80}, got[GATE_ANSWER_MAX];
+
+    inner[PHX_CALL_CHECK_NUMBER]++;
+    if (phx_gate(inner, sizeof inner, got, sizeof got) != PHX_ANSWER_BYTES || mixed_up(inner, got))
+        wrong++;
+    entered++;
+}
+
 static volatile uint32_t preempt;
 static void tick(void)
 {
+    if (reenter)
+        enter_again();
     while (preempt) {
     }
 }
@@ -177,6 +197,18 @@ static void attack(uint32_t which)
         SYST_CSR = 7;
         while (drive() > 0) {
         }
+        break;
+    case REENTER:
+        /* An interrupt that calls the gate, again and again, whatever it interrupts: the gate as well, if that let it in. */
+        reenter = 1;
+        SYST_RVR = 1000;
+        SYST_CSR = 7;
+        while (drive() > 0)
+            wrong += mixed_up(call, answer);
+        SYST_CSR = 0;
+        say("refused ", drive());
+        say("mixed up ", wrong);
+        say("entered ", entered > 9u);
         break;
     default:
         break;
