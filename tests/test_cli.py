@@ -204,6 +204,14 @@ class TestMistakes:
         done = subprocess.run([script, "--help"], capture_output=True, text=True, timeout=60, env=before)
         assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "on", "")
 
+    def test_letters_that_the_terminal_lacks_and_a_closed_stdin_are_no_traceback(self):
+        lacks = {"PYTHONIOENCODING": "latin-1"}
+        assert "pin=?" in run("link", "connect", "--help", env=lacks).stdout
+        words = ["sh", "-c", 'exec "$@" <&-', "sh", *PHALANX, "link", "connect", "-"]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 2
+        assert done.stderr.startswith("phalanx: error: no swarm to visit")
+
     def test_no_command_tells_where_help_is(self):
         done = run()
         assert done.returncode == 2

@@ -6,6 +6,8 @@ import asyncio
 import errno
 import json
 import os
+import ssl
+import subprocess
 import urllib.request
 
 import pytest
@@ -66,6 +68,22 @@ def guarded(tmp_path):
         broker = Guarded(tmp_path, start, kill, tcp, ws)
         start()
         yield broker
+
+
+async def test_a_certificate_that_nobody_knows_is_not_told_as_a_wrong_password(tmp_path):
+    key, certificate = str(tmp_path / "key"), str(tmp_path / "certificate")
+    words = ["req", "-x509", "-newkey", "ed25519", "-nodes", "-subj", "/CN=me", "-keyout", key, "-out", certificate]
+    subprocess.run(["openssl", *words], check=True, capture_output=True)
+    tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    tls.load_cert_chain(certificate, key)
+    async with await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", 0, ssl=tls) as listening:
+        at = f"wss://127.0.0.1:{listening.sockets[0].getsockname()[1]}/mqtt"
+        server = Server("mqtt://127.0.0.1:1", broker_for_visitors=at, login_for_visitors=Login("all", "secret"))
+        trouble, hint = await PhonesDoor(server).trouble()
+    assert (
+        trouble == f"phones are locked out: cannot trust the certificate of the broker at {at}: self-signed certificate"
+    )
+    assert "SSL_CERT_FILE" in hint
 
 
 async def test_the_door_says_which_half_of_a_phones_talk_does_not_get_through(guarded, monkeypatch):

@@ -77,6 +77,16 @@ class TestBrokersThatComeAndGo:
                 await eventually(lambda: server.connected)
                 assert (await client.request(0))["robots"] == [1, 2]
 
+    async def test_a_root_who_may_give_no_file_away_runs_it_all_the_same(self, monkeypatch):
+        def refused(*_):
+            raise PermissionError
+
+        monkeypatch.setattr("phalanx.io.mosquitto.os.geteuid", lambda: 0)
+        monkeypatch.setattr("phalanx.io.mosquitto.shutil.chown", refused)
+        at = somewhere()
+        async with mosquitto(at):
+            assert await serves(at.gateway)
+
     async def test_without_a_broker_it_waits_says_so_and_comes_up(self, tmp_path, caplog):
         tcp, ws = free_port(), free_port()
         server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt")

@@ -139,7 +139,9 @@ async def _reach(server: Server, url: str) -> list[Finding]:
             here = Finding("broker", True, f"{url} answers, MQTT {'5' if server.qr().mqtt == 5 else '3.1.1'}")
             return [here, await _phones(server, door)]
     except TimeoutError:
-        here = Finding("broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port and firewall")
+        here = Finding(
+            "broker", False, f"{url}: {server.trouble or 'no answer'}", "check host, port, firewall, TLS or not"
+        )
     except PhalanxError as error:
         here = Finding("broker", False, str(error), getattr(error, "hint", ""))
     return [here, await _phones(server, door)]

@@ -104,7 +104,18 @@ def main() -> None:
     """Run the command line."""
     # What is imported stays: looking again and again for what of it could go takes a fifth of a command's start.
     gc.set_threshold(100_000)
+    _mend_streams()
     sys.exit(run_command(sys.argv[1:]))
+
+
+def _mend_streams() -> None:
+    # A stream that whoever started us has closed is None, and a letter that a terminal's encoding lacks an error.
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "w" if number else "r"))
+        elif number and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
 
 
 def run_command(arguments: list[str]) -> int:

@@ -49,7 +49,18 @@ REFUSED_VERSION = frozenset({1, 132})
 LOGIN_HINT = "--broker-login, or set PHALANX_BROKER_USERNAME and PHALANX_BROKER_PASSWORD"
 _ERRNO = re.compile(r"\[Errno (-?\d+)\]")
 _CODE = re.compile(r"^\[code:\d+\] ")
+_MISTRUST = re.compile(r"certificate verify failed: (.*?)\.?(?: \(_ssl|$)")
+# What libraries say that only they understand.
+_PLAIN = {
+    "WRONG_VERSION_NUMBER": "no TLS there",
+    "WebSocket handshake error": "no websocket there",
+    "Disconnected during message iteration": "it hung up",
+}
 DENIED = 0x80  # SUBACK codes from here on are refusals, in 3.1.1 and 5
+
+
+class LoginRefused(Unavailable):
+    """The broker takes nobody of this name and password."""
 
 
 class _DeniedError(aiomqtt.MqttError):
@@ -272,7 +283,8 @@ class Connection:
             self.trouble = ""
             if self._ever:
                 self.reconnects += 1
-            log.info("connected to %s, MQTT %s", self.broker, "5" if self.mqtt == 5 else "3.1.1")
+            level = logging.WARNING if self._ever else logging.INFO  # who read that it was lost reads that it is back
+            log.log(level, "connected to %s, MQTT %s", self.broker, "5" if self.mqtt == 5 else "3.1.1")
             self.connected.set()
             again, self._ever = self._ever, True
             watching = asyncio.create_task(emptied.watch())
@@ -333,14 +345,14 @@ class Connection:
         code = getattr(error, "rc", None)
         number = getattr(code, "value", code)
         if number in REFUSED_LOGIN:
-            raise Unavailable(
+            raise LoginRefused(
                 f"the broker at {self.broker} refused the login",
                 "its name or password is wrong" if self.broker.login else LOGIN_HINT,
             ) from error
-        if "CERTIFICATE_VERIFY_FAILED" in words:
+        if mistrust := _MISTRUST.search(words):
             raise Unavailable(
-                f"cannot trust the certificate of the broker at {self.broker}",
-                "check its host name and port, and that its authority is known to this machine",
+                f"cannot trust the certificate of the broker at {self.broker}: {mistrust[1].lower()}",
+                "check its host name and port; SSL_CERT_FILE names the file of an authority of your own",
             ) from error
         if number in REFUSED_VERSION or (number is None and not _ERRNO.search(str(error))):
             # Somebody was there and hung up (no errno): how a broker that only knows 3.1.1 refuses 5.
@@ -351,6 +363,8 @@ def _in_words(error: BaseException) -> str:
     """What is wrong, in the system's words without its numbers; once, however many addresses were tried."""
     text = str(error)
     number = _ERRNO.search(text)
+    if plain := next((plain for said, plain in _PLAIN.items() if said in text), ""):
+        return plain
     if number is None:
         text = _CODE.sub("", text)
         return text or ("no answer" if isinstance(error, TimeoutError) else type(error).__name__)

@@ -57,6 +57,7 @@ def configuration(at: Listeners, folder: Path) -> str:
             "max_inflight_messages 1",
             f"max_keepalive {MAX_KEEPALIVE_S}",
             "set_tcp_nodelay true",
+            "user root",  # where it cannot be another's: in a container without rights, say
             "log_dest stderr",
             "log_type error",
             "connection_messages false",
@@ -108,8 +109,8 @@ async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
     if program is None:
         raise Unavailable("mosquitto is not installed", "apt-get install mosquitto, or --broker amqtt")
     with private_folder() as folder:
-        _write(folder, at)
-        child = partial(a_child, program, "-c", str(folder / CONFIG), user=_whose(), most_bytes=MEMORY_BYTES)
+        user = _write(folder, at)
+        child = partial(a_child, program, "-c", str(folder / CONFIG), user=user, most_bytes=MEMORY_BYTES)
         begins = partial(_until_it_serves, url=at.gateway)
         async with (
             kept("mosquitto", child, partial(serves, at.gateway), begins),
@@ -118,8 +119,8 @@ async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
             yield heard
 
 
-def _write(folder: Path, at: Listeners) -> None:
-    """The broker's files, for the user it runs as and nobody else."""
+def _write(folder: Path, at: Listeners) -> str | None:
+    """The broker's files, for the user it runs as and nobody else; that user, None for our own."""
     files = {
         CONFIG: configuration(at, folder),
         "visitors.acl": visitors_acl(at.root),
@@ -130,9 +131,13 @@ def _write(folder: Path, at: Listeners) -> None:
         (folder / name).write_text(text)
     (folder / SOCKET).parent.mkdir(mode=0o700)
     if user := _whose():
+        try:
+            for name in (*files, "run"):
+                shutil.chown(folder / name, user)
+        except OSError:
+            return None
         folder.chmod(0o711)  # it may pass
-        for name in (*files, "run"):
-            shutil.chown(folder / name, user)
+    return user
 
 
 async def serves(url: BrokerUrl) -> bool | None:

@@ -22,6 +22,7 @@ from phalanx.link.topics import CommandTopic
 
 from .broker_url import parse_broker_url
 from .client import Client
+from .connection import LoginRefused
 from .ports import LOOPBACK
 from .server import Server
 
@@ -68,12 +69,13 @@ class PhonesDoor:
         try:
             async with Client(qr, broker=at, config=self._server.config, timeout_s=CONNECT_S) as client:
                 lost = await self._lost(client) if self._server.connected else ""
-        except Unavailable as error:
-            if isinstance(error.__cause__, TimeoutError):
-                return f"phones are locked out: {error}", "--broker-ws"
+        except LoginRefused as error:
             if qr.login:
                 return f"phones are locked out: {error} of visitors", "name or password in --visitors-login is wrong"
             return f"phones are locked out: {error}", "--visitors-login, or a way in without one, to our topics only"
+        except Unavailable as error:
+            hint = "--broker-ws" if isinstance(error.__cause__, TimeoutError) else error.hint
+            return f"phones are locked out: {error}", hint
         return (f"phones get into {at}, but {lost}", ACL_HINT.format(root=qr.root)) if lost else ("", "")
 
     async def _lost(self, client: Client) -> str:
