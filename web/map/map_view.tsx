@@ -144,7 +144,8 @@ export function MapView({
       ? "Tap a robot to choose it; plus and minus zoom."
       : "Plus and minus zoom.";
   const shape = { aspectRatio: String(Math.min(Math.max(area.width / area.height, 0.7), 2)) };
-  const hint = routing ? "Tap where the robot shall go" : isLive && count === 0 ? "No robots yet" : "";
+  const invites = routing && draft.length === 0; // what it covers may be tapped too
+  const hint = invites ? "Tap where the robot shall go" : !routing && isLive && count === 0 ? "No robots yet" : "";
   return (
     <div className="map" ref={frame} data-routing={routing} data-zoomed={isZoomed} style={shape}>
       <canvas ref={ground} className="map-layer" />

@@ -1,5 +1,5 @@
 // What the map shows. Two canvases: below, what changes ten times a second at most (grid, trails, routes); above, what
-// glides (robots; and names.ts, their names).
+// glides (robots; and names.ts, their names) or is being tapped together (a route).
 
 import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "../client";
 import { drawLit, drawWalls } from "./building";
@@ -85,8 +85,6 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
   if (selected?.position) {
     drawTrail(ctx, p, selected, selected.trail.length, ledColour(selected.led, theme), 0.8);
     drawRoute(ctx, p, theme, selected.waypoints, selected.threshold, false);
-    const from = scene.draft.length > 0 ? [selected.position, ...scene.draft] : [];
-    drawRoute(ctx, p, theme, from, scene.threshold, true);
   }
   if (scene.cursor) drawCursor(ctx, toScreen(p, scene.cursor), theme);
 }
@@ -215,6 +213,8 @@ export function drawRobots(
   const selected = robots.find((robot) => robot.address === scene.selected);
   const place = selected && places.get(selected.address);
   if (!selected || !place) return;
+  // Over the others: among a hundred a point that was just tapped would be under one of them.
+  if (selected.position) drawRoute(ctx, p, theme, [selected.position, ...scene.draft], scene.threshold, true);
   ctx.strokeStyle = theme.accent;
   ctx.lineWidth = 3;
   circle(ctx, place.x, place.y, rim + 6);

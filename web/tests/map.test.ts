@@ -6,6 +6,7 @@ import type { Area, Point, Robot } from "../client";
 import { Gesture } from "../map/gesture";
 import { Names } from "../map/names";
 import { fitArea, toArea, toScreen, zoomed } from "../map/projection";
+import { drawRobots, robotRadius, type Scene } from "../map/scene";
 import type { Theme } from "../map/theme";
 
 const MM: Area = { width: 3000, height: 2000, unit: "mm" };
@@ -54,6 +55,23 @@ describe("zoom", () => {
     const by = (factor: number) => zoomed(whole, WIDTH, HEIGHT, { factor, around: NOWHERE, by: NOWHERE });
     expect(by(0.5)).toBeUndefined();
     expect(by(100)?.times).toBe(12);
+  });
+});
+
+describe("a route that is being tapped together", () => {
+  test("has its points over the robots that stand there, and under the one that shall drive it", () => {
+    const there: Point = { x: 900, y: 700 };
+    const robots = new Map(["mine", "other"].map((address) => [address, { address, position: there } as Robot]));
+    const swarm = { robots, area: MM, audits: [] };
+    const scene = { swarm, selected: "mine", draft: [there], threshold: 0 } as unknown as Scene;
+    const p = fitArea(MM, WIDTH, HEIGHT);
+    const radii: number[] = [];
+    const arc = (_x: number, _y: number, radius: number) => radii.push(radius);
+    const pen = new Proxy({}, { get: (_, name) => (name === "arc" ? arc : () => {}) });
+    const places = new Map([...robots.keys()].map((address) => [address, toScreen(p, there)]));
+    drawRobots(pen as CanvasRenderingContext2D, p, {} as Theme, scene, places, 0, true);
+    const [other, number, mine] = [robotRadius(p, 2), 8, robotRadius(p, 2) + 1];
+    expect(radii.filter((radius) => [other, number, mine].includes(radius))).toEqual([other, number, mine]);
   });
 });
 
