@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from chromium import PHONE, a_page, badge, choose, insecure, pixels, wait_until
+from chromium import PHONE, a_page, badge, barriers_in_both_schemes, choose, insecure, pixels, wait_until
 from test_gateway_mission import SMALL, THROUGH, a_mission_gateway
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(600)]
@@ -57,6 +57,7 @@ def test_walls_are_drawn_and_landmarks_light_up_as_they_are_decoded(browser, fil
             one = pixels(phone, 0, "--lit")
             assert "1 of 2 decoded" in words(phone, "running")
             phone.screenshot(path=tmp_path / "running.png")
+            assert not barriers_in_both_schemes(phone) + barriers_in_both_schemes(desk)
             assert "Mission completed: 2 of 2 decoded" in words(phone, "done", 120)
             assert pixels(phone, 0, "--lit") > 1.5 * one
             assert "Bo: mission completed, decoded 2 of 2" in words(phone, "done")
@@ -108,6 +109,7 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         assert "> 2^128" in audit.inner_text()
         assert "without the start key nothing can be tried" in audit.inner_text()
         desk.screenshot(path=tmp_path / "editor.png", full_page=True)
+        assert not barriers_in_both_schemes(desk)
         desk.get_by_test_id("send").click()
         begun = up.wait_for("mission", count=[e["what"] for e in up.events("mission")].count("decoded") + 2)
         wait_until(lambda: [e for e in up.events("mission") if e["what"] == "begun"][1:], 20)
@@ -124,6 +126,7 @@ def test_an_operator_draws_a_mission_compiles_audits_and_sends_it(browser, files
         trouble.wait_for()
         assert "no node is marked as a start" in trouble.inner_text()
         assert "Hint: start: true on one node" in trouble.inner_text()
+        assert not barriers_in_both_schemes(desk)
 
 
 def test_the_editor_can_be_used_by_keyboard_alone_and_on_a_phone(browser, files):

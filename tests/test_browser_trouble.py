@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from chromium import a_page, badge, choose, insecure, wait_until
+from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, wait_until
 from conftest import a_gateway, bare_mosquitto
 from phalanx.io import Login
 from phalanx.io.mosquitto import password_line
@@ -80,6 +80,7 @@ def test_the_code_alone_is_readable_on_a_low_screen(browser, gateway, size, tmp_
         qr = page.get_by_test_id("qr").bounding_box()
         assert qr["width"] >= 0.45 * min(size)
         assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
+        assert not barriers_in_both_schemes(page)
 
 
 def test_a_broker_that_wants_a_login_of_visitors(browser, tmp_path):
@@ -96,6 +97,7 @@ def test_a_broker_that_wants_a_login_of_visitors(browser, tmp_path):
         with a_gateway(*map(str, options), "--visitors-login", str(tmp_path / "wrong")) as (_, ready):
             page.goto(ready["operator_url"])
             page.get_by_test_id("banner").get_by_text("refused the login of visitors").wait_for()
+            assert not barriers_in_both_schemes(page)
             visitor.goto(insecure(ready["qr_url"]))
             visitor.get_by_test_id("badge").get_by_text("name or password is wrong").wait_for()
             visitor.get_by_test_id("leave").click()

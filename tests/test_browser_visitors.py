@@ -30,6 +30,7 @@ from phalanx.link.keys import derive_epoch
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 
+DESK = {"viewport": {"width": 1280, "height": 720}}
 SIDEWAYS = PHONE | {"viewport": {"width": 844, "height": 390}}
 
 
@@ -80,15 +81,14 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
         wait_until(lambda: moves(up))
         up.process.send_signal(signal.SIGSTOP)
         try:
-            page.locator("[data-testid=badge][data-state=late]").wait_for()
-            assert "Controls are off" in badge(page, "late")
+            assert "Controls are off" in badge(page, "late", timeout_s=2)  # 800 ms after the last frame
             assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
             assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
             assert controls(page).count() == 11
             assert not any(each.is_enabled() for each in controls(page).all())
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
             page.context.set_offline(True)
-            assert "no network" in badge(page, "offline")
+            assert "no network" in badge(page, "offline", timeout_s=2)
             assert not barriers_in_both_schemes(page)
             page.context.set_offline(False)
         finally:
@@ -99,23 +99,23 @@ def test_without_frames_the_controls_are_off_and_they_return_with_the_frames(bro
 
 
 def test_while_the_operator_holds_all_robots_a_phone_says_so_and_its_controls_are_off(browser):
-    with a_gateway("--robots", "6", "--seed", "4", stdin=subprocess.PIPE) as (up, ready):
+    with a_gateway("--robots", "6", "--seed", "4") as (up, ready), a_page(browser, **DESK) as desk:
+        desk.goto(ready["operator_url"])
         with a_visitor(browser, ready, "Ada", BUZZED) as page:
             touch = page.context.new_cdp_session(page)
             box = page.get_by_test_id("joystick").bounding_box()
             at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + 20}
             touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at]})
             wait_until(lambda: moves(up))
-            up.process.stdin.write("stop\n")
-            up.process.stdin.flush()
+            desk.get_by_test_id("stop-all").click()
             assert "the operator holds all robots" in badge(page, "held", timeout_s=2)
             assert page.get_by_test_id("joystick").get_attribute("aria-disabled") == "true"
             assert page.get_by_test_id("joystick").get_attribute("data-held") == "false"
             assert not any(each.is_enabled() for each in controls(page).all())
             assert page.evaluate("window.buzzed.length") == 1, "the thumb is told that it drives nothing"
-            assert not barriers_in_both_schemes(page)
-            up.process.stdin.write("go\n")
-            up.process.stdin.flush()
+            desk.get_by_text("All robots are stopped").wait_for()
+            assert not barriers_in_both_schemes(page) + barriers_in_both_schemes(desk)
+            desk.get_by_test_id("let-go").click()
             badge(page, "live")
             assert all(each.is_enabled() for each in controls(page).all())
 

@@ -77,6 +77,11 @@ class TestContainerfile:
                 assert used in made
         assert len(made) == 2
 
+    def test_a_new_wheel_makes_a_new_layer(self):
+        before, last = steps()[: [name for name, _ in steps()].index("USER")][-2:]
+        assert (before[0], before[1].split()[0]) == ("COPY", "--from=wheels")
+        assert (last[0], last[1].split()[0]) == ("RUN", "--mount=type=bind,from=wheels,source=/wheels,target=/wheels")
+
     def test_its_images_have_what_the_project_asks_for(self):
         node = int(re.search(r"node:(\d+)-", told("FROM")[0])[1])
         assert node >= int(

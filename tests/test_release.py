@@ -113,6 +113,7 @@ def test_a_wheel_from_a_plain_checkout_has_all_a_stranger_needs(tmp_path):
     packed = subprocess.run(["tar", "c", "-C", ROOT, "--null", "-T", "-"], input=names, capture_output=True, check=True)
     subprocess.run(["tar", "x", "-C", checkout], input=packed.stdout, check=True)
     (checkout / "web" / "node_modules").symlink_to(ROOT / "web" / "node_modules")  # `make release` installs them again
+    os.utime(checkout / "web" / "package-lock.json", (0, 0))  # or a build would, through this link, in a worktree
     wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", out, checkout]
     subprocess.run(wheel, check=True, env=os.environ | {"PYTHONPATH": ""})
     (made,) = out.iterdir()

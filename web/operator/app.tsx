@@ -110,7 +110,8 @@ interface HeaderProps {
 function Header({ state, drawing, onDrawing }: HeaderProps) {
   return (
     <header className="top">
-      <p className="brand">
+      {/* The overview has a heading of its own. */}
+      <p className="brand" {...(drawing && { role: "heading", "aria-level": 1 })}>
         <img src="./icon.svg" alt="" width="28" height="28" />
         Phalanx <span className="quiet">operator</span>
       </p>

@@ -82,7 +82,7 @@ describe("badge", () => {
   test("says in plain words what is wrong", () => {
     const words = (health: Parameters<typeof badgeWords>[0], robots = 3) =>
       badgeWords(health, "swarm:9001", robots).text;
-    expect(words({ state: "offline", why: "broker" })).toBe("Broker unreachable at swarm:9001. Trying again…");
+    expect(words({ state: "offline", why: "broker" })).toBe("Broker unreachable at swarm:9001. Trying again… If that lasts, scan the code again.");
     expect(words({ state: "offline", why: "network" })).toContain("no network");
     expect(words({ state: "offline", why: "login" })).toContain("Login refused by the broker at swarm:9001");
     expect(words({ state: "late" })).toContain("Controls are off");

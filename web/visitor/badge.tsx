@@ -38,7 +38,7 @@ export function badgeWords(health: Health, host: string, robots: number, held = 
 
 const OFFLINE = {
   network: () => "You are offline: this device has no network. Waiting for it…",
-  broker: (host: string) => `Broker unreachable at ${host}. Trying again…`,
+  broker: (host: string) => `Broker unreachable at ${host}. Trying again… If that lasts, scan the code again.`,
   login: (host: string, named: boolean) =>
     named
       ? `Login refused: name or password is wrong for the broker at ${host}. Tell the operator.`
