@@ -56,6 +56,11 @@ class TestMistakes:
             (["link", "connect", "http://x/#v=1&pin=12a&broker=ws://x"], 2, "4 to 64 digits"),
             (["link", "connect", "--pin", "1234"], 2, "no swarm to visit"),
             (
+                ["link", "connect", "x:#v=1&pin=123456&broker=ws://127.0.0.1:1", "--unlisted", "--drive", "a/#"],
+                2,
+                "no robot has the address 'a/#'",
+            ),
+            (
                 ["link", "connect", "http://x/#v=1&pin=123456&broker=ws://127.0.0.1:1", "--timeout", "0.5"],
                 1,
                 "no broker at",

@@ -65,7 +65,10 @@ class TestHostileSwarms:
         "robots",
         [
             [{"address": "A", "lh2_position": {"x": "no"}, "battery": "full", "status": 99, "name": ["x"]}],
-            [{"address": "A\x1b[2J", "name": "\x1b]0;x\x07", "lh2_position": {"x": 10**400, "y": None}}],
+            [
+                {"address": "A\x1b[2J"},
+                {"address": "A", "name": "\x1b]0;x\x07", "lh2_position": {"x": 10**400, "y": None}},
+            ],
             [{"address": 7}, None, "A", {"name": "no address"}, {"address": "B", "battery": True, "status": True}],
         ],
         ids=["wrong types", "escapes", "not robots"],

@@ -231,10 +231,12 @@ class TestRobots:
     async def test_what_a_list_has_beside_robots_is_told_and_an_address_alone_is_one(self, capsys):
         class Client:
             async def request(self, *_args, **_options):
-                return ["A1", {"address": "B2"}, 7, {"name": "nobody"}]
+                return ["A1", {"address": "B2"}, 7, {"name": "nobody"}, "a/#"]
 
         assert await link._Robots(Client(), 1.0).listed() == [{"address": "A1"}, {"address": "B2"}]
-        assert "no robot: 7, {'name': 'nobody'}" in capsys.readouterr().err
+        assert "no robot: 7, {'name': 'nobody'}, {'address': 'a/#'}\n" in capsys.readouterr().err
+        link._show_robots([], as_json=False)
+        assert capsys.readouterr().err == "phalanx: the swarm lists no robots\n"
 
     async def test_a_robot_that_is_not_listed_is_driven_if_one_insists_and_each_by_its_own_application(self, capsys):
         said = []
