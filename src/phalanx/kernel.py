@@ -29,11 +29,11 @@ from typing import Any, TypeVar
 import numba
 from numba.core import types
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime.nrt import rtsys
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _ROOT = Path(__file__).parent
 _OPTIONS: dict[str, Any] = {
-    "cache": True,
     "nogil": True,
     "fastmath": False,  # nor contraction, which needs it: replay agrees to the bit
     "error_model": "numpy",
@@ -111,33 +111,57 @@ def _alone(folder: str, name: str) -> Iterator[None]:
         fcntl.lockf(_lock_file(folder), fcntl.LOCK_UN, 1, place)
 
 
-def _share(compiled: Any) -> None:
+def _share(compiled: Any, stamp: Path) -> None:
     """Processes that need the same kernel at the same time compile it once, and lose nothing that another has kept.
 
     numba reads its index, adds a line and writes it back: of two processes one would lose its kernel, or be given the
-    other's.
+    other's. Where what is kept lies is looked up at the first call: of 230 kernels a run calls a dozen itself.
     """
-    compile_it, on_disk = compiled.compile, compiled._cache._cache_file  # noqa: SLF001
-    folder, name, save = on_disk._cache_path, on_disk._index_name, on_disk.save  # noqa: SLF001
-    index = on_disk._load_index  # noqa: SLF001
+    compile_it = compiled.compile
+
+    @cache
+    def kept() -> tuple[str, str]:
+        compiled.enable_caching()
+        on_disk = compiled._cache._cache_file  # noqa: SLF001
+        folder, name, save = on_disk._cache_path, on_disk._index_name, on_disk.save  # noqa: SLF001
+        index = on_disk._load_index  # noqa: SLF001
+
+        def readable() -> Any:
+            # numba reads all of it before it looks how old it is; it may name types that an older version of us had.
+            try:
+                return index()
+            except (AttributeError, ImportError):
+                return {}
+
+        def save_once(key: Any, data: Any) -> None:
+            with _alone(folder, name):
+                save(key, data)
+
+        on_disk._source_stamp, on_disk.save, on_disk._load_index = _stamp(stamp), save_once, readable  # noqa: SLF001
+        _load_alone(compiled._cache)  # noqa: SLF001
+        return folder, name
 
     def compile_once(signature: Any) -> Any:
+        folder, name = kept()
         # Threads first: whoever held a process's lock and waited for a thread of its own would wait for ever.
         with global_compiler_lock, _alone(folder, f"{name} {signature}"):
             return compile_it(signature)
 
-    def readable() -> Any:
-        # numba reads all of it before it looks how old it is; it may name types that an older version of us had.
-        try:
-            return index()
-        except (AttributeError, ImportError):
-            return {}
+    compiled.compile = compile_once
 
-    def save_once(key: Any, data: Any) -> None:
-        with _alone(folder, name):
-            save(key, data)
 
-    compiled.compile, on_disk.save, on_disk._load_index = compile_once, save_once, readable  # noqa: SLF001
+def _load_alone(kept: Any) -> None:
+    """What is on disk is loaded without all that numba knows of Python, which it gathers in a sixth of a second.
+
+    To compile it gathers that as well, by itself.
+    """
+    load = kept._load_overload  # noqa: SLF001
+
+    def load_overload(signature: Any, context: Any) -> Any:
+        rtsys.initialize(context)  # compiled code allocates by it
+        return load(signature, context)
+
+    kept.load_overload = load_overload
 
 
 def _wide(kind: Any) -> Any:
@@ -163,11 +187,11 @@ _cache_somewhere()
 
 def kernel(function: _F) -> _F:
     """`function`, compiled when first called and cached on disk until it or what it imports changes."""
-    compiled: Any = numba.njit(**_OPTIONS)(function)
     file = Path(function.__code__.co_filename)
-    if not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT):
-        compiled._cache._cache_file._source_stamp = _stamp(file)  # noqa: SLF001
-        _share(compiled)
+    ours = not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT)
+    compiled: Any = numba.njit(cache=not ours, **_OPTIONS)(function)
+    if ours:
+        _share(compiled, file)
         _take_whole_numbers_alike(compiled)
     result: _F = compiled
     return result
