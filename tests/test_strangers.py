@@ -370,6 +370,11 @@ class TestTheRest:
                     stranger.settimeout(5)
                     stranger.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n" + words + b"\r\n\r\n")
                     assert b" 400 " in stranger.recv(300)
+            packed = b"POST / HTTP/1.1\r\nHost: x\r\nContent-Encoding: gzip\r\nContent-Length: 12\r\n\r\n"
+            with socket.create_connection((where.hostname, where.port), 5) as stranger:
+                stranger.sendall(packed + b"marker")
+                assert b" 405 " in stranger.recv(300)
+                stranger.sendall(b"marker")
             assert gateway.stop() == 0
         assert not [line for line in gateway.err if "marker" in line or "Traceback" in line]
 

@@ -87,6 +87,7 @@ class Site:
             "max_line_size": LINE_BYTES,
             "max_field_size": LINE_BYTES,
             "max_headers": HEADERS,
+            "auto_decompress": False,  # or it is unpacked for whoever sends it; our pages send none that is packed
         }
         self._runner = web.AppRunner(self.app, access_log=None, logger=_FAULTS, shutdown_timeout=0.5, **limits)
         self._longest = HEAD_BYTES + 2 * longest  # who says a little too much is told so
