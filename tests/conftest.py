@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import io
 import json
 import os
@@ -163,6 +164,9 @@ class Turns:
     """The longest turn of this event loop, in seconds of processor time: what others do with the machine is not in it."""
 
     def __init__(self) -> None:
+        # As a command does before it starts (cli/commands/runs.py): all that pytest holds takes long to be looked through.
+        gc.collect()
+        gc.freeze()
         self.longest_s, self._before_s = 0.0, time.thread_time()
         asyncio.get_running_loop().call_soon(self._turn)
 
