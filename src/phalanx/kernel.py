@@ -28,6 +28,7 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core import types
+from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 
@@ -195,6 +196,11 @@ def kernel(function: _F) -> _F:
         _take_whole_numbers_alike(compiled)
     result: _F = compiled
     return result
+
+
+def kept_in(compiled: Any) -> Path:
+    """The folder where a kernel's compiled code is kept, called or not."""
+    return Path(FunctionCache(compiled.py_func).cache_path)
 
 
 def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:

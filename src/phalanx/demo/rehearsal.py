@@ -21,6 +21,7 @@ import numba
 import phalanx
 from phalanx.errors import Unavailable
 from phalanx.io.children import die_with_parent
+from phalanx.kernel import kept_in
 from phalanx.robot import Led, Point
 from phalanx.sim.audited import loop
 from phalanx.sim.compiling import telling_of_compiling
@@ -112,7 +113,7 @@ def _note(defence: str) -> Path | None:
     made_of = hashlib.sha256(repr(made_by).encode())
     for source in sorted(Path(phalanx.__file__).parent.rglob("*.py")):
         made_of.update(source.read_bytes())
-    return Path(run.stats.cache_path) / f"rehearsed-{defence}-{made_of.hexdigest()[:16]}"
+    return kept_in(run) / f"rehearsed-{defence}-{made_of.hexdigest()[:16]}"
 
 
 def _say(_: str, share: float) -> None:
