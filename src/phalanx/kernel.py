@@ -200,7 +200,7 @@ def kernel(function: _F) -> _F:
 
 def kept_in(compiled: Any) -> Path:
     """The folder where a kernel's compiled code is kept, called or not."""
-    return Path(FunctionCache(compiled.py_func).cache_path)
+    return Path(FunctionCache(compiled.py_func).cache_path)  # type: ignore[no-untyped-call]
 
 
 def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:
