@@ -22,8 +22,10 @@ from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli.commands.mission import PROFILES
+from phalanx.cli.login import login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.qr import qr_text
+from phalanx.io import Login
 from phalanx.io.ports import free_port
 
 
@@ -38,6 +40,8 @@ class TestMistakes:
             (["up", "--rotate-s", "nan"], 2, "'--rotate-s': nan is no finite number"),
             (["up", "--root", "noslash"], 2, "root 'noslash'"),
             (["up", "--broker", "http://x"], 2, "http:// is not known"),
+            (["up", "--broker", "mqt://x"], 2, "did you mean mqtt://? "),
+            (["up", "--swarm", "dotbt://x"], 2, "did you mean dotbot://? "),
             (["up", "--broker", "mqtt://u:hunter2@x"], 2, "has a login in it"),
             (["up", "--broker", "mqtt://x", "--broker-login", "/nowhere"], 2, "cannot read /nowhere"),
             (["up", "--port", "99999"], 2, "--port"),
@@ -129,6 +133,8 @@ class TestMistakes:
         (tmp_path / "login").write_text("no colon\n")
         assert run_command(["up", "--broker", "mqtt://x", "--broker-login", str(tmp_path / "login")]) == 2
         assert "no colon" not in capsys.readouterr().err
+        (tmp_path / "login").write_bytes(b"\xef\xbb\xbfguest:open house\r\n")  # as an editor of Windows does
+        assert login_in(tmp_path / "login") == Login("guest", "open house")
 
     @pytest.mark.waits
     def test_whoever_reads_our_output_may_leave(self):

@@ -50,7 +50,8 @@ def first_line(path: Path, hint: str) -> str:
     Raises: UsageError: it cannot be read; `hint` is what it should be.
     """
     try:
-        with path.open() as file:  # not more of it than a secret has: it may be a device
+        # Editors of Windows begin with a mark. And not more of it than a secret has: it may be a device.
+        with path.open(encoding="utf-8-sig") as file:
             lines = file.read(4096).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text"

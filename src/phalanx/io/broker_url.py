@@ -6,7 +6,7 @@ import contextlib
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.link.qrurl import Login
 
 PORTS = {"mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
@@ -49,7 +49,8 @@ def parse_broker_url(url: str, login: Login | None = None) -> BrokerUrl:
         raise UsageError("the broker's URL has a bad host or port", "for example mqtt://localhost:1883") from error
     scheme = parts.scheme.lower()
     if scheme not in PORTS:
-        raise UsageError(f"broker by {scheme}:// is not known", "mqtt://, mqtts://, ws:// or wss://")
+        near = did_you_mean(f"{scheme}://", [f"{each}://" for each in PORTS])
+        raise UsageError(f"broker by {scheme}:// is not known", f"{near}mqtt://, mqtts://, ws:// or wss://")
     if parts.username or parts.password:
         raise UsageError(
             "the broker's URL has a login in it, which every user of this machine could read",

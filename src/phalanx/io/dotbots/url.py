@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from urllib.parse import urlsplit
 
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 
 DEFAULT_PORT = 8000
 HINT = f"dotbot://HOST:PORT, where `dotbot run controller` serves its API: dotbot://127.0.0.1:{DEFAULT_PORT}"
@@ -47,7 +47,7 @@ def parse_dotbot_url(url: str) -> DotbotUrl:
     except ValueError as error:
         raise UsageError("the swarm's URL has a bad host or port", HINT) from error
     if parts.scheme != "dotbot":
-        raise UsageError(f"a swarm at {url!r} is not known", HINT)
+        raise UsageError(f"a swarm at {url!r} is not known", did_you_mean(f"{parts.scheme}://", ["dotbot://"]) + HINT)
     more = (parts.username, parts.password, parts.path.strip("/"), parts.query, parts.fragment)
     if not parts.hostname or port == 0 or any(more):
         raise UsageError("the swarm's URL has no host, or more than host and port", HINT)
