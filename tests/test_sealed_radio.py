@@ -140,6 +140,13 @@ def test_frames_overtake_each_other_by_the_window_and_no_more(pair):
     assert two.recv(500, frames[164]) == "repeated"
 
 
+def test_what_was_heard_before_is_not_taken_for_what_came_32_ms_later(pair):
+    """A shift by 32 is none on some processors: the bit of 99 would stand for 131."""
+    one, two = pair
+    frames = {now: one.send(now) for now in (99, 100, 131, 132)}
+    assert [two.recv(132, frames[now]) for now in (99, 100, 132, 131)] == ["taken"] * 4
+
+
 def test_whatever_overtakes_what_each_frame_counts_once(pair):
     one, two = pair
     chance, now, frames = random.Random(1), 1000, []

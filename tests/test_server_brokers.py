@@ -340,6 +340,24 @@ class TestBrokersThatComeAndGo:
                 with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
                     await asyncio.wait_for(reader.readexactly(200 * 50_000), 30)
 
+    async def test_who_is_gone_before_amqtt_has_answered_leaves_no_trace_of_python(self, monkeypatch):
+        told, came = [], asyncio.Event()
+
+        async def gone(*_):
+            came.set()
+            raise ConnectionResetError  # what amqtt raises then
+
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
+        async with a_broker("amqtt") as broker:
+            monkeypatch.setattr("phalanx.io.amqtt_broker._CappedBroker.external_connected", gone)
+            _, writer = await asyncio.open_connection(broker.url.host, broker.url.port)
+            writer.write(bytes.fromhex("101000044d5154540402003c000473746c31"))  # CONNECT as stl1
+            await asyncio.wait_for(came.wait(), 10)
+            await asyncio.sleep(0)
+            writer.close()
+        gc.collect()
+        assert not told
+
     async def test_without_any_broker_one_line_says_how_to_get_either(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "amqtt", None)
         async with a_broker("auto") as broker:

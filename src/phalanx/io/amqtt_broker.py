@@ -101,7 +101,8 @@ async def amqtt(at: Listeners) -> AsyncIterator[Heard]:
         raise failure(f"amqtt does not start: {error}", "phalanx doctor") from error
 
     async def come(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await broker.external_connected(StreamReaderAdapter(reader), _Unnamed(writer), VISITORS)
+        with contextlib.suppress(ConnectionError):  # gone before its answer: asyncio would print a trace
+            await broker.external_connected(StreamReaderAdapter(reader), _Unnamed(writer), VISITORS)
 
     try:
         with private_folder() as folder:
