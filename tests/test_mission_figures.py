@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
+from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
 from phalanx.errors import UsageError
 from phalanx.experiments.figure import Figure
 from phalanx.experiments.library import FIGURES
@@ -128,12 +128,12 @@ def test_a_robot_that_learns_its_drift_falls_off_no_cliff_for_features_up_to_3_m
 
 
 def test_the_plain_search_of_fig_8c_finds_what_the_compiled_one_finds() -> None:
-    message, at = bytes(40), 16
+    message, at = bytes(40), 18
     patches = np.arange(200, dtype=np.uint64)
     wanted = [sha3_256(message[:at] + int(k).to_bytes(8, "little") + message[at + 8 :]) for k in (150, 77)]
-    targets = Targets(wanted)
-    for some in (patches, patches[:77], patches[80:]):
-        assert mission_fig8c.plain_find(message, at, some, targets) == find_patched(message, at, some, targets)
+    targets, where = Targets(wanted).rows, (padded(message, at), at // 8, np.uint64(at % 8 * 8))
+    for some, many in ((patches, 2), (patches[:77], 0), (patches[80:], 1)):
+        assert mission_fig8c.plain_find(*where, some, targets) == find(*where, some, targets) != (-1, -1) or not many
 
 
 def test_the_graph_is_divided_evenly_and_wholly_among_the_explorers() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import numpy as np
 from hypothesis import given, settings
@@ -10,20 +11,20 @@ from hypothesis import strategies as st
 from worlds import built, corridor
 
 from phalanx.config.mission import MissionConfig
-from phalanx.crypto.sha3 import find_patched
+from phalanx.crypto.sha3 import Targets, find, padded, sha3_256
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.pose.spread import Sight
-from phalanx.mission.walk import cells
 from phalanx.mission.walk.cells import (
     BIN_STEPS,
     CELL_LIMIT,
     RINGS,
     Doubt,
     Groups,
+    Message,
     Searched,
-    next_unsearched,
     numbers_of,
     region_of,
+    search_cells,
 )
 from phalanx.mission.walk.search import Budget, PaperSearch
 
@@ -77,9 +78,10 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
 
     def counted(*arguments):
         hashed.append(arguments)
-        return find_patched(*arguments)
+        return find(*arguments)
 
-    monkeypatch.setattr("phalanx.mission.walk.search.find_patched", counted)
+    monkeypatch.setattr("phalanx.mission.walk.cells.find", counted)
+    monkeypatch.setattr("phalanx.mission.walk.search.search_cells", search_cells.py_func)
     seen = Experience(0.0, 3.0, 0.2, 0.0, landmarks=(Landmark("doorway", 9.3, 1.1, 0.4),))
     first, before = _tried(search, seen, 100_000), len(hashed)
     assert before > 0
@@ -92,43 +94,48 @@ def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
     return Doubt(0.0, 0.0, np.diag([metres**2, metres**2, radians**2]), Sight(0.001, 0.0, 0.001), 3.5, 1.0)
 
 
-def _is_new(searched: Searched, lane: int, x_m: float) -> bool:
-    things, groups = np.array([[x_m, 0.0, math.nan, math.nan]]), np.zeros((1, 5))
+MESSAGE = Message(padded(bytes(40), 8), 1, 0)
+
+
+def _asked(searched: Searched, xs_m: list[float], first: int = 0, left: int = 10_000, wanted: int | None = None):
+    """What a search around these places tells, where the digest of one cell is wanted, or none."""
+    things = np.array([[x_m, 0.0, math.nan, math.nan] for x_m in xs_m])
+    text = struct.pack("<8xiihih16x", wanted or 0, 0, -1, -1, 0)
+    targets = Targets([] if wanted is None else [sha3_256(text)])
+    groups = Groups(np.zeros((1, 5)), targets.rows, np.array([0, len(targets.rows)]))
+    return search_cells(first, things, False, _doubt(), groups, STEPS, 1, searched.known, 1, left, MESSAGE)
+
+
+def test_a_search_tells_where_it_found_what_and_goes_on_behind_it():
     # The pairs of a thing and a group are three, for the bins; without an orientation one of them is searched.
-    rows = np.empty((1, 8), np.int64)
-    count, pair, left = next_unsearched(
-        0, things, False, _doubt(), Groups(groups, STEPS, 1), searched.table, lane, 10_000, rows
-    )
-    assert (pair, left) == (3, 10_000 - 11 * 11)
-    number = round(x_m / STEPS[0])
-    assert rows[:count].tolist() in ([], [[0, 10_000, number, 0, -1, -1, 5, lane + RINGS.index(5)]])
-    return count == 1
+    places, searched = [0.0, 1.0, 2.0], Searched()
+    pair, row, left, cell, after = _asked(searched, places, wanted=12)
+    assert (pair, row, cell, after) == (3, 0, (12, 0, -1, -1), 4)
+    assert 10_000 - 11 * 11 - 5 * 5 <= left < 10_000 - 11 * 11 - 3 * 3, "one cell around, and of the next two rings"
+    assert _asked(searched, places, after, left, wanted=12) == (-1, -1, left - 11 * 11, (0, 0, 0, 0), -1)
+    assert searched.known.used[0] == 2, "what was found is looked for again"
+    assert _asked(searched, places, wanted=12) == (pair, row, left, cell, after)
 
 
-def test_more_than_there_are_rows_for_come_with_the_next_call():
-    things, groups = np.array([[float(x), 0.0, math.nan, math.nan] for x in range(5)]), np.zeros((1, 5))
-    all_of_them, rows, first, left = [], np.empty((2, 8), np.int64), 0, 400
-    while 0 <= first < 15:
-        count, first, left = next_unsearched(
-            first, things, False, _doubt(), Groups(groups, STEPS, 1), Searched().table, 1, left, rows
-        )
-        all_of_them += rows[:count, :3].tolist()
-    assert all_of_them == [[0, 400, 0], [3, 279, 10], [6, 158, 20], [9, 37, 30]]
-    assert (first, left) == (-1, 37 - 121)
-
-
-def test_a_full_table_is_emptied_and_never_knows_what_was_not_added(monkeypatch):
-    monkeypatch.setattr(cells, "FULL", 50)
+def test_a_search_ends_with_its_tries_and_does_not_call_searched_what_was_not():
     searched = Searched()
+    assert _asked(searched, [0.0, 1.0, 2.0, 3.0, 4.0], left=400)[2] == 37 - 7 * 7
+    assert searched.known.used[0] == 3, "of the fourth the first rings alone"
+    assert _asked(searched, [4.0], wanted=40)[3] == (40, 0, -1, -1), "nobody came so far"
+    assert _asked(Searched(), [0.0, 1.0], left=0)[:3] == (-1, -1, 0)
+
+
+def test_a_full_table_is_emptied_and_never_knows_what_was_not_added():
+    searched = Searched(rows=64)
     lane = searched.lane("a", len(RINGS))
     assert searched.lane("a", len(RINGS)) == lane
     assert searched.lane("b", 1) not in range(lane, lane + len(RINGS))
     for x in range(120):
-        searched.add(lane + RINGS.index(5), (x, 0, -1, -1))
-    assert not [x for x in range(100, 120) if _is_new(searched, lane, x / 10)]
-    assert all(_is_new(searched, lane, x / 10) for x in range(100))
-    assert all(_is_new(searched, lane + len(RINGS), x / 10) for x in range(120))
-    assert all(_is_new(searched, lane, x / 10) for x in range(120, 200))
+        _asked(searched, [x / 10])
+    own, table = lane + RINGS.index(5), searched.known.table
+    known = sorted(row[1] for row in table.tolist() if row[0] == own)
+    assert known == list(range(96, 120)), "of 64 rows 48 are used, and 120 is 48 and 48 and 24"
+    assert searched.known.used[0] == np.count_nonzero(table[:, 0]) == 24
 
 
 @settings(deadline=None)

@@ -94,7 +94,7 @@ def _hash_many(messages: NDArray[np.uint64], blocks: int, digests: NDArray[np.ui
 
 
 @kernel
-def _find(  # noqa: C901, PLR0912  # a kernel is one function
+def find(  # noqa: C901, PLR0912  # a kernel is one function
     template: NDArray[np.uint64],
     word: int,
     shift: np.uint64,
@@ -170,7 +170,8 @@ class Targets:
 
 
 @lru_cache(maxsize=256)  # a robot that sees the same asks for the same, six times a step
-def _padded(message: bytes, at: int) -> NDArray[np.uint64]:
+def padded(message: bytes, at: int) -> NDArray[np.uint64]:
+    """A message with its suffix and padding, in words, (n,); eight of its bytes, zeros, are to be patched."""
     assert not any(message[at : at + 8]), "the patch is put over zeros"
     length = len(message)
     padded = bytearray(message.ljust((length // RATE_BYTES + 1) * RATE_BYTES, b"\x00"))
@@ -186,6 +187,6 @@ def find_patched(message: bytes, at: int, patches: NDArray[np.uint64], targets: 
     Returns: (index of the patch, place of the digest in the targets' list), of the first that matches, or None.
     Source: Encoded graphs §V-A (search()).
     """
-    template = _padded(message, at)
-    found, row = _find(template, at // 8, np.uint64(at % 8 * 8), patches, targets.rows)
+    template = padded(message, at)
+    found, row = find(template, at // 8, np.uint64(at % 8 * 8), patches, targets.rows)
     return None if found < 0 else (found, targets.place(row))

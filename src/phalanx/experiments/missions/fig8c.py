@@ -14,14 +14,15 @@ import os
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import MissionConfig
-from phalanx.crypto.sha3 import Targets
 from phalanx.errors import Unavailable
 from phalanx.experiments.plot import BLUE, VERMILION, boxes
 from phalanx.experiments.statement import Statement
@@ -29,6 +30,7 @@ from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import MM_PER_M
+from phalanx.mission.walk.cells import Words, search_cells
 from phalanx.mission.walk.search import Budget, PaperSearch
 
 from .drive import encoded, record
@@ -82,7 +84,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     poses[:, :2] += chance.normal(0, DRIFT_M, (SCANS, 2))
     grid_mm = int(kind.removeprefix("grid "))
     compiled_s, trials = _search_s(scans, poses, grid_mm)
-    with mock.patch("phalanx.mission.walk.search.find_patched", plain_find):
+    with plainly():
         plain_s, plain_trials = _search_s(scans, poses, grid_mm)
     assert np.array_equal(trials, plain_trials), "both search the same cells in the same order"
     return np.column_stack([compiled_s, plain_s, trials])
@@ -136,16 +138,29 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
     return np.array(took), np.array(trials, float)
 
 
-def plain_find(message: bytes, at: int, patches: NDArray[np.uint64], targets: Targets) -> tuple[int, int] | None:
-    """`find_patched` as the paper does it: hashlib, one hash after the other."""
-    wanted = {row.tobytes(): k for k, row in enumerate(targets.rows)}
-    trial = bytearray(message)
+@contextmanager
+def plainly() -> Iterator[None]:
+    """While the body runs, a search hashes as the paper does it: hashlib, one hash after the other."""
+    compiled: Any = search_cells
+    with (
+        mock.patch("phalanx.mission.walk.cells.find", plain_find),
+        mock.patch("phalanx.mission.walk.search.search_cells", compiled.py_func),
+    ):
+        yield
+
+
+def plain_find(template: Words, word: int, shift: np.uint64, patches: Words, targets: Words) -> tuple[int, int]:
+    """`find` of phalanx.crypto.sha3, uncompiled."""
+    wanted = {row.tobytes(): k for k, row in reversed(list(enumerate(targets)))}
+    padded, at = bytearray(template.tobytes()), 8 * word + int(shift) // 8
+    padded[-1] ^= 0x80
+    trial = bytearray(padded.rstrip(b"\0")[:-1])  # without its suffix
     for i, patch in enumerate(patches.tolist()):
         trial[at : at + 8] = patch.to_bytes(8, "little")
         row = wanted.get(hashlib.sha3_256(trial).digest())
         if row is not None:
-            return i, targets.place(row)
-    return None
+            return i, row
+    return -1, -1
 
 
 def _all(table: Table, kind: str, column: str) -> Rows:

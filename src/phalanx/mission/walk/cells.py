@@ -1,4 +1,4 @@
-"""Cells, compiled: the one that a seen thing falls into, and which of thousands have not been searched yet.
+"""Cells, compiled: the one that a seen thing falls into, and the search around it, with a memory.
 
 A robot that looks at the same door ten times a second would search around the same cells again. Cells that nothing was
 found around are in a table; looking there changes how long a search takes, never what it finds or how many tries it
@@ -8,21 +8,23 @@ counts.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.crypto.sha3 import find
 from phalanx.kernel import kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
 
 CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
-TABLE_ROWS = 1 << 17
-FULL = TABLE_ROWS * 3 // 4
+TABLE_ROWS = 1 << 14
 LANES_LIMIT = 4096
 
 Floats = NDArray[np.float64]
 Table = NDArray[np.int64]
+Words = NDArray[np.uint64]
 Numbers = tuple[int, int, int, int]
 Steps = tuple[float, float, float, float]
 
@@ -31,8 +33,8 @@ class Groups(NamedTuple):
     """What is searched for together, as kernels take it."""
 
     rows: Floats  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
-    steps: Steps
-    bins: int
+    targets: Words  # (t, 4) digests, those of a group together and sorted
+    ends: Table  # (m + 1,) group g has those from ends[g] to ends[g + 1]
 
 
 class Doubt(NamedTuple):
@@ -46,9 +48,43 @@ class Doubt(NamedTuple):
     tolerance_m: float
 
 
+class Message(NamedTuple):
+    """What is hashed, in words of eight bytes with SHA3's padding, zeros where x, y, bin and area go."""
+
+    template: Words
+    word: int  # where x begins
+    shift: int  # by so many bits
+
+
+class Known(NamedTuple):
+    """Cells that nothing is around."""
+
+    table: Table  # (n, 5) lane, 0 where a row is free; x, y, bin, area
+    used: Table  # (1,) rows
+
+
 # So many rings are searched, or more; what is kept of earlier searches is kept for each.
 RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, 40)
 BIN_STEPS = (0, 1, -1)
+
+
+@lru_cache(maxsize=64)
+def spiral(rings: int) -> tuple[tuple[int, int], ...]:
+    """Steps (dx, dy) outwards from (0, 0), ring after ring, (2 * rings + 1)^2 of them.
+
+    Source: Encoded graphs §VI-B ("gradually done in a spiral manner").
+    """
+    steps = [(0, 0)]
+    for ring in range(1, rings + 1):
+        side = range(-ring, ring)
+        steps += [(ring, i + 1) for i in side]
+        steps += [(-i - 1, ring) for i in side]
+        steps += [(-ring, -i - 1) for i in side]
+        steps += [(i + 1, -ring) for i in side]
+    return tuple(steps)
+
+
+_SPIRAL = np.array(spiral(RINGS[-1]), np.int64)
 
 
 @kernel
@@ -135,59 +171,89 @@ def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Do
 
 
 @kernel
-def next_unsearched(
+def search_cells(
     first: int,
     things: Floats,
     place: bool,
     doubt: Doubt,
     groups: Groups,
-    table: Table,
+    steps: Steps,
+    bins: int,
+    known: Known,
     lane: int,
     left: int,
-    found: NDArray[np.int64],
-) -> tuple[int, int, int]:
-    """(rows of `found`, next pair, tries left) after the next pairs that have to be searched; tries of all are spent.
+    message: Message,
+) -> tuple[int, int, int, Numbers, int]:
+    """(pair, row of the targets, tries left, cell, next pair) of the next match, looked for around cell after cell.
+
+    What is found to have nothing around it is remembered, and not searched again; its tries are spent all the same.
 
     Args:
         first: pair to begin with; pair k is thing k // 3 // groups, group k // 3 % groups, and bin step k % 3.
         things: (n, 4) x, y, orientation and area, NaN where there is none.
         place: they are the robot's own place, and no landmarks.
         lane: of the first group; the others' follow, and for each level of RINGS again as many.
-        found: (r, 8) for each of them: pair, tries left before it, x, y, bin and area of its cell, rings, lane.
-    Returns: next pair -1 where no tries are left, 3 * n * m where no pair is.
+    Returns: pair -1 where nothing more is found, by all pairs or by what tries there are.
     """
-    rows, count = groups.rows, 0
+    rows, table = groups.rows, known.table
+    trial = np.empty_like(message.template)
     for pair in range(first, 3 * len(things) * len(rows)):
-        thing, group = things[pair // 3 // len(rows)], rows[pair // 3 % len(rows)]
+        thing, g = things[pair // 3 // len(rows)], pair // 3 % len(rows)
+        group = rows[g]
         if group[4] > 0.0:
             dx, dy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
             if math.sqrt(dx * dx + dy * dy) * 10 > group[4]:
                 continue
-        level, rings, up, down = region_of(thing, place, group, groups.steps, doubt)
+        level, wanted, up, down = region_of(thing, place, group, steps, doubt)
         step = BIN_STEPS[pair % 3]
         if (step == 1 and not up) or (step == -1 and not down):
             continue
         if left <= 0:
-            return count, -1, left
+            break
         offset = (group[0], group[1], group[2], group[3])
-        turn = thing[2] + step * groups.steps[2]
-        numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, groups.steps, groups.bins)
+        turn = thing[2] + step * steps[2]
+        numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, steps, bins)
+        own = lane + level * len(rows) + g
         # With fewer tries left a search has fewer rings, and is another one.
-        whole = left >= (2 * rings - 1) * (2 * rings - 1)
-        own = lane + level * len(rows) + pair // 3 % len(rows)
-        if not whole or table[_row(table, own, numbers), 0] == 0:
-            if count == len(found):
-                return count, pair, left
-            found[count, 0], found[count, 1], found[count, 6], found[count, 7] = pair, left, rings, own
-            for k in range(4):
-                found[count, 2 + k] = numbers[k]
-            count += 1
+        rings = min(wanted, (int(math.sqrt(left)) + 1) // 2)
+        if rings == wanted and table[_row(table, own, numbers), 0] != 0:
+            left -= (2 * rings + 1) * (2 * rings + 1)
+            continue
+        trial[:] = message.template
+        if not place:
+            _put(trial, message, np.uint64(numbers[2] & 0xFFFF) | np.uint64(numbers[3] & 0xFFFFFFFF) << np.uint64(16))
+        words = words_around(numbers[0], numbers[1], _SPIRAL[: (2 * rings + 1) * (2 * rings + 1)])
+        targets = groups.targets[groups.ends[g] : groups.ends[g + 1]]
+        hit, row = find(trial, message.word, np.uint64(message.shift), words, targets)
+        if hit >= 0:
+            x, y = numbers[0] + int(_SPIRAL[hit, 0]), numbers[1] + int(_SPIRAL[hit, 1])
+            return pair, groups.ends[g] + row, left - hit - 1, (x, y, numbers[2], numbers[3]), pair + 1
         left -= (2 * rings + 1) * (2 * rings + 1)
-    return count, 3 * len(things) * len(rows), left
+        if rings == wanted:
+            _keep(known, own, numbers)
+    return -1, -1, left, (0, 0, 0, 0), -1
 
 
 @kernel
-def words_around(x: int, y: int, steps: NDArray[np.int64]) -> NDArray[np.uint64]:
+def _put(trial: Words, message: Message, six: np.uint64) -> None:
+    """Six bytes, behind the eight of x and y: bin and area."""
+    shift = np.uint64(message.shift)
+    trial[message.word + 1] ^= six << shift
+    if shift > np.uint64(16):
+        trial[message.word + 2] ^= six >> (np.uint64(64) - shift)
+
+
+@kernel
+def _keep(known: Known, lane: int, numbers: Numbers) -> None:
+    """Nothing is around this cell."""
+    if known.used[0] >= len(known.table) * 3 // 4:
+        known.table[:] = 0
+        known.used[0] = 0
+    known.used[0] += _add(known.table, lane, numbers)
+
+
+@kernel
+def words_around(x: int, y: int, steps: NDArray[np.int64]) -> Words:
     """(n,) what eight bytes of an observable say of the cells that are `steps`, (n, 2), from a cell: x, then y."""
     words = np.empty(len(steps), np.uint64)
     for k in range(len(steps)):
@@ -202,9 +268,8 @@ class Searched:
     A lane stands for all that goes into a hash beside the cell, and for the digests that are looked for.
     """
 
-    def __init__(self) -> None:
-        self.table = np.zeros((TABLE_ROWS, 5), np.int64)
-        self._used = 0
+    def __init__(self, rows: int = TABLE_ROWS) -> None:
+        self.known = Known(np.zeros((rows, 5), np.int64), np.zeros(1, np.int64))
         self._lanes: dict[object, int] = {}
         self._next_lane = 1
 
@@ -216,10 +281,3 @@ class Searched:
             self._lanes[name] = self._next_lane
             self._next_lane += count
         return self._lanes[name]
-
-    def add(self, lane: int, numbers: Numbers) -> None:
-        """Nothing is around this cell."""
-        if self._used >= FULL:
-            self.table[:] = 0
-            self._used = 0
-        self._used += _add(self.table, lane, numbers)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations, groupby, product
 from typing import NamedTuple
 
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.crypto.sha3 import Targets, find_patched, sha3_256
+from phalanx.crypto.sha3 import Targets, padded, sha3_256
 from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
 from phalanx.mission.file.records import EncodedMission
 from phalanx.mission.observable import (
@@ -36,13 +35,12 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, RINGS, Doubt, Groups, Searched, next_unsearched, region_of, words_around
+from .cells import BIN_STEPS, RINGS, Doubt, Groups, Message, Searched, region_of, search_cells, spiral
 from .fix import distance_m, sight_of
 from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
-PAIRS = 32  # of a landmark and a group, to be searched one after the other
 WINDOWS = (0, -1, 1)
 LANDMARK_PLACES = range(1, AT_POSITION)
 
@@ -82,27 +80,6 @@ class Variant(NamedTuple):
             messages=messages,
             previous=previous,
         )
-
-
-@lru_cache(maxsize=64)
-def spiral(rings: int) -> tuple[tuple[int, int], ...]:
-    """Steps (dx, dy) outwards from (0, 0), ring after ring, (2 * rings + 1)^2 of them.
-
-    Source: Encoded graphs §VI-B ("gradually done in a spiral manner").
-    """
-    steps = [(0, 0)]
-    for ring in range(1, rings + 1):
-        side = range(-ring, ring)
-        steps += [(ring, i + 1) for i in side]
-        steps += [(-i - 1, ring) for i in side]
-        steps += [(-ring, -i - 1) for i in side]
-        steps += [(i + 1, -ring) for i in side]
-    return tuple(steps)
-
-
-@lru_cache(maxsize=64)
-def _spiral_array(rings: int) -> NDArray[np.int64]:
-    return np.array(spiral(rings), np.int64)
 
 
 def doubt_in(config: MissionConfig, seen: Experience) -> Doubt:
@@ -217,11 +194,11 @@ class _Group:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidates:
-    """Nodes and their aliases in groups; (n, 5) rows are what kernels read of a group: its offset, its reach."""
+    """Nodes and their aliases in groups, and what kernels read of them."""
 
     nodes: tuple[int, ...]
     groups: tuple[_Group, ...]
-    rows: NDArray[np.float64]
+    arrays: Groups
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -265,8 +242,12 @@ class PaperSearch:
                 )
                 for (offset, reach), aliases in by_offset.items()
             )
-            rows = np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5)
-            self._candidates[nodes] = _Candidates(nodes, groups, rows)
+            arrays = Groups(
+                np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5),
+                np.vstack([np.empty((0, 4), np.uint64), *(group.targets.rows for group in groups)]),
+                np.cumsum([0, *(len(group.aliases) for group in groups)]),
+            )
+            self._candidates[nodes] = _Candidates(nodes, groups, arrays)
         return self._candidates[nodes]
 
     def run(
@@ -285,7 +266,10 @@ class PaperSearch:
         """
         among = self._among(nodes)
         doubt = doubt_in(self._config, seen)
+        kinds = {landmark.type for landmark in seen.landmarks}
         for shape in self._mission.header.shapes:
+            if shape.place in LANDMARK_PLACES and LANDMARK_TYPES[shape.place - 1] not in kinds:
+                continue
             for batch in self._batches(among, shape, seen, heard, released):
                 search = self._around if shape.place else self._as_it_is
                 yield from search(among, batch, doubt, budget)
@@ -321,36 +305,31 @@ class PaperSearch:
 
     def _around(self, among: _Candidates, batch: _Batch, doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has a place: each landmark against each group, around its cell."""
-        coding, shape, each = self._mission.header.coding, batch.shape, len(BIN_STEPS)
+        coding, shape = self._mission.header.coding, batch.shape
         is_own = shape.place not in LANDMARK_PLACES
         bins = 1 if is_own else bins_of(coding, LANDMARK_TYPES[shape.place - 1])
-        first, pairs = 0, each * len(batch.variants) * len(among.groups)
-        at, messages = cell_at(shape), dict[tuple[int, int], bytes]()
-        groups, rows = Groups(among.rows, self._steps, bins), np.empty((PAIRS, 8), np.int64)
-        while 0 <= first < pairs:
-            count, first, left = next_unsearched(
-                first, batch.things, is_own, doubt, groups, self._searched.table, batch.lane, budget.left, rows
+        at, first = cell_at(shape), 0
+        message = Message(padded(batch.message(Cell(0, 0, 0, 0)), at), at // 8, at % 8 * 8)
+        while first >= 0:
+            pair, row, left, numbers, first = search_cells(
+                first,
+                batch.things,
+                is_own,
+                doubt,
+                among.arrays,
+                self._steps,
+                bins,
+                self._searched.known,
+                batch.lane,
+                budget.left,
+                message,
             )
-            for pair, before, x, y, turn, area, wanted, lane in rows[:count].tolist():
-                budget.spend(budget.left - before)
-                group = among.groups[pair // each % len(among.groups)]
-                rings = min(wanted, (math.isqrt(max(before, 1)) + 1) // 2)
-                if (turn, area) not in messages:
-                    messages[turn, area] = batch.message(Cell(0, 0, turn, area))
-                words = words_around(x, y, _spiral_array(rings))
-                hit = find_patched(messages[turn, area], at, words, group.targets)
-                budget.spend((2 * rings + 1) ** 2 if hit is None else hit[0] + 1)
-                if hit is not None:
-                    step_x, step_y = spiral(rings)[hit[0]]
-                    variant = batch.variants[pair // each // len(among.groups)]
-                    yield _found(group, hit[1], batch, variant, Cell(x + step_x, y + step_y, turn, area))
-                    first = pair + 1  # with more tries left than if nothing had been found
-                    break
-                if rings < wanted:
-                    return
-                self._searched.add(lane, (x, y, turn, area))
-            else:
-                budget.spend(budget.left - left)
+            budget.spend(budget.left - left)
+            if pair >= 0:
+                of, number = divmod(pair // len(BIN_STEPS), len(among.groups))
+                group, cell = among.groups[number], Cell(*numbers)
+                place = group.targets.place(row - int(among.arrays.ends[number]))
+                yield _found(group, place, batch, batch.variants[of], cell)
 
     def _as_it_is(self, among: _Candidates, batch: _Batch, _doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has no place: one hash each."""
