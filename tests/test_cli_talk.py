@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import numba
@@ -18,6 +19,15 @@ from phalanx.cli import link, reproduce, sim, terminal
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.errors import Unavailable
 from phalanx.sim import compiling
+
+ROBOT_SAID = """
+robot: 1
+mission: flock-12
+key: mission.json
+trusted: process:flash
+driver: arena:here
+radio: {here: 127.0.0.1:4411, peers: [127.0.0.1:4412]}
+"""
 
 
 def commands(command: click.Command = phalanx):
@@ -288,6 +298,11 @@ def test_what_setup_installs_can_draw():
         ("mission inspect office", "no file office", "phalanx mission build office --out FILE first"),
         ("up --world drwn:7", "no map 'drwn:7'", "did you mean drawn:7?"),
         ("up --defence bond", "'bond' is not one of", "did you mean bound? phalanx up --help"),
+        ("up --world drawn:ofice", "no building is called 'drawn:ofice'", "did you mean office?"),
+        ("mission run office --noise 0.03,0.05,stge", "noise '0.03,0.05,stge'", "did you mean stage?"),
+        ("sim run flock-12 --attack spoof:robt=3", "have no 'robt'", "did you mean robot?"),
+        ("robot arena --on-air repaly:robot=1", "no such attack or option", "did you mean replay?"),
+        ("robot arena --on-air replay:robt=1", "no such attack or option", "did you mean robot?"),
         ("mission run office --start 100,100", "no robot can stand at (100, 100) in ", "x 0 to 40, y 0 to 40 m"),
         ("mission run office --start 0,0", "no robot can stand at (0, 0) in ", "away from walls"),
     ],
@@ -299,7 +314,45 @@ def test_whoever_errs_is_told_at_once_what_they_may_have_meant(capsys, words, sa
     assert hint in hinted
 
 
-def test_a_file_of_nearly_that_name_is_offered(tmp_path, capsys):
-    (tmp_path / "tour.phxm").touch()
-    assert run_command(["mission", "inspect", str(tmp_path / "tuor.phxm")]) == 2
-    assert "did you mean tour.phxm?" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("command", "said", "hint"),
+    [
+        ("sim run {}", "controller: flok", "did you mean flock?"),
+        ("sim run {}", "defence: bnd", "did you mean bound?"),
+        ("sweep {}", "scenario: flock-12\ngrid: {defense: [none]}", "did you mean defence?"),
+        ("mission build {} --out x.phxm", "mision: x", "did you mean mission?"),
+        ("mission build {} --out x.phxm", "mission: x\nnodes: {A: {see: {dorway: [1, 2]}}}", "did you mean doorway?"),
+        ("robot run {}", ROBOT_SAID.replace("process", "proces"), "did you mean process?"),
+        ("robot run {}", ROBOT_SAID.replace("arena", "aerna"), "did you mean arena?"),
+    ],
+)
+def test_a_word_in_a_file_that_is_nearly_one_is_told_as_that(command, said, hint, tmp_path, capsys):
+    (tmp_path / "said.yaml").write_text(said)
+    assert run_command(command.format(tmp_path / "said.yaml").split()) == 2
+    error, hinted = capsys.readouterr().err.splitlines()
+    assert re.search(r"said\.yaml:\d", error)
+    assert hint in hinted
+
+
+@pytest.mark.parametrize(
+    ("words", "there"),
+    [
+        ("mission inspect {}", "tour.phxm"),
+        ("sim run {}", "tour.yaml"),
+        ("sim run flock-12 --controller {}:Mine", "tour.py"),
+        ("sweep {}", "tour.yml"),
+        ("robot run {}", "tour.yaml"),
+        ("doctor --broker mqtt://127.0.0.1:1 --broker-login {}", "tour.login"),
+        ("keys list {}", "tour.keys"),  # before anybody is asked for a passphrase
+        ("keys issue {} --out /nowhere", "tour.keys"),
+    ],
+)
+def test_a_file_of_nearly_that_name_is_offered(words, there, tmp_path, capsys):
+    (tmp_path / there).touch()
+    (tmp_path / "other").with_suffix(Path(there).suffix).touch()
+    meant = tmp_path / f"tuor{Path(there).suffix}"
+    assert run_command(words.format(meant).split()) == 2
+    error, hint = capsys.readouterr().err.splitlines()
+    assert str(meant) in error
+    assert f"did you mean {there}? " in hint
+    assert not list(tmp_path.glob("*.lock")), "nothing is left beside what is not there"

@@ -395,8 +395,10 @@ class TestUp:
 
     async def test_robots_that_are_too_many_to_audit_each_other_say_why(self):
         with child("up", "--events", "--port", "0", "--robots", "101") as running:
-            async with Client(running.wait_for("ready")["qr_url"]) as client:
+            ready = running.wait_for("ready")
+            async with Client(ready["qr_url"]) as client:
                 area = await client.request(1, frames=True)
+            assert state_of(ready)["unprotected"] == area["unprotected"]
             assert running.stop() == 0
             assert any("unprotected" in line for line in running.err)
         assert area["unprotected"] == choose_protection(101, None, None).note

@@ -167,3 +167,8 @@ export function shortName(robot: { readonly name: string; readonly address: stri
 export function objectsOf(words: Json | undefined): readonly JsonObject[] {
   return Array.isArray(words) ? (words as readonly Json[]).filter(isObject) : [];
 }
+
+/** What a gateway says in lower case, as in its log, as a page says it. */
+export function sentence(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}

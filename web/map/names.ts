@@ -8,6 +8,8 @@ const HEIGHT = 15;
 /** Of more robots than this in sight, there is room for no name. */
 const MOST_IN_SIGHT = 250;
 const MOST_WIDTHS = 4000;
+/** What map.css has in the lower right corner: one button above another. */
+const BUTTONS = { width: 44, height: 88 };
 
 interface Box {
   readonly left: number;
@@ -38,7 +40,9 @@ export class Names {
       return at && at.x > 0 && at.y > 0 && at.x < room.width && at.y < room.height ? [{ robot, at }] : [];
     });
     const crowded = inSight.length > MOST_IN_SIGHT;
-    const taken = crowded ? [] : inSight.map(({ at }) => around(at, rim));
+    const { width, height } = room;
+    const buttons = { left: width - BUTTONS.width, top: height - BUTTONS.height, right: width, bottom: height };
+    const taken = crowded ? [] : [buttons, ...inSight.map(({ at }) => around(at, rim))];
     const rank = ({ address }: Robot) => (address === selected ? 0 : this.#named.has(address) ? 1 : 2);
     const named = new Set<string>();
     const bottom = Math.min(p.top + p.area.height * p.scale, room.height) + 6;

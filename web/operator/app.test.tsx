@@ -284,6 +284,12 @@ describe("the operator page", () => {
     expect(part("unprotected")?.textContent).toContain("do not audit each other");
   });
 
+  it("says why not, as phones do", async () => {
+    answer = () => Response.json({ ...STATE, unprotected: "what audits need is being compiled" });
+    await open(`#token=${TOKEN}`);
+    expect(part("unprotected")?.textContent).toBe("No shieldsWhat audits need is being compiled.");
+  });
+
   it("says which way phones are not let through", async () => {
     const phones = "phones get into ws://lab:9001/mqtt, but nothing on /qrkey/+/notify reaches them";
     answer = () => Response.json({ ...STATE, broker: { ...STATE.broker, phones } });

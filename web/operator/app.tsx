@@ -1,6 +1,7 @@
 // The operator's page: the code for the visitors on one half, the state of everything on the other.
 
 import { useEffect, useState } from "react";
+import { sentence } from "../client";
 import { useNow } from "./clock";
 import { useExhibition } from "./exhibition";
 import { Fleet } from "./fleet";
@@ -78,13 +79,13 @@ export function App() {
 
 /** What one does, and talks about, before an audience. */
 function Show({ token, state }: { readonly token: string; readonly state: GatewayState }) {
-  const { robots, shields, mission, visitors } = state;
+  const { robots, shields, unprotected, mission, visitors } = state;
   return (
     <div className="show">
       {shields && <CompromiseCard token={token} robots={robots} shields={shields} />}
       {shields && <AuditsCard refusals={shields.refusals} />}
       {mission && <MissionCard mission={mission} />}
-      {!shields && !mission && <UnprotectedCard />}
+      {!shields && !mission && <UnprotectedCard why={unprotected} />}
       <VisitorsCard visitors={visitors} />
     </div>
   );
@@ -156,9 +157,6 @@ function Banner({ polled, silent_s }: { readonly polled: Polled; readonly silent
     </p>
   );
 }
-
-/** The gateway says it in lower case, as in its log. */
-const sentence = (text: string) => text.charAt(0).toUpperCase() + text.slice(1);
 
 function OpenTheLink({ refused }: { readonly refused: boolean }) {
   return (

@@ -128,6 +128,8 @@ export interface GatewayState {
   readonly robots: readonly Robot[];
   /** Undefined where robots do not audit each other. */
   readonly shields: Shields | undefined;
+  /** Why not, where somebody may expect it; or "". */
+  readonly unprotected: string;
   /** Undefined where robots live no missions. */
   readonly mission: Missions | undefined;
   readonly counters: Counters;
@@ -169,6 +171,7 @@ export function parseState(json: unknown): GatewayState {
     visitors: list(state["visitors"], "visitors").map(visitor),
     robots: list(state["robots"], "robots").map(robot),
     shields: state["shields"] === null ? undefined : shields(state["shields"]),
+    unprotected: typeof state["unprotected"] === "string" ? state["unprotected"] : "",
     mission: state["mission"] === null ? undefined : missions(state["mission"]),
     counters: Object.fromEntries(COUNTERS.map((name) => [name, finite(counters[name], name)])) as Counters,
     rejected: Object.fromEntries(

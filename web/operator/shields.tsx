@@ -1,6 +1,7 @@
 // Robots that audit each other: the operator has one lie, and watches the others refuse it.
 
 import { useState } from "react";
+import { sentence } from "../client";
 import type { Lie, Refusal, Robot, Shields } from "./gateway_state";
 import { order } from "./orders";
 import { ago } from "./words";
@@ -125,13 +126,15 @@ function Lying({ robot, attack, lie: { since_s, stopped_after_s } }: LyingProps)
   );
 }
 
-export function UnprotectedCard() {
+export function UnprotectedCard({ why }: { readonly why: string }) {
   return (
     <section className="card" data-testid="unprotected" aria-labelledby="unprotected-title">
       <header>
         <h2 id="unprotected-title">No shields</h2>
       </header>
-      <p className="quiet">These robots do not <Term of="audits">audit</Term> each other: nothing would stop one that lies.</p>
+      <p className="quiet">
+        {why ? `${sentence(why)}.` : <>These robots do not <Term of="audits">audit</Term> each other: nothing would stop one that lies.</>}
+      </p>
     </section>
   );
 }

@@ -126,7 +126,7 @@ describe("names", () => {
     return drawn.map(({ name }) => name);
   }
 
-  test("none lies on another, none on a robot, wherever a hundred of them stand", () => {
+  test("none lies on another, none on a robot or a button, wherever a hundred of them stand", () => {
     const place = fc.record({ x: fc.integer({ min: 20, max: 340 }), y: fc.integer({ min: 60, max: 280 }) });
     fc.assert(
       fc.property(fc.array(place, { minLength: 100, maxLength: 100 }), (at) => {
@@ -134,6 +134,7 @@ describe("names", () => {
         const boxes = drawn.map(({ name, x, y }) => [x - 3.5 * name.length, y - 1, x + 3.5 * name.length, y + 14] as const);
         boxes.forEach(([left, top, right, bottom], i) => {
           for (const [l, t, r, b] of boxes.slice(i + 1)) expect(left < r && l < right && top < b && t < bottom).toBe(false);
+          expect(right > WIDTH - 44 && bottom > HEIGHT - 44).toBe(false);
           for (const { x, y } of at) expect(left < x + 8 && x - 8 < right && top < y + 8 && y - 8 < bottom).toBe(false);
         });
       }),

@@ -102,7 +102,7 @@ describe("shields", () => {
 
   test("why robots are unprotected is said whoever is chosen, and gone when they are not", () => {
     const plain = play([told(1, { ...AREA, t_val_ms: undefined, unprotected: "too\nmany" }), told(0, [{ address: A }])]);
-    expect([shieldWords(plain, A), shieldWords(plain, undefined)]).toEqual(Array(2).fill("unprotected\ntoomany."));
+    expect([shieldWords(plain, A), shieldWords(plain, undefined)]).toEqual(Array(2).fill("unprotected\nToomany."));
     expect(shieldWords(play([told(1, AREA)], plain), undefined)).toContain("audit each other");
   });
 

@@ -1,6 +1,6 @@
 // The chosen robot's shield in words: how long it lives without new vouchers, who vouches, how its last audit ended.
 
-import { counting, type Health, LOW_MS, type Robot, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
+import { counting, type Health, LOW_MS, type Robot, sentence, type Swarm, type SwarmLink, shortName, useSwarm } from "../client";
 
 const LEGEND = `unknown
 Robots audit each other.
@@ -38,7 +38,7 @@ function isHeard({ state }: Health): boolean {
 /** The shield's state, then lines to show, as of the newest frame: always three of a robot, or the page would jump. */
 export function shieldWords(swarm: Swarm, selected: string | undefined, heard = true): string {
   const { terms, at_ms } = swarm;
-  if (swarm.unprotected !== "") return `unprotected\n${swarm.unprotected}.`;
+  if (swarm.unprotected !== "") return `unprotected\n${sentence(swarm.unprotected)}.`;
   if (!terms) return "none";
   const robot = selected === undefined ? undefined : swarm.robots.get(selected);
   if (!robot?.shield) return LEGEND;

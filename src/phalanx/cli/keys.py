@@ -10,7 +10,7 @@ import click
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Robot, create, opened, pem
+from phalanx.io.keyring import Robot, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.wire.table import BOARD
@@ -23,6 +23,7 @@ SHORTEST = 12
 
 def make(file: Path, name: str, passphrase_file: Path | None) -> None:
     """A new file."""
+    _not_there(file)
     create(file, name or file.stem, passphrase(passphrase_file, new=True))
     talk(f"{file} holds the keys of {name or file.stem}: keep a copy, and the passphrase apart from it")
 
@@ -30,7 +31,7 @@ def make(file: Path, name: str, passphrase_file: Path | None) -> None:
 def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -> None:
     """One robot's master key, once."""
     _not_there(out)
-    with opened(file, passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
         master = keys.provision(robot, today())
     write_private(out, BOARD.encode(id=robot, master=master))
     talk(f"{out} is for the board of robot {robot}: its number and its master key; destroy it once the board has them")
@@ -39,7 +40,7 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
 def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
     """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders and stops."""
     _not_there(out)
-    with opened(file, passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
         number, sealed = keys.issue()
         if rotate:
             keys.renew("orders")
@@ -51,14 +52,14 @@ def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> 
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:
     """Leave a robot out from the next mission on."""
-    with opened(file, passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
         keys.retire(robot, today())
     talk(f"robot {robot} gets no mission key any more; in the mission that runs it goes on, and counts as one of f_max")
 
 
 def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_file: Path | None) -> None:
     """Seal the file anew."""
-    old = passphrase(passphrase_file)
+    old = passphrase_of(file, passphrase_file)
     with opened(file, old, passphrase(new_passphrase_file, new=True)):
         pass
     talk(f"{file} is sealed with the new passphrase; copies of it still open with the old one")
@@ -66,7 +67,7 @@ def renew_passphrase(file: Path, passphrase_file: Path | None, new_passphrase_fi
 
 def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Path | None) -> None:
     """A key that signs, as PEM."""
-    with opened(file, passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
         key = keys.signer(signer)
     checks = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
     write_private(out, checks if public else pem(key))
@@ -75,7 +76,7 @@ def export(file: Path, signer: str, out: Path, public: bool, passphrase_file: Pa
 
 def show(file: Path, as_json: bool, passphrase_file: Path | None) -> None:
     """Who has keys."""
-    with opened(file, passphrase(passphrase_file)) as keys:
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
         signers = {who: keys.public(who) for who in keys.signers}
     rows = [{"robot": robot, "given": about.given, "retired": about.retired} for robot, about in keys.robots.items()]
     if as_json:
@@ -96,6 +97,12 @@ def _not_there(out: Path) -> None:
     # Asked before a number is used up; that it is so still when it is written is seen to there.
     if out.exists() or not out.parent.is_dir():
         raise UsageError(f"{out} is there already" if out.exists() else f"no folder {out.parent}", "another name")
+
+
+def passphrase_of(keys: Path, file: Path | None) -> str:
+    """As `passphrase`; nobody is asked for that of a file that is not there. Raises: UsageError: it is not, too."""
+    read_sealed(keys)
+    return passphrase(file)
 
 
 def passphrase(file: Path | None, *, new: bool = False) -> str:

@@ -8,6 +8,7 @@ import secrets
 import stat
 from pathlib import Path
 
+from phalanx.config.written import file_meant
 from phalanx.errors import UsageError
 from phalanx.io import Login
 from phalanx.io.broker import EMBEDDED
@@ -55,6 +56,7 @@ def first_line(path: Path, hint: str) -> str:
             lines = file.read(4096).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text"
+        hint = file_meant(path, hint) if isinstance(error, FileNotFoundError) else hint
         raise UsageError(f"cannot read {path}: {reason}", hint) from error
     return lines[0] if lines else ""
 

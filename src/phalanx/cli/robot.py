@@ -28,7 +28,7 @@ from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
 
 from . import sim
-from .keys import passphrase, today
+from .keys import passphrase_of, today
 from .run import run as run_until_stopped
 from .terminal import end_status_line, plain, print_json, print_rows, talk
 
@@ -57,7 +57,7 @@ def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
 def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
     """Its nodes' master key, over their line."""
     settings = read_robot(robot)
-    give_master_key(settings, keys, passphrase(passphrase_file), today())
+    give_master_key(settings, keys, passphrase_of(keys, passphrase_file), today())
     talk(f"the trusted nodes of robot {settings.said.robot} have their master key, for ever: {robot} needs no board")
 
 

@@ -63,7 +63,8 @@ class Reader:
             return self._read_union(arguments, node, name)
         if origin is Literal:
             if _text(node) not in arguments:
-                self._refuse(node, f"{name} is {_shown(node)}", f"one of {', '.join(arguments)}")
+                near = did_you_mean(_text(node) or "", arguments)
+                self._refuse(node, f"{name} is {_shown(node)}", f"{near}one of {', '.join(arguments)}")
             return _text(node)
         if origin is tuple:
             return self._read_list(arguments, node, name)

@@ -6,6 +6,7 @@ Whatever the bytes are, the answer is nodes or words, or a `UsageError` with fil
 from __future__ import annotations
 
 import contextlib
+import difflib
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from phalanx.errors import Unavailable, UsageError
+from phalanx.errors import ALIKE, Unavailable, UsageError
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where libyaml is
 MOST_DEPTH = 100
@@ -28,13 +29,26 @@ def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
     try:
         with path.open("rb") as file:
             data = file.read(most_bytes + 1)
-    except (FileNotFoundError, IsADirectoryError) as error:
-        raise UsageError(f"{path} is a folder" if path.is_dir() else f"no file {path}", hint) from error
+    except IsADirectoryError as error:
+        raise UsageError(f"{path} is a folder", hint) from error
+    except FileNotFoundError as error:
+        raise UsageError(f"no file {path}", file_meant(path, hint)) from error
     except OSError as error:
         raise Unavailable(f"cannot read {path}: {error.strerror}") from error
     if len(data) > most_bytes:
         raise UsageError(f"{path}: longer than {most_bytes >> 10} KiB", hint)
     return data
+
+
+def file_meant(path: Path, hint: str) -> str:
+    """A hint for who names a file that is not there: first one beside it that was perhaps meant, if `hint` has none."""
+    with contextlib.suppress(OSError):
+        of_its_kind_last = sorted(path.parent.iterdir(), key=lambda each: (each.suffix == path.suffix, each.name))
+        by_stem = {each.stem: each.name for each in of_its_kind_last}
+        near = difflib.get_close_matches(path.stem, by_stem, 1, ALIKE)
+        if near and not hint.startswith("did you mean"):
+            return f"did you mean {by_stem[near[0]]}? {hint}"
+    return hint
 
 
 def compose(data: bytes, source: str, hint: str) -> yaml.Node | None:

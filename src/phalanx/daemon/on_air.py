@@ -9,7 +9,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.io.udp_radio import Radio
 from phalanx.wire.table import SEAL, STATE
 
@@ -115,7 +115,8 @@ def parse_on_air(words: str, robots: int) -> OnAir:
     except ValueError as error:
         raise UsageError(f"--on-air {words}: {error}", HINT) from error
     if name not in ATTACKS or said:
-        raise UsageError(f"--on-air {words}: no such attack or option", f"{', '.join(ATTACKS)}; {HINT}")
+        near = did_you_mean(next(iter(said), ""), ("robot", "at")) if name in ATTACKS else did_you_mean(name, ATTACKS)
+        raise UsageError(f"--on-air {words}: no such attack or option", f"{near}{', '.join(ATTACKS)}; {HINT}")
     if not 1 <= attack.robot <= robots or not 0 <= attack.at_s < 1e9:
         raise UsageError(f"--on-air {words}: robot or time is out of range", f"robots are 1 to {robots}")
     return attack

@@ -9,11 +9,13 @@ from typing import Any, Literal
 from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
+NODES = ("process", "serial", "unix", "tcp")
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
+BASES = ("python", "arena", "ros2")
 DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, or ros2 for phalanx robot ros2"
 
 
@@ -60,10 +62,11 @@ class RobotFile:
 
     def __post_init__(self) -> None:
         check_limits(self)
-        if self.trusted.partition(":")[0] not in ("process", "serial", "unix", "tcp"):
-            raise UsageError(f"trusted is {self.trusted!r}", TRUSTED)
-        if self.driver.partition(":")[0] not in ("python", "arena", "ros2"):
-            raise UsageError(f"driver is {self.driver!r}", DRIVERS)
+        for name, kinds, allowed in (("trusted", NODES, TRUSTED), ("driver", BASES, DRIVERS)):
+            said = getattr(self, name)
+            kind = said.partition(":")[0]
+            if kind not in kinds:
+                raise UsageError(f"{name} is {said!r}", did_you_mean(kind, kinds) + allowed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -199,11 +199,16 @@ class Gateway:
         told: dict[str, Any] = {"width": width, "height": height}
         if self.shields:
             told |= self.shields.in_area()
-        elif isinstance(self.swarm, Unprotected) and self.swarm.unprotected:
-            told["unprotected"] = self.swarm.unprotected
+        elif self.unprotected:
+            told["unprotected"] = self.unprotected
         if isinstance(self.swarm, Routed):
             told["most_waypoints"] = self._longest_route
         return told | (self.missions.in_area() if self.missions else {})
+
+    @property
+    def unprotected(self) -> str:
+        """Why its robots do not audit each other, for people who may expect it; or ""."""
+        return self.swarm.unprotected if not self.shields and isinstance(self.swarm, Unprotected) else ""
 
     def _asked(self, request: Request) -> bool:
         reads_frames = request.words.get("frames") is True

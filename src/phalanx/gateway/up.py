@@ -183,6 +183,7 @@ class Running:
                 for robot in robots
             ],
             "shields": self.gateway.shields.state(names.__getitem__) if self.gateway.shields else None,
+            "unprotected": self.gateway.unprotected,
             "mission": self.gateway.missions.state() if self.gateway.missions else None,
             "counters": {key: self._count(key) for key in ("commands", "requests", "notifications", "knocks")}
             | {"reconnects": server.reconnects},

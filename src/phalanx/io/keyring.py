@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from phalanx.bti.nodes import MissionKey, seal_mission_key
+from phalanx.config.written import file_meant
 from phalanx.crypto.hkdf import hkdf_sha256
 from phalanx.crypto.passphrase import LIMIT, NONCE_BYTES, SALT_BYTES, Damaged, Lock, unlock
 from phalanx.errors import NotAuthentic, UsageError
@@ -161,7 +162,7 @@ def opened(path: Path, passphrase: str, new_passphrase: str = "") -> Iterator[Ke
     """
     with _alone(path):
         try:
-            lock, plain = unlock(_read(path), passphrase)
+            lock, plain = unlock(read_sealed(path), passphrase)
             keys = Keys.parse(plain)
         except Damaged as error:
             raise UsageError(f"{path} is damaged: {error}", "take your copy of it") from error
@@ -189,7 +190,11 @@ def _alone(path: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _read(path: Path) -> bytes:
+def read_sealed(path: Path) -> bytes:
+    """What a file of keys holds, still sealed.
+
+    Raises: UsageError: there is none, or others may read it.
+    """
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             status = os.fstat(file.fileno())
@@ -199,7 +204,9 @@ def _read(path: Path) -> bytes:
                 raise UsageError(f"others may read {path}", f"chmod 600 {path}")
             return file.read(LIMIT + 1)
     except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}", "phalanx keys create makes one") from error
+        hint = "phalanx keys create makes one"
+        hint = file_meant(path, hint) if isinstance(error, FileNotFoundError) else hint
+        raise UsageError(f"cannot read {path}: {error.strerror}", hint) from error
 
 
 def _write(path: Path, keys: Keys, lock: Lock) -> None:

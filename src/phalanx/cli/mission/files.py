@@ -66,8 +66,7 @@ def read_plain(source: str) -> Mission:
 
 def read_encoded(path: Path) -> EncodedMission:
     """An encoded mission. Raises: UsageError: it cannot be read. PeerError: it is none."""
-    near = did_you_mean(path.name, [each.name for each in path.parent.glob(f"*{ENDING}")])
-    wanted = f"{near}a file that phalanx mission build wrote"
+    wanted = "a file that phalanx mission build wrote"
     if str(path) in built_in("missions"):
         wanted = f"phalanx mission build {path} --out FILE first, then FILE"
     return _built(path, wanted, "an encoded mission", parse_mission)

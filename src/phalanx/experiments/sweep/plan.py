@@ -176,7 +176,8 @@ class _Reader:
         grid = self._mapping(("grid",), words.get("grid") or {})
         axes = {"scenario": self._values(("scenario",), "scenario", words["scenario"])}
         for name, values in grid.items():
-            axes[self._axis(name)] = self._values(("grid", name), name, values)
+            axis = self._axis(name)
+            axes[axis] = self._values(("grid", name), axis, values)
         sweep = Sweep(self._source, axes, self._seeds(words.get("seeds", 1)), folder)
         if sweep.count > MOST_RUNS:
             raise self._wrong(("grid",), f"{sweep.count} runs", f"at most {MOST_RUNS}")

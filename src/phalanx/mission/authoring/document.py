@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 from phalanx.config.mission import CodingConfig
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
 
@@ -181,7 +181,8 @@ def _mapping(words: Any, where: str, known: set[str] | None) -> dict[str, Any]:
         raise UsageError(f"{where} is {_shown(words)}", "a mapping: names with a colon")
     for key in words:
         if known is not None and key not in known:
-            raise UsageError(f"{where} has {key!r}, which means nothing here", f"one of {', '.join(sorted(known))}")
+            hint = f"{did_you_mean(str(key), known)}one of {', '.join(sorted(known))}"
+            raise UsageError(f"{where} has {key!r}, which means nothing here", hint)
     return words
 
 

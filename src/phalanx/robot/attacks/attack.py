@@ -91,10 +91,9 @@ class Attack:
         for name, value in options.items():
             if name not in self.options:
                 always = ("robot", "at", "until") if self.scene in ("flock", "protocol") else ()
-                allowed = ", ".join((*self.options, *always)) or "none"
-                raise UsageError(
-                    f"options of {self.name} have no {name!r}", f"{did_you_mean(name, self.options)}it takes {allowed}"
-                )
+                known = (*self.options, *always)
+                hint = f"{did_you_mean(name, known)}it takes {', '.join(known) or 'none'}"
+                raise UsageError(f"options of {self.name} have no {name!r}", hint)
             if not self.options[name].takes(value):
                 shown = f"{value:g}" if isinstance(value, float) else repr(value)
                 option = self.options[name]

@@ -33,7 +33,9 @@ def drawn(name: str) -> FloorPlan:
     """The floor plan of this name, `drawn:SEED` or `drawn:KIND:SEED`. Raises: UsageError: there is none."""
     match = _NAME.fullmatch(name)
     if match is None or int(match[2]) > SEED_MAX:
-        raise UsageError(f"no building is called {name!r}", f"{PREFIX}SEED, or {PREFIX}KIND:SEED: {', '.join(KINDS)}")
+        near = did_you_mean(name.partition(":")[2].partition(":")[0], KINDS)
+        hint = f"{near}{PREFIX}SEED, or {PREFIX}KIND:SEED: {', '.join(KINDS)}"
+        raise UsageError(f"no building is called {name!r}", hint)
     seed = int(match[2])
     kind = match[1] or tuple(KINDS)[seed % len(KINDS)]
     if kind not in KINDS:

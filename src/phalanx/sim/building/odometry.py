@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 
 from phalanx.config.parameter import check_limits, within
-from phalanx.errors import UsageError
+from phalanx.errors import UsageError, did_you_mean
 
 Pose = tuple[float, float, float]
 
 
-class NoiseModel(Enum):
+class NoiseModel(StrEnum):
     """Where the factor comes from."""
 
     STAGE = "stage"  # drawn once from ± sigma / 2, as the simulator Stage does with odom_error
@@ -51,9 +51,9 @@ class OdometryNoise:
             way, turn = float(parts[0]), float(parts[1])
             model = NoiseModel(parts[2]) if len(parts) > 2 else NoiseModel.STAGE
         except (ValueError, IndexError) as error:
-            raise UsageError(
-                f"odometry noise {text!r}", "like 0.03,0.05 or 0.03,0.05,fixed (stage, fixed, step)"
-            ) from error
+            near = did_you_mean("".join(parts[2:3]), NoiseModel)
+            hint = f"{near}like 0.03,0.05 or 0.03,0.05,fixed ({', '.join(NoiseModel)})"
+            raise UsageError(f"odometry noise {text!r}", hint) from error
         if len(parts) > 3:
             raise UsageError(f"odometry noise {text!r}", "like 0.03,0.05,stage")
         return cls(way, turn, model)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import string
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Literal, get_args
@@ -139,13 +139,13 @@ class Scenario:
             raise UsageError(f"hub is {self.hub}", f"0 to {self.robots}, as there are robots")
         check_limits(self)
         if self.formation not in get_args(Formation):
-            raise UsageError(f"no formation {self.formation!r}", f"one of {', '.join(get_args(Formation))}")
+            raise _none_such("formation", self.formation, get_args(Formation))
         row = self.robots if self.formation in ROWS else self.robots_per_edge
         check_within("the grid's edge", self.grid_step_m * (row - 1), 0.0, FARTHEST_M)
         if self.defence not in DEFENCES:
-            raise UsageError(f"no defence {self.defence!r}", f"one of {', '.join(DEFENCES)}")
+            raise _none_such("defence", self.defence, DEFENCES)
         if self.controller not in CONTROLLERS:
-            raise UsageError(f"no controller {self.controller!r}", f"one of {', '.join(in_scenarios())}")
+            raise _none_such("controller", self.controller, in_scenarios())
         if not 0 <= self.seed < 1 << 32:
             raise UsageError(f"seed is {self.seed}", "0 to 4294967295")
         self._check_driven()
@@ -265,8 +265,7 @@ class Scenario:
         seen = set()
         for attack in self.attacks:
             if not attack.own and attack.name not in IN_SWARMS:
-                hint = f"{did_you_mean(attack.name, IN_SWARMS)}one of {', '.join(sorted(IN_SWARMS))}"
-                raise UsageError(f"no attack {attack.name!r}", hint)
+                raise _none_such("attack", attack.name, sorted(IN_SWARMS))
             against = attack.attack.against if attack.attack.scene == "protocol" else ""
             if against not in ("", self.controller):
                 hint = f"controller: {against}"
@@ -376,6 +375,10 @@ def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None =
         options=options,
         own=own,
     )
+
+
+def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:
+    return UsageError(f"no {what} {name!r}", f"{did_you_mean(name, known)}one of {', '.join(known)}")
 
 
 def _number(words: str) -> float | str:
