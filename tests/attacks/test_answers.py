@@ -18,6 +18,7 @@ from phalanx.config import BtiConfig, RadioConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.sim.audited.setup import limits_of, power_up
 from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
@@ -33,13 +34,19 @@ VICTIM = 0
 class Asking:
     """A robot that asks for audits, and auditors that sign whatever they want to sign."""
 
-    def __init__(self, profile=BOUND, config=None):
+    def __init__(self, profile=BOUND, config=None, controller="flock", params=None):
         self.profile, self.config, n = profile, config or BtiConfig(), 8
         limits = limits_of(self.config, RadioConfig())
         nodes = power_up(n, profile, limits, np.full(n, BOOT_MS), np.random.default_rng(1), {})
-        params = flock_params(FlockConfig(n_max=self.config.n_max))
         self.fleet = make_fleet(
-            n, self.config, params, profile=profile, controller=1, mission_seed=5, snode=nodes.snode, anode=nodes.anode
+            n,
+            self.config,
+            flock_params(FlockConfig(n_max=self.config.n_max)) if params is None else params,
+            profile=profile,
+            controller=NUMBERS[controller],
+            mission_seed=5,
+            snode=nodes.snode,
+            anode=nodes.anode,
         )
         self.work, self.robot = make_work(self.config), self.fleet.robot[VICTIM]
         for i in range(n):

@@ -105,6 +105,15 @@ def test_a_token_of_another_length_is_none(door, change):
     assert door.robot.got == 0
 
 
+@pytest.mark.parametrize("sub", [request.HELLO, 9])
+def test_a_token_that_is_called_something_else_is_none(door, sub):
+    door.hears_request(door.q)
+    frame = row(door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes())
+    frame[request.AT_SUB] = sub
+    assert door.hears_frame(frame.tobytes(), robot=VICTIM) == node.NOTHING
+    assert door.robot.got == 0
+
+
 def test_a_token_with_another_mac_is_none(door):
     door.hears_request(door.q)
     frame = bytearray(door.work.frame[: request.TOKEN_FRAME_BYTES].tobytes())

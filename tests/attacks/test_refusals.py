@@ -391,6 +391,59 @@ class TestOutputs:
         assert auditee.verdict(auditee.asks()) == Refusal.OUTPUT_UNCALLED
 
 
+class TestSeenBefore:
+    """What an auditor of the same process has seen already: it is known, and makes no other verdict of the rest."""
+
+    def again(self, auditee, now_ms: int) -> tuple[int, bytes]:
+        auditee.robot.quota = 1
+        return auditee.asks(now_ms)
+
+    def known(self, auditee) -> int:
+        return int(auditee.judge.work.case[0].known)
+
+    def test_who_shows_more_than_before_gets_its_token_again(self, auditee):
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        assert auditee.verdict((tor, q)) == 0
+        assert self.known(auditee) == 0
+        for _ in range(4):
+            auditee.senses()
+            auditee.logs(auditee.hears_of(auditee.due_ms(auditee.step - 1) + 1))
+        assert auditee.verdict(self.again(auditee, auditee.due_ms(auditee.step - 1) + ASKED_MS)) == 0
+        assert self.known(auditee) == len(q)
+
+    def test_who_was_refused_at_a_mark_is_refused_again(self, auditee):
+        """An output is owed: at the checkpoint, and then at the end."""
+        auditee.goes_on()
+        sensed_ms = auditee.due_ms()
+        sensed = auditee.polled(sensed_ms)
+        auditee.logs(sensed)
+        outputs = auditee.thinks(sensed)
+        owing = auditee.asks(sensed_ms + 1)
+        assert auditee.verdict(owing) == auditee.verdict(owing) == Refusal.OUTPUT_PENDING
+        other = Auditee()
+        for _ in range(2):
+            other.goes_on()
+        assert other.verdict(other.asks()) == 0
+        sensed_ms = other.due_ms()
+        other.logs(other.polled(sensed_ms))
+        owing = self.again(other, sensed_ms + DELTA_MS + 1)
+        assert outputs
+        assert other.verdict(owing) == other.verdict(owing) == Refusal.OUTPUT_MISSING
+
+    @pytest.mark.parametrize("over_ms", [SKEW_MS, SKEW_MS + 1])
+    def test_what_comes_next_is_no_older_than_what_was_seen(self, auditee, over_ms):
+        for _ in range(2):
+            auditee.goes_on()
+        sensed_ms = auditee.due_ms()
+        auditee.logs(auditee.hears_of(sensed_ms + over_ms))
+        assert auditee.verdict(auditee.asks(sensed_ms + over_ms)) == 0
+        auditee.senses(sensed_ms, late_ms=over_ms)
+        asked = self.again(auditee, sensed_ms + 2 * SKEW_MS)
+        assert auditee.verdict(asked) == (Refusal.OUT_OF_ORDER if over_ms > SKEW_MS else 0)
+        assert self.known(auditee) > 0
+
+
 def test_the_honest_robot_of_this_file_gets_its_tokens(auditee):
     auditee.goes_on()
     assert auditee.verdict(auditee.asks()) == 0

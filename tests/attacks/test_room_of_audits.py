@@ -8,10 +8,14 @@ from test_refusals import Auditee, entry, parts, segment_at, with_segment
 from test_refusals_of_form import shown_of
 
 from phalanx.bti import audit, log
-from phalanx.bti.audit import ACMD, INPUT, SEND
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, SEND
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
+from phalanx.config.guard import GuardConfig
+from phalanx.robot import node
 from phalanx.robot.attacks.liar import MOTION
+from phalanx.robot.controllers.guard_law import guard_params
+from phalanx.wire import guarded
 from phalanx.wire.fields import row
 from phalanx.wire.table import KIND_SENSOR
 
@@ -128,6 +132,67 @@ class TestEvidence:
         assert events == {INPUT, log.CHECKPOINT, audit.END}
         assert seen[0] == b"abc"
         assert set(seen[1:]) == {b""}
+
+
+class TestAdvice:
+    """What a planner said, in no chain: it may stand anywhere, and nothing but its length is looked at."""
+
+    @staticmethod
+    def advice(said: bytes) -> bytes:
+        return guarded.ADVICE.encode(bytes=said)
+
+    def shown(self, behind: bytes) -> int:
+        auditee = Auditee()
+        auditee.goes_on()
+        tor, q = auditee.asks()
+        return auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + behind)))
+
+    @pytest.mark.parametrize("length, refusal", [(0, Refusal.ENTRY_MALFORMED), (1, 0), (9, 0), (300, 0)])
+    def test_it_is_read_if_it_is_not_empty(self, length, refusal):
+        assert self.shown(self.advice(bytes(length))) == refusal
+        assert self.shown(self.advice(bytes(length)) * 2) == refusal
+
+    @pytest.mark.parametrize("cut", range(1, 8))
+    def test_not_cut_off(self, cut):
+        assert self.shown(self.advice(b"\x01\x00\x01\x00\x01")[:-cut]) == Refusal.ENTRY_MALFORMED
+
+    def test_replay_is_told_what_was_said_where_it_was_said(self):
+        """And goes on behind it; it makes no mark of a log's end."""
+        auditee = Auditee()
+        f, w = auditee.fleet, auditee.judge.work
+        sensed = entry(INPUT, 5, MOTION.pack(KIND_SENSOR, 1, 0, 1, 2, 3, 4))
+        q = row(b"?" + self.advice(b"abc") + bytes([log.FLUSH_S]) + self.advice(b"de") + sensed)
+        case = w.case[0]
+        case.at, case.end, case.waiting, case.marked = 1, len(q), 0, 1
+        for said in (b"abc", b"de"):
+            assert audit.next_event(f, w, q) == log.ADVICE
+            assert q[case.payload_at : case.payload_at + case.payload_len].tobytes() == said
+            assert case.marked == 0
+        assert audit.next_event(f, w, q) == INPUT
+        assert (case.payload_len, case.at, case.marked) == (len(sensed) - ENTRY_HEAD_BYTES, len(q), 0)
+
+    def test_a_guard_acts_on_what_it_was_told_and_not_on_what_it_was_not(self):
+        """The state at the checkpoint holds the wish: who shows another has another state."""
+        robots = Guards()
+        assert robots.told(robots.said) == 0
+        assert robots.told(robots.said[:-1] + bytes([robots.said[-1] ^ 0x40])) == Refusal.CHECKPOINT_WRONG
+        assert robots.told(b"") == Refusal.CHECKPOINT_WRONG
+
+
+class Guards(Auditee):
+    """A robot whose planner says one thing before it asks for its first audit."""
+
+    def __init__(self):
+        super().__init__(controller="guard", params=guard_params(GuardConfig()))
+        self.goes_on()
+        self.said = guarded.WISH.encode(vx_mps=0.25, vy_mps=0.0)
+        node.advise(self.fleet, VICTIM, row(self.said), len(self.said))
+        self.tor, self.q = self.asks()
+
+    def told(self, said: bytes) -> int:
+        """The verdict on a log in which that stands right before the checkpoint."""
+        shown = guarded.ADVICE.encode(bytes=said) if said else b""
+        return self.verdict((self.tor, with_segment(self.q, self.q[segment_at(self.q) : -1] + shown + self.q[-1:])))
 
 
 def shown_outputs(q: bytes, at: int) -> bytes:
