@@ -15,6 +15,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +45,11 @@ class Machine:
         way: of the last call, a number made of the addresses of all its instructions, in order.
     """
 
-    def __init__(self, target: str, sources: Path) -> None:
+    def __init__(self, target: str, sources: Path, beside: Iterable[Path] = ()) -> None:
+        """`beside` the nodes: further sources in C."""
         self._arm = target == "cortex-m3"
         with tempfile.TemporaryDirectory() as folder:
-            program, self._symbols = linked(target, sources, Path(folder))
+            program, self._symbols = linked(target, sources, Path(folder), beside)
         if self._arm:
             mode = unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
             self._uc = unicorn.Uc(unicorn.UC_ARCH_ARM, mode)
@@ -106,7 +108,9 @@ class Machine:
         return struct.unpack("<i", struct.pack("<I", self._uc.reg_read(result) & 0xFFFFFFFF))[0], count
 
 
-def linked(target: str, sources: Path, folder: Path) -> tuple[list[tuple[int, bytes]], dict[str, int]]:
+def linked(
+    target: str, sources: Path, folder: Path, beside: Iterable[Path]
+) -> tuple[list[tuple[int, bytes]], dict[str, int]]:
     """The program's pieces with their addresses, and where its functions are."""
     made = subprocess.run(["make", "-s", f"target-{target}"], cwd=sources, check=False, capture_output=True, text=True)
     if made.returncode:
@@ -118,7 +122,7 @@ def linked(target: str, sources: Path, folder: Path) -> tuple[list[tuple[int, by
     memory.write_text(MEMORY)
     whole = ["-Os", "-ffreestanding", "-fno-tree-loop-distribute-patterns", "-nostdlib", "-static"]
     whole += [f"-Wl,-N,-Ttext={CODE:#x}", "-Wl,-e0,--build-id=none,--no-warnings"]
-    words = [gcc, *flags, *whole, memory, *objects, "-lgcc", "-o", program]
+    words = [gcc, *flags, *whole, memory, *beside, *objects, "-lgcc", "-o", program]
     subprocess.run(words, check=True, capture_output=True)
     said = [f"{PREFIX[target]}nm", program]
     names = subprocess.run(said, check=True, capture_output=True, text=True).stdout
@@ -229,6 +233,20 @@ def told_once(machine: Machine, limits: bytes, master: int, blind: int, salt: in
     return machine.call("phx_anode_load_mission", node, 0, blind, salt, 1, sealed)[1]
 
 
+def order_check(sources: Path) -> int:
+    """What a c-node on a Cortex-M3 would take to look at an order's signature (Monocypher, -Os)."""
+    machine = Machine("cortex-m3", sources, sorted((sources / "port" / "monocypher").glob("*.c")))
+    # RFC 8032, section 7.1, test 2.
+    key = bytes.fromhex("3d4017c3e843895a92b70aa74d1b7ebc9c982ccf2ec4968cc0cd55f12af4660c")
+    signature = bytes.fromhex(
+        "92a009a9f0d4cab8720e820b5f642540a2b27b5416503f8fb3762223ebdb69da"
+        "085ac1e43e15996e458f3613d0f11d8c387b2eaeb4302aeeb00d291612bb0c00"
+    )
+    found, count = machine.call("crypto_ed25519_check", signature, key, b"\x72", 1)
+    assert found == 0, "a true signature was refused"
+    return count
+
+
 def main() -> int:
     """Count, print, and write if that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -236,6 +254,7 @@ def main() -> int:
     parser.add_argument("--write", action="store_true")
     said = parser.parse_args()
     told = {target: counted(target, said.sources) for target in PREFIX}
+    told["cortex-m3"]["order"] = order_check(said.sources)
     text = json.dumps(told, indent=2)
     if said.write:
         COUNTS.write_text(text + "\n")

@@ -64,6 +64,11 @@ def test_the_counts_are_those_that_are_told(count, machine):
             assert number == pytest.approx(told[group][name], rel=0.1), f"{name}: python firmware/count.py --write"
 
 
+@pytest.mark.long
+def test_what_a_look_at_an_order_takes_is_what_is_told(count):
+    assert count.order_check(FIRMWARE) == pytest.approx(COMMITTED["cortex-m3"]["order"], rel=0.1)
+
+
 def test_a_block_takes_no_more_than_was_asked(machine):
     told = COMMITTED[machine.target]["mac"]
     for length in (29, 31, 45, 64, 128, 256, 512, 1024):
