@@ -277,6 +277,11 @@ class TestCautions:
         assert cautions(Scenario(robots=25, grid_step_m=100.0))[0].startswith("16 of 25 robots do not have")
         assert cautions(Scenario(robots=25)) == []
 
+    @pytest.mark.parametrize("t_audit_ms, told", [(5000, 0), (5001, 1)])
+    def test_that_one_round_that_fails_is_one_too_many(self, t_audit_ms, told):
+        """P2 asks for a round in each T_val less a round."""
+        assert len(cautions(Scenario(robots=25, bti=BtiConfig(t_audit_ms=t_audit_ms)))) == told
+
     @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_none_of_ours_is_warned_of(self, name):
         assert cautions(find_scenario(name)) == []

@@ -36,7 +36,7 @@ TESTS = ["test_refusals.py", "test_refusals_of_form.py", "test_room_of_audits.py
 KERNELS = {"bti/audit": (), "robot/auditor": (), "robot/node": ("hear_audit", "knock", "admit", "judge", "answer")}
 MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
-CPU_S = 60  # a mistake may be a loop without an end
+CPU_S = 20  # a mistake may be a loop without an end
 OTHER_COMPARISON = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,

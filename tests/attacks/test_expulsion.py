@@ -34,6 +34,21 @@ def test_nor_does_a_flock_whose_robots_hear_few_others(step_m):
     assert [lost(seed, 4.0, **few) for seed in SEEDS] == [0, 0, 0]
 
 
+@pytest.mark.parametrize("step_m, alone", [(30.0, [15]), (19.0, [])])
+def test_whoever_has_fewer_than_2_f_max_1_others_within_half_the_range_can_be_parted_from_all(step_m, alone):
+    """The robot at the end of a line, beside a liar: two correct ones hear it, 60 and 90 m away. P2 does not speak of it."""
+    liar = AttackSpec(name="expel", at_s=8.0, robot=14)
+    made = Scenario(
+        robots=15, formation="line", grid_step_m=step_m, d_m=step_m, goal_m=(7 * step_m, 100.0), duration_s=45.0,
+        bti=BtiConfig(f_max=1), attacks=(liar,),
+    )  # fmt: skip
+    assert made.radio.range_m / 2 == pytest.approx(58, abs=0.5)
+    run = Run(made)
+    run.advance(made.duration_s)
+    told = run.summary()
+    assert (told["correct_in_safe_mode"], told["without_quorum"]) == ([], alone)
+
+
 def test_nor_do_claims_that_last_twice_as_long_where_audits_are_rare():
     """T_val 20 s: with the push that is harmless for 10 s, seed 0 loses four."""
     bti = BtiConfig(f_max=1, t_audit_ms=8000, t_val_ms=20_000)

@@ -13,10 +13,18 @@ MOST_AUDITS = 0.45
 
 
 def cautions(scenario: Scenario) -> list[str]:
-    """One line each: the audits will saturate the channel, or robots have nobody to audit them."""
+    """One line each: the audits will saturate the channel, come too seldom, or robots have nobody to audit them."""
     if scenario.defence == "none":
         return []
-    return [*_crowded(scenario), *_lonely(scenario)]
+    return [*_crowded(scenario), *_seldom(scenario), *_lonely(scenario)]
+
+
+def _seldom(scenario: Scenario) -> list[str]:
+    bti = scenario.bti
+    if bti.t_val_ms >= 2 * bti.t_audit_ms:
+        return []
+    lasts = f"tokens count for {bti.t_val_ms / 1000:g} s and a round of audits comes every {bti.t_audit_ms / 1000:g} s"
+    return [f"{lasts}: one round that fails may stop a correct robot; t_val from 2.5 times t_audit on bears one"]
 
 
 def _crowded(scenario: Scenario) -> list[str]:
