@@ -24,9 +24,11 @@ from hypothesis import HealthCheck, settings
 
 from chromium import FLAGS
 from phalanx.cli.main import run_command
+from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.ports import free_port
+from phalanx.io.site import Site
 
 ROOT = Path(__file__).parent.parent
 PHALANX = [sys.executable, "-m", "phalanx"]
@@ -81,6 +83,11 @@ def as_the_gateway(broker) -> aiomqtt.Client:
     """A connection that may do everything on a broker of ours."""
     url = broker.gateway
     return aiomqtt.Client(url.host, url.port, username=url.login.username, password=url.login.password)
+
+
+def a_page(port: int = 0, host: str = "127.0.0.1", connections: int = 1000) -> Site:
+    """The visitors' page, served in this process."""
+    return Site(PAGES / "visitor", VISITOR_POLICY, host, port, connections=connections)
 
 
 async def tell_until_cancelled(server):

@@ -19,10 +19,10 @@ from phalanx.errors import Held
 from phalanx.gateway import Gateway, OperatorPages
 from phalanx.gateway.brakes import Brakes
 from phalanx.gateway.kept_stop import KeptStop
-from phalanx.gateway.site import beside
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Client, Server
 from phalanx.io.ports import free_port, is_free
+from phalanx.io.site import beside
 from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits

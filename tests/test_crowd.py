@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
+import socket
 import sys
 import time
 from statistics import median, quantiles
@@ -13,13 +15,16 @@ import pytest
 
 from conftest import Turns, a_server, as_the_gateway, eventually
 from phalanx.errors import Overrun
-from phalanx.gateway import Gateway, VisitorPages
-from phalanx.gateway.site import PAGES, beside
+from phalanx.gateway import Gateway, visitors_page
+from phalanx.gateway.serve_pages import PAGES
 from phalanx.io import Client, Server
 from phalanx.io.answers import WAITING, WAITING_BYTES, Answers
 from phalanx.link import Request
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.sim import Dotbots
+from test_cli_up import children_of
+from test_guard_floods import aside
+from test_strangers import processor_s
 
 CROWD = """
 import resource, socket, sys, time
@@ -49,13 +54,13 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
     script = max((PAGES / "visitor" / "assets").glob("*.js"), key=lambda path: path.stat().st_size)
     async with (
         Server(broker.gateway, broker_for_visitors=broker.websocket) as server,
-        beside(VisitorPages("127.0.0.1", 0)) as pages,
+        visitors_page("127.0.0.1", 0) as page,
     ):
         gateway = asyncio.create_task(Gateway(swarm, server).run())
         await server.wait_connected(10)
         async with Client(server.qr()) as visitor:
             address = swarm.robots()[0].address
-            words = (sys.executable, "-c", CROWD, str(pages.port), f"/assets/{script.name}")
+            words = (sys.executable, "-c", CROWD, str(page), f"/assets/{script.name}")
             crowd = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
             came = asyncio.create_task(crowd.stdout.readline())
             turns, sent = Turns(), 0
@@ -84,6 +89,44 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
                     crowd.kill()
                 await crowd.communicate()
         gateway.cancel()
+
+
+@pytest.mark.waits
+async def test_who_asks_for_pages_without_end_takes_nothing_of_the_gateways_time_and_a_page_that_hangs_is_served_anew():
+    async with visitors_page("127.0.0.1", 0) as port:
+
+        def crowd() -> None:
+            asked = b"GET /none HTTP/1.1\r\nHost: x\r\n\r\n" * 100
+            crowd = [socket.create_connection(("127.0.0.1", port)) for _ in range(20)]
+            while True:
+                for one in crowd:
+                    one.sendall(asked)
+                for one in crowd:
+                    told = b""
+                    while told.count(b"HTTP/1.1 404") < 100:
+                        told += one.recv(1 << 16)
+
+        async def load() -> bytes:
+            reading, writing = await asyncio.open_connection("127.0.0.1", port)
+            writing.write(b"GET / HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+            try:
+                return await reading.read()
+            finally:
+                writing.close()
+
+        assert not children_of(os.getpid()), "there is none before somebody comes"
+        assert b"<script" in await load()
+        (page,) = children_of(os.getpid())
+        with aside(crowd, idle=False):
+            used_s, its_s = time.process_time(), processor_s(page)
+            await eventually(lambda: processor_s(page) > its_s + 0.4)
+            assert b"<script" in await load()
+            assert time.process_time() - used_s < 0.1, "a third of a second, when pages were served by a thread"
+        os.kill(page, signal.SIGSTOP)
+        async with asyncio.timeout(30):
+            assert b"<script" in await load()
+        assert children_of(os.getpid()) != [page]
+    assert not children_of(os.getpid())
 
 
 @pytest.mark.waits

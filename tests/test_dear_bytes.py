@@ -14,14 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import Turns, a_broker, a_server, eventually
+from conftest import Turns, a_broker, a_page, a_server, eventually
 from phalanx.config import LinkConfig
 from phalanx.errors import PeerError
-from phalanx.gateway import VisitorPages
-from phalanx.gateway.site import HEADERS, LINE_BYTES, beside
 from phalanx.io import Client, Server
 from phalanx.io.mosquitto import MEMORY_BYTES
 from phalanx.io.packets import MAX_ANSWER_BYTES, BrokerFaultError, check_packet
+from phalanx.io.site import HEADERS, LINE_BYTES, Site, beside
 from phalanx.io.visitor import words_of
 from phalanx.io.visitor_packets import VisitorPackets
 from phalanx.io.websocket import Websocket, frame_head
@@ -129,7 +128,7 @@ def test_no_message_that_is_opened_keeps_the_interpreter_for_as_long_as_brakes_w
 
 @pytest.mark.waits
 class TestAPage:
-    async def request(self, pages: VisitorPages, said: bytes) -> bytes:
+    async def request(self, pages: Site, said: bytes) -> bytes:
         """What is answered; b"" if it hangs up."""
         reading, writing = await asyncio.open_connection("127.0.0.1", pages.port)
         with contextlib.suppress(ConnectionError):
@@ -138,7 +137,7 @@ class TestAPage:
         return b""
 
     async def test_a_request_has_so_many_headers_so_long_and_no_more(self):
-        async with beside(VisitorPages("127.0.0.1", 0)) as pages:
+        async with beside(a_page()) as pages:
             for name, answer in ((b"x" * (LINE_BYTES + 1), b" 400 "), (b"x" * 100, b" 200 ")):
                 said = b"GET / HTTP/1.1\r\nHost: x\r\nX: " + name + b"\r\n\r\n"
                 assert answer in await self.request(pages, said)
@@ -147,7 +146,7 @@ class TestAPage:
                 assert answer in await self.request(pages, said)
 
     async def test_who_says_more_than_a_request_is_before_it_is_answered_is_hung_up_on(self):
-        async with beside(VisitorPages("127.0.0.1", 0)) as pages:
+        async with beside(a_page()) as pages:
             reading, writing = await asyncio.open_connection("127.0.0.1", pages.port)
             answered = b""
             with contextlib.suppress(ConnectionError):

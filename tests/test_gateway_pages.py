@@ -17,13 +17,14 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from conftest import eventually
+from conftest import a_page, eventually
 from phalanx.errors import Unavailable
-from phalanx.gateway import OperatorPages, VisitorPages
-from phalanx.gateway.site import PAGES, beside
+from phalanx.gateway import OperatorPages
+from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Login
 from phalanx.io.ports import free_port
+from phalanx.io.site import beside
 from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits
@@ -59,7 +60,7 @@ async def operator():
 
 class TestPages:
     async def test_the_visitors_page_is_served_under_a_strict_policy(self):
-        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+        async with a_page() as pages, aiohttp.ClientSession() as http:
             async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
                 assert answer.status == 200
                 policy = answer.headers["Content-Security-Policy"]
@@ -201,9 +202,9 @@ class TestPages:
                 assert "314159" not in await answer.text()
 
     async def test_idle_connections_are_hung_up_on_and_others_served_meanwhile(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.site.HANG_UP_AFTER_S", 2.0)
-        monkeypatch.setattr("phalanx.gateway.site.CHECK_S", 0.1)
-        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+        monkeypatch.setattr("phalanx.io.site.HANG_UP_AFTER_S", 2.0)
+        monkeypatch.setattr("phalanx.io.site.CHECK_S", 0.1)
+        async with a_page() as pages, aiohttp.ClientSession() as http:
 
             async def visit() -> int:
                 async with http.get(f"http://127.0.0.1:{pages.port}/") as answer:
@@ -226,9 +227,9 @@ class TestPages:
                 writer.close()
 
     async def test_a_reader_that_stalls_does_not_keep_its_connection(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.site.HANG_UP_AFTER_S", 1.0)
-        monkeypatch.setattr("phalanx.gateway.site.CHECK_S", 0.1)
-        async with VisitorPages("127.0.0.1", 0) as pages:
+        monkeypatch.setattr("phalanx.io.site.HANG_UP_AFTER_S", 1.0)
+        monkeypatch.setattr("phalanx.io.site.CHECK_S", 0.1)
+        async with a_page() as pages:
             script = next((PAGES / "visitor" / "assets").glob("*.js")).name
             _, writer = await asyncio.open_connection("127.0.0.1", pages.port, limit=1024)
             asked = f"GET /assets/{script} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
@@ -237,10 +238,9 @@ class TestPages:
             await eventually(lambda: not pages._runner.server.connections)
             writer.close()
 
-    async def test_more_than_fit_leave_room_for_whoever_comes_and_for_the_gateways_own_files(self, monkeypatch):
-        monkeypatch.setattr("phalanx.gateway.serve_pages.VISITORS", 50)
+    async def test_more_than_fit_leave_room_for_whoever_comes_and_for_the_gateways_own_files(self):
         before = open_files()
-        async with VisitorPages("127.0.0.1", 0) as pages, aiohttp.ClientSession() as http:
+        async with a_page(connections=50) as pages, aiohttp.ClientSession() as http:
             crowd = [socket.create_connection(("127.0.0.1", pages.port)) for _ in range(60)]
             elsewhere = socket.create_connection(("127.0.0.1", pages.port), source_address=("127.0.0.2", 0))
             for _ in range(500):  # by one address, and silent
@@ -260,7 +260,7 @@ class TestPages:
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (400, hard))
         try:
-            async with VisitorPages("127.0.0.1", 0) as pages:
+            async with a_page() as pages:
                 crowd = subprocess.Popen((sys.executable, "-c", IDLERS, str(pages.port)), stdout=subprocess.PIPE)
                 assert await asyncio.to_thread(crowd.stdout.readline) == b"all there\n"
                 await eventually(lambda: len(pages._runner.server.connections) <= 50)
@@ -303,7 +303,7 @@ class TestPages:
         assert (told in caplog.text) == is_told
 
     async def test_who_asks_for_files_and_hangs_up_leaves_no_trace_in_the_log(self, caplog):
-        async with VisitorPages("127.0.0.1", 0) as pages:
+        async with a_page() as pages:
             for _ in range(30):
                 _, writer = await asyncio.open_connection("127.0.0.1", pages.port)
                 writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 3000)
@@ -314,10 +314,10 @@ class TestPages:
 
     async def test_a_port_in_use_is_one_clear_error(self, operator):
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
-            async with VisitorPages("127.0.0.1", operator.port):
+            async with a_page(operator.port):
                 pass
         assert "another program has it" in taken.value.hint
         with pytest.raises(Unavailable, match=r"cannot listen on 999\.1\.1\.1") as nowhere:
-            async with VisitorPages("999.1.1.1", 0):
+            async with a_page(0, "999.1.1.1"):
                 pass
         assert "--host is an address of this machine" in nowhere.value.hint

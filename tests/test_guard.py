@@ -203,7 +203,7 @@ def the_guard(broker) -> int:
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with contextlib.suppress(OSError):
             words = path.read_text().split("\0")
-            if "phalanx.io.guard" in words and Path(words[3]).parent.parent == folder_of(broker):
+            if "phalanx.io.guard" in words and Path(words[4]).parent.parent == folder_of(broker):
                 return int(path.parent.name)
     raise AssertionError("no guard")
 

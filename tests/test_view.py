@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from phalanx.cli import view as view_command
 from phalanx.errors import Unavailable, UsageError
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.gateway.site import beside
+from phalanx.io.site import beside
 from phalanx.sim import recorded
 from phalanx.sim.audited.watch import VerdictReader
 from phalanx.sim.recorded import Said

@@ -14,7 +14,7 @@ import click
 from phalanx.errors import UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.serve_view import ViewPages
-from phalanx.gateway.site import beside
+from phalanx.io.site import beside
 from phalanx.sim.recorded import is_recording
 from phalanx.sim.scenarios.own import mistakes_in
 from phalanx.sim.scenarios.play import STEP_S, play

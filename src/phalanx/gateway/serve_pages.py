@@ -11,15 +11,19 @@ import hmac
 import json
 import time
 from collections.abc import Callable, Coroutine
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
 from typing import Any, TypeVar
 
 from aiohttp import web
 
 from phalanx.errors import PeerError, Unavailable, Unknown, UsageError
+from phalanx.io.page import page_apart
+from phalanx.io.site import COMMON_HEADERS, Handler, LoopbackSite
 
 from .missions.desk import TEXT_MAX_BYTES, MissionDesk, parse_profile
-from .site import COMMON_HEADERS, PAGES, Handler, LoopbackSite, Site
 
+PAGES = Path(__file__).parent / "pages"
 VISITORS, OPERATORS = 1000, 200  # connections
 FRAMES_WAITING = 100
 HEALTHY_S, HEALTH_FOR_S = 1.0, 0.2  # within which a gateway that is well answers itself; for how long that is true
@@ -40,11 +44,13 @@ def pages_are_built(*pages: str) -> bool:
     return all((PAGES / page / "index.html").is_file() for page in pages or ("visitor", "operator"))
 
 
-class VisitorPages(Site):
-    """The page that a QR code opens. Port 0 is any; read it back once entered."""
+def visitors_page(host: str, port: int) -> AbstractAsyncContextManager[int]:
+    """The page that a QR code opens is served as long as the context lasts, which yields its port; 0 is any.
 
-    def __init__(self, host: str, port: int) -> None:
-        super().__init__("visitor", VISITOR_POLICY, host, port, connections=VISITORS)
+    Raises: PortTaken. Unavailable: it cannot listen there.
+    """
+    hint = "another program has it; choose another with --port, or --port 0 for any"
+    return page_apart(PAGES / "visitor", VISITOR_POLICY, host, port, connections=VISITORS, if_taken=hint)
 
 
 class OperatorPages(LoopbackSite):
@@ -84,7 +90,7 @@ class OperatorPages(LoopbackSite):
         self._asked_at_s = 0.0
         # As JSON a text may be twice as long as it is.
         longest = 2 * TEXT_MAX_BYTES + 1024 if desk else 4096
-        super().__init__("operator", OPERATOR_POLICY, port, connections=OPERATORS, longest=longest)
+        super().__init__(PAGES / "operator", OPERATOR_POLICY, port, connections=OPERATORS, longest=longest)
 
     def _add_routes(self) -> None:
         self.app.router.add_get("/healthz", self._tell_health)

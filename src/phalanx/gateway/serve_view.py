@@ -10,8 +10,9 @@ from typing import Any
 
 from aiohttp import web
 
-from .serve_pages import OPERATOR_POLICY
-from .site import LoopbackSite
+from phalanx.io.site import LoopbackSite
+
+from .serve_pages import OPERATOR_POLICY, PAGES
 
 CONNECTIONS = 50
 AT_ONCE_BYTES = 1 << 21
@@ -25,7 +26,7 @@ class ViewPages(LoopbackSite):
         self._lines: list[bytes] = []
         self._ended = False
         self._run = secrets.token_hex(8)  # a page that was left open shows another
-        super().__init__("viewer", OPERATOR_POLICY, port, connections=CONNECTIONS)
+        super().__init__(PAGES / "viewer", OPERATOR_POLICY, port, connections=CONNECTIONS)
 
     def put(self, words: dict[str, Any] | None) -> None:
         """The next line."""

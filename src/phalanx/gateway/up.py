@@ -26,6 +26,7 @@ from phalanx.io.files import allow_files
 from phalanx.io.phones import PhonesDoor, no_way_from, warn_if_phones_are_locked_out
 from phalanx.io.ports import EVERYWHERE, LOOPBACK, PORT_TRIES, PortTaken, free_port, lan_address
 from phalanx.io.server import Happening
+from phalanx.io.site import beside
 from phalanx.link import Request
 from phalanx.link.messages import Rejected
 from phalanx.robot import Swarm
@@ -37,8 +38,7 @@ from .events import tell_event
 from .gateway import Gateway
 from .kept_stop import KeptStop
 from .missions.desk import MissionDesk
-from .serve_pages import OperatorPages, VisitorPages
-from .site import beside
+from .serve_pages import OperatorPages, visitors_page
 from .waits import for_at_most, until_connected
 
 log = logging.getLogger(__name__)
@@ -294,12 +294,12 @@ class Running:
         self._say(event)
 
 
-async def _visitors_page(stack: contextlib.AsyncExitStack, options: UpOptions, preferred: int) -> VisitorPages:
-    """Served where it was asked for, else at `preferred` or any port that is free, also when it is listened on."""
+async def _visitors_page(stack: contextlib.AsyncExitStack, options: UpOptions, preferred: int) -> int:
+    """Its port: where it was asked for, else `preferred` or any that is free, also when it is listened on."""
     for left in reversed(range(PORT_TRIES)):
         port = free_port(preferred, options.host) if options.port is None else options.port
         try:
-            return await stack.enter_async_context(beside(VisitorPages(options.host, port)))
+            return await stack.enter_async_context(visitors_page(options.host, port))
         except PortTaken:
             if options.port is not None or not left:
                 raise
@@ -331,7 +331,7 @@ async def up(
         host = urlsplit(options.frontend).hostname
         log.warning("the visitors' login stands in every link beside the pin, in the query: %s is told both", host)
     async with contextlib.AsyncExitStack() as stack:
-        pages = await _visitors_page(stack, options, preferred)
+        page_port = await _visitors_page(stack, options, preferred)
         broker = await stack.enter_async_context(
             open_broker(
                 options.broker,
@@ -342,7 +342,7 @@ async def up(
                 root=options.link.root,
             )
         )
-        page_url = options.page_url or f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{pages.port}/"
+        page_url = options.page_url or f"http://{f'[{advertised}]' if ':' in advertised else advertised}:{page_port}/"
         server = Server(
             broker.gateway,
             config=options.link,

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import ctypes
 import logging
+import os
 import resource
 import signal
 import sys
@@ -18,6 +19,8 @@ from pathlib import Path
 from phalanx.errors import Unavailable
 
 log = logging.getLogger(__name__)
+
+Child = AbstractAsyncContextManager[asyncio.subprocess.Process]
 
 PR_SET_PDEATHSIG = 1
 COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
@@ -37,9 +40,24 @@ def die_with_parent(most_bytes: int = 0) -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def end_with(parent: int) -> None:
+    """Called in a child that is a program of ours, first of all: it ends when its parent does."""
+    die_with_parent()
+    if os.getppid() != parent:
+        sys.exit()
+
+
+def a_python_child(module: str, *words: str, pass_fds: Sequence[int] = ()) -> Child:
+    """A module of ours as a child, which is told our process's number first, and calls `end_with` with that.
+
+    So it needs no `preexec_fn`: for that Python copies a gateway's memory, and the event loop waits for it.
+    """
+    return a_child(sys.executable, "-m", module, str(os.getpid()), *words, pass_fds=pass_fds, forks=False)
+
+
 @contextlib.asynccontextmanager
 async def a_child(
-    *words: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0
+    *words: str, user: str | None = None, pass_fds: Sequence[int] = (), most_bytes: int = 0, forks: bool = True
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """A program that is gone when the context is left, in whatever way, and its pipe closed."""
     process = await asyncio.create_subprocess_exec(
@@ -48,7 +66,8 @@ async def a_child(
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,  # Ctrl-C in the terminal is for us; we end it when the last message is out
-        preexec_fn=partial(die_with_parent, most_bytes),  # or a gateway that is killed outright left it behind
+        # Or a gateway that is killed outright left it behind.
+        preexec_fn=partial(die_with_parent, most_bytes) if forks else None,
         user=user,
         pass_fds=pass_fds,
     )
@@ -89,7 +108,6 @@ async def answer(where: tuple[str, int] | Path, said: bytes, length: int) -> byt
             writer.transport.abort()
 
 
-Child = AbstractAsyncContextManager[asyncio.subprocess.Process]
 Probe = Callable[[], Awaitable[bool | None]]  # whether a child serves, or None if nobody knows
 Begins = Callable[[asyncio.subprocess.Process], Awaitable[None]]
 

@@ -26,6 +26,6 @@ def files() -> int:
 def a_share(wanted: int, files_each: int = 1) -> int:
     """As many connections as wanted, of so many files each, or what fits a quarter of all files.
 
-    Two pages, and the broker if it is in this process, leave the last quarter to the gateway itself.
+    A page, and the broker if it is in this process, leave the rest to the gateway itself.
     """
     return max(1, min(wanted, files() // 4 // files_each))

@@ -6,9 +6,9 @@ us they get in turns (`turns.py`), head by head who has proved the pin and place
 once that this loop is never late; whoever is not to be contented is hung up on. The control loop lives in another
 process, and is held up by nothing of it.
 
-Started by `guarding.py`: `python -m phalanx.io.guard SOCKET HEARD DOOR…`, the paths of the broker's socket and of what
-the gateway tells (`heard.py`), and the numbers of sockets that listen: for whoever watches us, for programs, and for
-browsers.
+Started by `guarding.py`: `python -m phalanx.io.guard PARENT SOCKET HEARD DOOR…`: whose child it is, the paths of the
+broker's socket and of what the gateway tells (`heard.py`), and the numbers of sockets that listen: for whoever watches
+us, for programs, and for browsers.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from .children import end_with
 from .files import allow_files
 from .heads import Heads, Standing
 from .heard import Heard
@@ -244,5 +245,6 @@ async def guard(broker: str, heard: Heard, *doors: socket.socket) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the gateway, which ends us when the last word is out
-    broker, heard, *doors = sys.argv[1:]
+    parent, broker, heard, *doors = sys.argv[1:]
+    end_with(int(parent))
     asyncio.run(guard(broker, Heard(Path(heard)), *(socket.socket(fileno=int(number)) for number in doors)))

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import logging
 import socket
+from collections.abc import Iterator
+from pathlib import Path
 from random import SystemRandom  # whoever seeds the other one draws what all who do so draw
 
 from phalanx.errors import Unavailable
@@ -16,6 +18,7 @@ LOOPBACK = "127.0.0.1"
 # Below what systems give to outgoing connections: one of those is soon some flood's, before anybody listens there.
 QUIET = range(20_000, 32_768)
 PORT_TRIES = 5  # a port that was free can be taken by the time somebody listens there
+BACKLOG = 1024  # who comes at once, before we look
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104  # compared with what a person asked for, not bound
 
 
@@ -54,6 +57,32 @@ def free_port(preferred: int = 0, host: str = LOOPBACK) -> int:
     if preferred:
         log.warning("port %d is in use: %d is taken instead", preferred, port)
     return port
+
+
+def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.socket:
+    """A socket that listens there; `if_taken` is a hint.
+
+    Raises: PortTaken. Unavailable: it cannot.
+    """
+    family, both = _family(host), host == "::"
+    try:
+        return socket.create_server((host, port), family=family, backlog=BACKLOG, dualstack_ipv6=both)
+    except OSError as error:
+        is_taken = error.errno == errno.EADDRINUSE
+        raise (PortTaken if is_taken else Unavailable)(
+            f"cannot listen on {host} port {port}: {error.strerror or error}",
+            if_taken if is_taken else "--host is an address of this machine, and below port 1024 only root may listen",
+        ) from error
+
+
+@contextlib.contextmanager
+def listening_to_us(path: Path) -> Iterator[socket.socket]:
+    """One that listens at a path in a folder of ours."""
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(str(path))
+        path.chmod(0o600)
+        door.listen()
+        yield door
 
 
 def _family(host: str) -> socket.AddressFamily:

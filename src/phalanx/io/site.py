@@ -1,18 +1,19 @@
 """A page over HTTP: who may connect, for how long, and with which headers it is served.
 
-Pages are served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency stop, nor
-a thousand who ask for the page a joystick.
+The operator's is served beside the gateway's event loop (`beside`): what holds that up does not hold up an emergency
+stop. The visitors', which strangers reach, by a process of its own (`page.py`): threads share one interpreter, and a
+few who asked for pages without end cost a third of all moves.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import logging
+import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar, cast
@@ -20,12 +21,10 @@ from typing import Any, Self, TypeVar, cast
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
-from phalanx.errors import Unavailable
-from phalanx.io.files import a_share
-from phalanx.io.ports import LOOPBACK, PortTaken
-from phalanx.io.seats import Seats, place_of
+from .files import a_share
+from .ports import BACKLOG, LOOPBACK, listen
+from .seats import Seats, place_of
 
-PAGES = Path(__file__).parent / "pages"
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
 HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
@@ -52,13 +51,28 @@ def _is_theirs(error: BaseException | None) -> bool:
 
 
 class Site:
-    """An HTTP server for one page, and for so many connections."""
+    """An HTTP server for the page in `folder`, and for so many connections.
+
+    It listens at host and port, or is given `doors` that listen already.
+    """
 
     port_option = "--port"
 
-    def __init__(self, page: str, policy: str, host: str, port: int, *, connections: int, longest: int = 4096) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        policy: str,
+        host: str = LOOPBACK,
+        port: int = 0,
+        *,
+        connections: int,
+        longest: int = 4096,
+        doors: Sequence[socket.socket] = (),
+    ) -> None:
         self.host, self.port = host, port
-        self._folder = PAGES / page
+        self._folder = folder
+        self._doors = doors
+        self._listening: list[asyncio.Server] = []
         self._seats = Seats[_Connection](a_share(connections, FILES_EACH))
         self._by_handler: dict[object, _Connection] = {}
         headers = COMMON_HEADERS | {"Content-Security-Policy": policy}
@@ -106,19 +120,13 @@ class Site:
         return web.FileResponse(index)
 
     async def __aenter__(self) -> Self:
+        hint = f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
+        doors = self._doors or (listen(self.host, self.port, hint),)
+        self.port = int(doors[0].getsockname()[1])
         await self._runner.setup()
-        try:
-            self._listening = await asyncio.get_running_loop().create_server(self._connection, self.host, self.port)
-        except OSError as error:
-            await self._runner.cleanup()
-            is_taken = error.errno == errno.EADDRINUSE
-            raise (PortTaken if is_taken else Unavailable)(
-                f"cannot listen on {self.host} port {self.port}: {error.strerror or error}",
-                f"another program has it; choose another with {self.port_option}, or {self.port_option} 0 for any"
-                if is_taken
-                else "--host is an address of this machine, and below port 1024 only root may listen",
-            ) from error
-        self.port = int(self._listening.sockets[0].getsockname()[1])
+        loop = asyncio.get_running_loop()
+        for door in doors:
+            self._listening.append(await loop.create_server(self._connection, sock=door, backlog=BACKLOG))
         self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
 
@@ -126,7 +134,8 @@ class Site:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._hanging_up.cancel()
-        self._listening.close()
+        for listening in self._listening:
+            listening.close()
         await self._runner.cleanup()
 
     async def _hang_up_on_idlers(self) -> None:
@@ -148,8 +157,8 @@ class Site:
 class LoopbackSite(Site):
     """A page for people at this machine alone."""
 
-    def __init__(self, page: str, policy: str, port: int, **limits: int) -> None:
-        super().__init__(page, policy, LOOPBACK, port, **limits)
+    def __init__(self, folder: Path, policy: str, port: int, *, connections: int, longest: int = 4096) -> None:
+        super().__init__(folder, policy, LOOPBACK, port, connections=connections, longest=longest)
 
     def refuse(self, request: web.Request) -> web.Response | None:
         """Refuse a host name that is not ours: a foreign page that rebinds its name to loopback sends its own."""
