@@ -63,9 +63,10 @@ class World:
         n = len(self.places)
         self.pos, self.vel, self.acc = np.array(self.places, float), np.zeros((n, 2)), np.zeros((n, 2))
         self.robots = [guard(self.config, i + 1) for i in range(n)]
+        self.others = [guard(self.config, i + 1) for i in range(n)]  # for planners that try before they wish
         self.heard = np.zeros((n, n))
         self.nearest, self.fastest, self.events, self.now, self.order = np.inf, 0.0, [], 0.0, 0
-        self.at_wall = np.inf
+        self.at_wall, self.said, self.broken = np.inf, [], 0.0
         self.grids = 1000.0 + self.chance.uniform(0, self.config.period_ms, n)
         for i in range(n):
             self.push(self.grids[i], "read", i, 0)
@@ -88,18 +89,32 @@ class World:
             gaps = np.sqrt((apart**2).sum(axis=2)) + np.where(np.eye(len(self.pos)), np.inf, 0)
             self.nearest = min(self.nearest, gaps.min())
             self.fastest = max(self.fastest, np.sqrt((self.vel**2).sum(axis=1)).max())
+            self.look_at_promises()
         self.at_wall = min(self.at_wall, self.wall())
+
+    def look_at_promises(self):
+        """By how much anybody is outside of what it said of its velocity (docs/guard.md), m/s."""
+        self.said = [each for each in self.said if each[0] >= self.now]
+        if self.said:
+            _, robots, said = zip(*self.said, strict=True)
+            off = self.vel[list(robots)] - 0.5 * np.array(said)
+            wide = 0.8 * np.sqrt((np.array(said) ** 2).sum(axis=1)) + 0.01 * self.config.speed_mps
+            self.broken = max(self.broken, (np.sqrt((off**2).sum(axis=1)) - wide).max())
 
     def wall(self):
         """How near the nearest robot is to a wall or disc."""
         near = np.inf
-        for ax, ay, bx, by in self.config.walls():
-            a, b = np.array((ax, ay)), np.array((bx, by))
-            share = np.clip((self.pos - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-            near = min(near, np.sqrt(((a + share[:, None] * (b - a) - self.pos) ** 2).sum(axis=1)).min())
+        for wall in self.config.walls():
+            near = min(near, np.sqrt((self.ways_to(wall) ** 2).sum(axis=1)).min())
         for disc in self.config.discs:
             near = min(near, np.hypot(*(self.pos - (disc.x_m, disc.y_m)).T).min() - disc.radius_m)
         return near
+
+    def ways_to(self, wall):
+        """From each robot to the nearest point of a wall."""
+        a, b = np.array(wall).reshape(2, 2)
+        share = np.clip((self.pos - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        return a + share[:, None] * (b - a) - self.pos
 
     def run(self, seconds):
         end = 1000 + seconds * 1000
@@ -133,6 +148,9 @@ class World:
         self.acc[i] = command
 
     def broadcast(self, i, frame):
+        said = MOTION.unpack(frame)[5:]
+        if np.hypot(*said) * 1.3 <= self.config.speed_mps:
+            self.said.append((self.now + self.config.promise_ms, i, said))
         for j in range(len(self.robots)):
             # What the guard counts on: nobody in range goes unheard for as long as it remembers.
             due = (

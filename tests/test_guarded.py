@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import uncompiled
-from guarded_world import acceleration, guard, reading, state, wish
+from guarded_world import MOTION, acceleration, guard, reading, state, wish
 from phalanx.config.flock import Box, Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import PeerError, UsageError
@@ -21,9 +21,11 @@ from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import Send, pack_outputs
 
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
-RUN_SHA256 = "6aad297aecfaf91b4af61d317e0ee767e30d4090fe9385e848c69cc12443dcb9"
+RUN_SHA256 = "69227217691b5461de9a3e05c75426a002f6b848c9d855f75a02b43bbe47a195"
 CONFIG = GuardConfig()
 LISTENED_MS = 1000 + CONFIG.forget_ms
+# A velocity that promises nothing, as who is alone says it.
+FREE = (CONFIG.speed_mps, 0.0)
 FIELD = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
 
 
@@ -89,7 +91,7 @@ class TestAdvice:
 class TestNeighbours:
     def test_it_slows_down_as_a_neighbour_falls_silent_and_goes_on_when_it_has_forgotten(self):
         this = listened()
-        this.on_recv(LISTENED_MS, state(2, (12, 0)))
+        this.on_recv(LISTENED_MS, state(2, (12, 0), FREE))
         pushes = []
         for later_ms in range(0, CONFIG.forget_ms + 1000, 500):
             pushes.append(driven(this, LISTENED_MS + later_ms)[0])
@@ -101,7 +103,7 @@ class TestNeighbours:
 
     def test_it_does_not_approach_who_may_come_towards_it(self):
         this = listened()
-        this.on_recv(LISTENED_MS, state(2, (5, 0)))
+        this.on_recv(LISTENED_MS, state(2, (5, 0), FREE))
         assert driven(this) == (0.0, 0.0)
 
     def test_who_is_heard_where_nobody_can_have_got_to_makes_it_stand(self):
@@ -127,6 +129,77 @@ class TestNeighbours:
         assert this.encode() == before
 
 
+def said_by(this, step, **now):
+    """The velocity that it says at that step."""
+    place, velocity = now.get("place", (0, 0)), now.get("velocity", (0, 0))
+    this.on_advice(wish(*now.get("wished", (2.0, 0.0))))
+    outputs = this.on_input(step, now.get("t_ms", LISTENED_MS), reading(1, place, velocity))
+    (said,) = (output.payload for output in outputs if isinstance(output, Send))
+    return MOTION.unpack(said)[5:]
+
+
+def near_a_robot(gap_m=6.0, config=CONFIG):
+    """A guard that has listened, with a standing robot to its right."""
+    this = listened(config)
+    this.on_recv(LISTENED_MS, state(2, (gap_m, 0)))
+    return this
+
+
+class TestPromises:
+    SAYS = CONFIG.state_every - 1  # a step at which robot 1 broadcasts
+
+    def test_who_promises_to_stand_may_be_approached_until_that_is_over(self):
+        assert driven(near_a_robot(5.0))[0] > 0.0
+        assert driven(near_a_robot(5.0), LISTENED_MS + CONFIG.promise_ms) == (0.0, 0.0)
+
+    def test_it_counts_on_where_a_neighbour_goes(self):
+        pushes = []
+        for said in ((-0.9, 0), (0, 0.9), (0.9, 0)):
+            this = listened()
+            this.on_recv(LISTENED_MS, state(2, (6, 0), said))
+            pushes.append(driven(this)[0])
+        assert pushes == sorted(set(pushes))
+
+    def test_who_is_alone_promises_nothing(self):
+        assert said_by(listened(), self.SAYS) == FREE
+        assert said_by(near_a_robot(90.0), self.SAYS) == FREE
+
+    def test_it_promises_less_the_nearer_somebody_is_and_less_towards_than_away(self):
+        towards = [said_by(near_a_robot(gap_m), self.SAYS)[0] for gap_m in (12, 6, 3, 1.4)]
+        assert towards == sorted(towards, reverse=True)
+        assert towards[0] > 3 * towards[2] > 0.0 == towards[3]
+        away = said_by(near_a_robot(3.0), self.SAYS, wished=(-2.0, 0.0))
+        assert -away[0] > 4 * towards[2]
+
+    def test_two_that_are_near_each_other_do_not_promise_away_the_same_room(self):
+        # In a promise's time each comes nearer by at most its share of what is between them and `apart_m`.
+        for gap_m in (2.0, 4.0, 8.0):
+            said = said_by(near_a_robot(gap_m), self.SAYS)[0]
+            assert 1.3 * said * CONFIG.promise_ms / 1000 <= 0.6 * (gap_m - CONFIG.apart_m) + 1e-6
+
+    def test_what_it_does_already_is_in_what_it_says(self):
+        said = np.array(said_by(near_a_robot(3.0), self.SAYS, velocity=(0, 0.9)))
+        assert np.hypot(*(np.array((0, 0.9)) - said / 2)) <= 0.8 * np.hypot(*said) + 0.01 * CONFIG.speed_mps
+
+    def test_it_keeps_its_word_when_nobody_is_near_any_more_and_until_it_is_over(self):
+        config = replace(CONFIG, forget_ms=1000)
+        this, begin = near_a_robot(4.0, config), 1000 + config.forget_ms
+        this.on_recv(begin, state(2, (4.0, 0)))
+        said = said_by(this, self.SAYS, t_ms=begin)
+        assert 0.0 < said[0] < 0.4
+        later = {"velocity": (said[0], 0.0), "wished": (2.0, 0.0)}
+        assert driven(this, begin + config.promise_ms, **later)[0] < 0.1
+        assert driven(this, begin + config.promise_ms + 11, **later)[0] == 2.0
+
+    def test_who_wants_another_way_each_time_says_again_what_it_keeps(self):
+        this, said = near_a_robot(4.0), []
+        for k in range(7):
+            wished = (math.cos(k), math.sin(k))
+            said.append(said_by(this, CONFIG.state_every * (k + 1) - 1, t_ms=LISTENED_MS + 300 * k, wished=wished))
+        assert len(set(said)) == 4
+        assert said[4:] == [said[3]] * 3
+
+
 class TestWalls:
     @pytest.mark.parametrize(
         "what", [{"fences": (FIELD,)}, {"boxes": (Box(left_m=50, bottom_m=-9, right_m=60, top_m=9),)}]
@@ -149,7 +222,7 @@ class TestEnvelope:
             return guard(config).encode()[:20]
 
         params = guard_params(CONFIG)
-        assert envelope(CONFIG) == hashlib.sha1(np.delete(params, range(15, 35)).tobytes()).digest()
+        assert envelope(CONFIG) == hashlib.sha1(np.delete(params, range(16, 36)).tobytes()).digest()
         assert (
             len({envelope(each) for each in (CONFIG, replace(CONFIG, speed_mps=2.1), replace(CONFIG, fences=(FIELD,)))})
             == 3
@@ -241,16 +314,28 @@ def test_any_bytes_are_a_state_or_refused(garbage, at, change):
         assert this.on_input(2, 20, reading(1, (3, 3), (1, 0)))
 
 
+CROWDED = replace(BUSY, discs=(Disc(x_m=3, y_m=9, radius_m=1),), fences=(), keep_out=(((0, 4), (4, 4), (4, 8)),))
+
+
 def run_digest() -> str:
-    chance = np.random.Generator(np.random.PCG64(11))
-    this, digest = guard(BUSY, 3), hashlib.sha256()
-    for step in range(400):
-        place, velocity = chance.uniform(-40, 40, 2), chance.normal(0, 1, 2)
-        for _ in range(chance.integers(0, 3)):
-            this.on_recv(1000 + 250 * step, state(int(chance.integers(1, 9)), chance.uniform(-40, 40, 2)))
-        this.on_advice(wish(*chance.normal(0, 1, 2)))
-        outputs = this.on_input(step, 1000 + 250 * step, reading(3, place, velocity))
-        digest.update(pack_outputs(outputs) + this.encode())
+    """Of three robots that change places, one time with a disc and a triangle between them."""
+    chance, digest = np.random.Generator(np.random.PCG64(11)), hashlib.sha256()
+    robots = [guard(CROWDED, i + 1) for i in range(3)]
+    at, velocity = np.array([(-9.0, 2.0), (9.0, 3.0), (1.0, -9.0)]), np.zeros((3, 2))
+    goals = [((9.0, 3.0), (1.0, -9.0), (-9.0, 2.0)), ((6.0, 9.0), (2.0, 6.0), (-4.0, 8.0))]
+    for step in range(320):
+        t, command = 1000 + 250 * step, np.zeros((3, 2))
+        for i, this in enumerate(robots):
+            this.on_advice(wish(*(np.array(goals[step > 160][i]) - at[i]) * 0.5 + chance.uniform(-0.3, 0.3, 2)))
+            outputs = this.on_input(step, t, reading(i + 1, at[i], velocity[i]))
+            command[i] = acceleration(outputs)
+            for output in outputs:
+                for j, other in enumerate(robots):
+                    if isinstance(output, Send) and j != i and chance.random() < 0.7:
+                        other.on_recv(t + int(chance.integers(250)), output.payload)
+            digest.update(pack_outputs(outputs) + this.encode())
+        at += 0.25 * (velocity + 0.125 * command)
+        velocity += 0.25 * command
     return digest.hexdigest()
 
 
@@ -262,5 +347,5 @@ def test_the_same_bytes_everywhere_compiled_or_not():
 def test_it_broadcasts_as_a_flock_does():
     this = guard(CONFIG, 4)
     for step in range(13):
-        said = [output for output in this.on_input(step, 7000, reading(4, (1, 2), (3, 4))) if isinstance(output, Send)]
-        assert said == ([Send(state(4, (1, 2), (3, 4), 7000))] if (step + 4) % 6 == 0 else [])
+        said = [output for output in this.on_input(step, 7000, reading(4, (1, 2), (1, 1))) if isinstance(output, Send)]
+        assert said == ([Send(state(4, (1, 2), FREE, 7000))] if (step + 4) % 6 == 0 else [])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guarded_world import World, state
+from guarded_world import World, acceleration, reading, state, wish
 from phalanx.config.flock import Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
@@ -35,11 +35,7 @@ def at_robots(world, i):
 
 def at_walls(world, i):
     """At the nearest wall, along it, or away, as chance has it."""
-    ways = []
-    for ax, ay, bx, by in world.config.walls():
-        a, b = np.array((ax, ay)), np.array((bx, by))
-        share = np.clip((world.pos[i] - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
-        ways.append(a + share * (b - a) - world.pos[i])
+    ways = [world.ways_to(wall)[i] for wall in world.config.walls()]
     x, y = 9 * nearest(ways)
     return ((x, y), (x, y), (-x, -y), (y, -x))[world.chance.integers(4)]
 
@@ -56,44 +52,99 @@ def by_turns(world, i):
     return (at_robots, at_walls, anywhere)[turn](world, i)
 
 
-PLANS = (at_robots, at_walls, anywhere, by_turns)
+def to_and_fro(world, i):
+    """Another way at each reading: what a command that is late makes the most of."""
+    x, y = 9 * world.config.speed_mps * nearest(np.delete(world.pos, i, axis=0) - world.pos[i])
+    return (x, y) if int(world.now / world.config.period_ms) % 2 else (-x, -y)
 
 
-def drawn(seed, **more):
-    """A world of four robots, its planners drawn too."""
-    chance = np.random.default_rng(seed)
-    config = GuardConfig(
-        fences=(FENCE,),
-        keep_out=(TRIANGLE,),
-        discs=(Disc(x_m=6.0, y_m=-8.0, radius_m=1.0),),
-        apart_m=APART_M,
-        clear_m=CLEAR_M,
-        speed_mps=float(chance.uniform(0.6, 4.0)),
-        accel_mps2=float(chance.uniform(0.3, 2.5)),
-        forget_ms=2500,
-        state_every=2,
-    )
+def at_the_unheard(world, i):
+    """At whoever this robot has heard least lately: where it knows least."""
+    ages = np.where(np.arange(len(world.pos)) == i, np.inf, world.heard[i])
+    return tuple(9 * (world.pos[np.argmin(ages)] - world.pos[i]))
+
+
+def at_corners(world, i):
+    """At a corner, of a fence that points in most of all."""
+    corners = np.array([corner for polygon in (*world.config.fences, *world.config.keep_out) for corner in polygon])
+    return tuple(9 * (corners[(i + int(world.now / 5000)) % len(corners)] - world.pos[i]))
+
+
+def sly(world, i):
+    """Of ten wishes the one whose command brings it nearest to whatever it must not touch: it knows the guard."""
+    this, other = world.robots[i], world.others[i]
+    t, found = int(world.now), (-np.inf, None)
+    targets = np.delete(world.pos, i, axis=0) - world.pos[i]
+    ways = [world.ways_to(wall)[i] for wall in world.config.walls()]
+    goal = nearest([*targets, *ways])
+    goal = goal / max(1e-9, np.hypot(*goal))
+    for turn in np.linspace(-1.5, 1.5, 5):
+        for speed in (world.config.speed_mps, 0.2 * world.config.speed_mps):
+            wished = (
+                speed * (goal[0] * np.cos(turn) - goal[1] * np.sin(turn)),
+                speed * (goal[0] * np.sin(turn) + goal[1] * np.cos(turn)),
+            )
+            other.decode(this.encode())
+            other.on_advice(wish(*wished))
+            done = acceleration(other.on_input(1, t, reading(i + 1, world.pos[i], world.vel[i], t)))
+            found = max(found, (float(np.dot(done, goal)), wished))
+    return found[1]
+
+
+PLANS = (at_robots, at_walls, anywhere, by_turns, to_and_fro, at_the_unheard, at_corners, sly)
+L_SHAPED = ((0.0, 0.0), (12.0, 0.0), (12.0, 3.0), (3.0, 3.0), (3.0, 12.0), (0.0, 12.0))
+
+
+def places_in(config, chance, count, side):
+    """As many places where robots may stand, drawn."""
     places = []
-    while len(places) < 4:
-        place = tuple(map(float, chance.uniform(-15, 15, 2)))
+    while len(places) < count:
+        place = tuple(map(float, chance.uniform(*side, 2)))
         try:
             config.check_start(place)
         except UsageError:
             continue
-        if all(np.hypot(place[0] - x, place[1] - y) > APART_M for x, y in places):
+        if all(np.hypot(place[0] - x, place[1] - y) > config.apart_m for x, y in places):
             places.append(place)
-    plan = PLANS[seed % len(PLANS)]
-    return World(config, places, chance, plan, off=float(chance.choice((0.0, 1.0))), **more)
+    return places
+
+
+def drawn(seed, **more):
+    """A world, its robots and its planners, all drawn; of four one is a narrow fence with five robots."""
+    chance = np.random.default_rng(seed)
+    narrow = chance.integers(4) == 0
+    config = GuardConfig(
+        fences=(L_SHAPED,) if narrow else (FENCE,),
+        keep_out=() if narrow else (TRIANGLE,),
+        discs=() if narrow else (Disc(x_m=6.0, y_m=-8.0, radius_m=1.0),),
+        apart_m=APART_M,
+        clear_m=CLEAR_M,
+        speed_mps=float(chance.uniform(0.6, 4.0)),
+        accel_mps2=float(chance.uniform(0.3, 2.5)),
+        promise_ms=int(chance.integers(500, 6000)),
+        forget_ms=2500,
+        state_every=int(chance.integers(1, 4)),
+    )
+    places = places_in(config, chance, 5 if narrow else 4, (0, 12) if narrow else (-15, 15))
+    loss = float(chance.choice((0.0, 0.2, 0.95)))  # at the last only what the guard counts on is heard
+    return World(
+        config, places, chance, PLANS[seed % len(PLANS)], off=float(chance.choice((0.0, 1.0))), loss=loss, **more
+    )
 
 
 def is_kept(world):
-    """Whether no robot was ever too near to another or a wall, or too fast."""
-    kept = world.nearest >= APART_M - ROUNDED_M and world.at_wall >= CLEAR_M - ROUNDED_M
-    return kept and world.fastest <= world.config.speed_mps * (1 + 1e-6)
+    """Whether no robot was ever too near to another or a wall, or too fast, or broke its word."""
+    config = world.config
+    kept = world.nearest >= config.apart_m - ROUNDED_M and world.at_wall >= config.clear_m - ROUNDED_M
+    return kept and world.fastest <= config.speed_mps * (1 + 1e-6) and world.broken <= ROUNDED_M
 
 
 def harm(seeds, seconds=20):
-    return [(seed, w.nearest, w.at_wall, w.fastest) for seed in seeds if not is_kept(w := drawn(seed).run(seconds))]
+    return [
+        (seed, w.nearest, w.at_wall, w.fastest, w.broken)
+        for seed in seeds
+        if not is_kept(w := drawn(seed).run(seconds))
+    ]
 
 
 def test_no_advice_leads_robots_into_each_other_or_through_a_fence():
@@ -110,6 +161,45 @@ def test_robots_that_simply_obey_do_all_of_it():
     worlds = [drawn(seed, obeys=False).run(20) for seed in range(3)]
     assert any(world.nearest < APART_M for world in worlds)
     assert any(world.at_wall < CLEAR_M for world in worlds)
+
+
+def looks(world, i):
+    """To its goal, slower near it, and to the right around whoever is near: an honest planner that looks."""
+    to = world.goals[i] - world.pos[i]
+    wished = to * min(0.5, 2.0 / max(1e-9, np.hypot(*to)))
+    for gap in np.delete(world.pos, i, axis=0) - world.pos[i]:
+        far = np.hypot(*gap)
+        if far < 6.0:
+            push = 2.5 * (1.0 - far / 6.0)
+            wished = wished - push * gap / far
+            if gap @ to > 0:
+                wished = wished + 0.6 * push * np.array((gap[1], -gap[0])) / far
+    return tuple(wished)
+
+
+def came(seed, plan, seconds, obeys=True, **envelope):
+    """Of nine robots that change places: after how many seconds each was first at its goal; and the world."""
+    chance, grid = np.random.default_rng(seed), [(8.0 * x, 8.0 * y) for x in range(3) for y in range(3)]
+    world = World(GuardConfig(**envelope), grid, chance, plan, obeys=obeys)
+    order = chance.permutation(9)
+    while (order == np.arange(9)).any():
+        order = chance.permutation(9)
+    world.goals, after = np.array(grid)[order], np.full(9, np.inf)
+    for second in range(1, seconds + 1):
+        at = np.hypot(*(world.run(second).pos - world.goals).T) < 1.0
+        after = np.where(at & np.isinf(after), second, after)
+        if at.all():
+            break
+    return after, world
+
+
+def test_nine_that_look_where_they_go_change_places_under_the_guard():
+    after, world = came(0, looks, 150)
+    assert is_kept(world)
+    assert np.isfinite(after).all()
+    alone, _ = came(0, looks, 30, obeys=False)
+    print(f"median time to the goal: {np.median(after):.0f} s guarded, {np.median(alone):.0f} s without")
+    assert np.median(after) < 7 * np.median(alone)
 
 
 def test_guarded_robots_move():

@@ -34,6 +34,7 @@ class GuardConfig:
     )
     advice_ms: int = within(1000, 20, 60_000, "older advice counts no more, and the robot brakes")
     radio_ms: int = within(250, 0, 10_000, "a broadcast is at most so old when it is heard")
+    promise_ms: int = within(5000, 100, 60_000, "what a broadcast says of its sender's velocity holds for so long")
     forget_ms: int = within(
         9000,
         100,

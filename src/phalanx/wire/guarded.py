@@ -24,6 +24,16 @@ WISH = Record(
     "advice: how a planner wants the robot to move",
     KIND_WISH,
 )
+PROMISES = 4  # that a robot remembers
+PROMISE = Record(
+    "promise",
+    (
+        Field("until", "u64", "ms, s-node's clock; 0: none"),
+        Field("vx_mps", "f32", "velocity that was said, world frame"),
+        Field("vy_mps", "f32", ""),
+    ),
+    "what a guarded robot keeps to",
+)
 GUARD_MEMORY = Record(
     "guard_memory",
     (
@@ -35,6 +45,7 @@ GUARD_MEMORY = Record(
         Field("fresh", "u8", "1: the wish came after the last INPUT"),
         Field("wished", "u64", "ms, s-node's clock at the first INPUT behind the wish; 0: none yet"),
         Field("stands", "u64", "ms, until when it stands still whatever is wished"),
+        Field("promises", f"b{PROMISES * PROMISE.size}", "four records promise"),
         Field("count", "u16", "of neighbours"),
         Field("neighbours", "rest", "as many, by rising id"),
     ),

@@ -1,8 +1,9 @@
 """The guard's law: whether a command leaves a robot room to brake, as numbers; the bytes are in `bundled/guard.py`.
 
 A command is good if the way that it may take until the next one is in force, and the brakes behind it, keep clear of
-every wall, and of wherever a neighbour can have got to by then. Who always chooses a good command, or else goes on to
-brake, keeps clear for ever. docs/guard.md has the argument; tests/test_guard_search.py looks for what it overlooks.
+every wall, and of wherever a neighbour can have got to by then (promises.py). Who always chooses a good command, or
+else goes on to brake, keeps clear for ever. docs/guard.md has the argument; tests/test_guarded_search.py looks for what
+it overlooks.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ Motion: TypeAlias = tuple[float, float, float, float, float, float]
 # Places in the parameters; the envelope's hash follows, a byte each, then walls of four numbers, and discs of three.
 N_MAX, FORGET_MS, STATE_EVERY, ADVICE_MS, RADIO_MS = 0, 1, 2, 3, 4
 SPEED, WISHED, ACCEL, APART, CLEAR = 5, 6, 7, 8, 9
-PERIOD_S, LATE_S, HELD_S, WALLS, DISCS = 10, 11, 12, 13, 14
-HASH = 15
+PERIOD_S, LATE_S, HELD_S, PROMISE_MS, WALLS, DISCS = 10, 11, 12, 13, 14, 15
+HASH = 16
 OBSTACLES = HASH + ENVELOPE_BYTES
 LITTLE_ENDIAN = np.dtype(np.float64).newbyteorder("<")  # on any machine, as it is hashed
 # Of what is wished, so much is tried, one after the other.
-SHARES = (1.0, 0.5, 0.25, 0.125)
+SHARES = (1.0, 0.75, 0.5, 0.25, 0.125)
 # A robot that brakes stands still but for so much of accel · held², see `rest_s`.
 CREEP = 0.14
 # Speeds below this one are none: what rounding to f32 leaves.
@@ -38,7 +39,7 @@ STILL_MPS = 1e-3
 
 
 def guard_params(config: GuardConfig) -> Params:
-    """The mission's parameters as kernels read them: 15 numbers, the SHA-1 of all the others, walls, discs.
+    """The mission's parameters as kernels read them: 16 numbers, the SHA-1 of all the others, walls, discs.
 
     A command is in force for the period at least, and until the next one is: both readings may be δ off their grid, and
     the next command δ late. Wishes are slower than the envelope by what a late command can add.
@@ -58,6 +59,7 @@ def guard_params(config: GuardConfig) -> Params:
         period_s,
         late_s,
         period_s + 3.0 * late_s,
+        config.promise_ms,
     ]
     walls = config.walls()
     head += [len(walls), len(config.discs)]
@@ -100,6 +102,18 @@ def rest_s(params: Params, speed: float) -> float:
 
 
 @kernel
+def held_mps(params: Params, ax: float, ay: float) -> float:
+    """What a command adds to a velocity while the next one is late."""
+    return float(math.sqrt(ax * ax + ay * ay) * params[LATE_S])
+
+
+@kernel
+def off_mps(params: Params, now: Motion, ax: float, ay: float) -> float:
+    """By how much its velocity may differ: the command is late, the next reading early or late, and the brakes late."""
+    return held_mps(params, ax - now[4], ay - now[5]) + 3.0 * held_mps(params, ax, ay)
+
+
+@kernel
 def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float, float, float, float, float, float]:
     """Where a robot goes whose command is (ax, ay), and that brakes from its next reading on.
 
@@ -107,22 +121,19 @@ def way(params: Params, now: Motion, ax: float, ay: float) -> tuple[float, float
     how far from the line to the first; and after how long it stands, s.
     Source: docs/guard.md.
     """
-    x, y, vx, vy, old_x, old_y = now
+    x, y, vx, vy = now[0], now[1], now[2], now[3]
     period, late = params[PERIOD_S], params[LATE_S]
     next_x, next_y = x + period * (vx + 0.5 * period * ax), y + period * (vy + 0.5 * period * ay)
     then_x, then_y = vx + period * ax, vy + period * ay
-    push = math.sqrt(ax * ax + ay * ay)
-    turn_x, turn_y = ax - old_x, ay - old_y
-    # By how much its velocity may differ: the command is late, the next reading early or late, and the brakes late.
-    off_mps = (math.sqrt(turn_x * turn_x + turn_y * turn_y) + 3.0 * push) * late
+    push, off = math.sqrt(ax * ax + ay * ay), off_mps(params, now, ax, ay)
     speed = math.sqrt(then_x * then_x + then_y * then_y)
-    stands_s = rest_s(params, speed + off_mps)
+    stands_s = rest_s(params, speed + off)
     # A reading that is late finds it farther on.
-    brake = brake_m(params, speed + off_mps) + 2.0 * late * (speed + off_mps)
+    brake = brake_m(params, speed + off) + 2.0 * late * (speed + off)
     share = brake / speed if speed > 0.0 else 0.0
     last_x, last_y = next_x + share * then_x, next_y + share * then_y
-    bulge = 0.125 * push * period * period + off_mps * params[HELD_S]
-    spread = off_mps * (params[HELD_S] + stands_s)
+    bulge = 0.125 * push * period * period + off * params[HELD_S]
+    spread = off * (params[HELD_S] + stands_s)
     return next_x, next_y, last_x, last_y, spread, bulge, params[HELD_S] + stands_s
 
 
@@ -197,11 +208,3 @@ def clear_of_walls(params: Params, now: Motion, ax: float, ay: float) -> bool:
         if not retreats(params, now, x - cx, y - cy, ax, ay):
             return False
     return True
-
-
-@kernel
-def reach_m(params: Params, age_ms: int, later_s: float) -> float:
-    """How far from where it was heard to be a neighbour may be `later_s` from now, and its body's room around it."""
-    known_s = (age_ms + params[RADIO_MS]) * 1e-3
-    creep = CREEP * params[ACCEL] * params[HELD_S] * params[HELD_S]
-    return float(params[APART] + creep + params[SPEED] * (known_s + later_s))

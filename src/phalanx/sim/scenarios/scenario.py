@@ -11,6 +11,7 @@ from numbers import Integral
 from typing import Literal, get_args
 
 from phalanx.config import BtiConfig
+from phalanx.config.bti import NEIGHBOUR_BYTES
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
@@ -21,7 +22,7 @@ from phalanx.robot.attacks.attack import Attack
 from phalanx.robot.attacks.library import ATTACKS, IN_SWARMS
 from phalanx.robot.controllers.declaration import bundled
 from phalanx.robot.controllers.protocol import Task, protocols
-from phalanx.wire.guarded import WISH
+from phalanx.wire.guarded import GUARD_MEMORY, WISH
 
 from .starts import WHEELS, starts_of
 
@@ -156,6 +157,8 @@ class Scenario:
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
         bti = replace(self.bti, n_max=n_max, advice_bytes=WISH.size if guarded else 0)
+        if guarded:
+            bti = replace(bti, state_bytes=GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max)
         object.__setattr__(self, "bti", bti)
         object.__setattr__(self, "flock", self._flock(bti))
         if guarded:

@@ -1,10 +1,11 @@
 """The guard: what a planner advises is done as far as the mission's envelope lets it.
 
-Reads the sensor's record `sensor`, is advised by `wish`, hears and broadcasts `state`, commands `acceleration`; its own
-state is a `guard_memory` and its neighbours (phalanx.wire.guarded): 63 + 26 n bytes. A planner may be anything: what it
-says is in the log, auditors replay the guard over it, and whatever it says the command is inside the envelope.
+Reads the sensor's record `sensor`, is advised by `wish`, hears and broadcasts `state`, whose velocity is what it
+promises (promises.py), commands `acceleration`; its own state is a `guard_memory` and its neighbours
+(phalanx.wire.guarded): 127 + 26 n bytes. A planner may be anything: what it says is in the log, auditors replay the
+guard over it, and whatever it says the command is inside the envelope.
 
-It tries the wish, then smaller shares of it, and brakes if none leaves room (guard_law.py). It stands still
+It tries the wish, then smaller shares of it, and brakes if none leaves room and keeps what it promised. It stands still
 
 - when advice is too old, or was never given, or is no finite velocity: such advice is none at all;
 - for the first `forget_ms`, to hear who is there;
@@ -19,9 +20,11 @@ Source: docs/guard.md (the law, and why it keeps clear); RoboRebound Alg. 1 (the
 
 from __future__ import annotations
 
+import math
+
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
-from phalanx.robot.controllers import guard_law, neighbours
+from phalanx.robot.controllers import guard_law, neighbours, promises
 from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
 from phalanx.wire import guarded, table
@@ -56,15 +59,16 @@ MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading
 SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
 WISH_X, WISH_Y = map(guarded.WISH.at, ("vx_mps", "vy_mps"))
-MOTION_BYTES = table.STATE.size - MOTION
-NUMBERS = MOTION_BYTES // F32_BYTES
+VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
+PLACE_BYTES = VELOCITY_X - MOTION
+NUMBERS = (STATE_BYTES - MOTION) // F32_BYTES
 
 ENVELOPE_BYTES = guarded.ENVELOPE_BYTES
 OLD_X, OLD_Y, WISHED_X, WISHED_Y = map(guarded.GUARD_MEMORY.at, ("ax_mps2", "ay_mps2", "vx_mps", "vy_mps"))
 FRESH, WISHED, STANDS, COUNT = map(guarded.GUARD_MEMORY.at, ("fresh", "wished", "stands", "count"))
 HEAD_BYTES = guarded.GUARD_MEMORY.size
 EACH_BYTES, HEARD = neighbours.EACH_BYTES, neighbours.HEARD
-PLACE_X, PLACE_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m"))
+PLACE_X, PLACE_Y, SAID_X, SAID_Y = map(table.NEIGHBOUR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 REMEMBERED = (FRESH - OLD_X) // F32_BYTES  # numbers, from OLD_X on
 WISH_NUMBERS = (WISH_BYTES - WISH_X) // F32_BYTES
 # Of a claim, m: what rounding to f32 leaves, at 10^6 m.
@@ -104,6 +108,9 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
         return False
     if get_u64(state, WISHED) < 0 or get_u64(state, STANDS) < 0:
         return False
+    for at in range(promises.MADE_AT, promises.END, promises.EACH_BYTES):
+        if get_u64(state, at + promises.UNTIL) < 0 or not are_fine(state, at + promises.PROMISED_X, promises.NUMBERS):
+            return False
     for k in range(ENVELOPE_BYTES):
         if state[k] != whole(params[guard_law.HASH + k]):
             return False
@@ -171,53 +178,121 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     if state[FRESH] == guarded.IS_FRESH:
         state[FRESH] = 0
         put_u64(state, WISHED, t_ms)
-    ax, ay = 0.0, 0.0
+    ax, ay, said = 0.0, 0.0, whole(0)
     known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
     known = known and are_fine(reading, MOTION, NUMBERS)
     if known:
         neighbours.forget(forget_ms, t_ms, state, HEAD_BYTES)
-        ax, ay = _command(params, t_ms, reading, state)
+        now = _now(reading, state)
+        if (step + rob_id) % whole(params[guard_law.STATE_EVERY]) == 0:
+            at = put_head(out, end + COMMAND_BYTES, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
+            copy(out, at + MOTION, reading, MOTION, PLACE_BYTES)
+            _put_velocity(out, at, *_promised(params, t_ms, now, state))
+            # As others will read it: one that rounding makes a promise is one.
+            said_x, said_y = get_f32(out, at + VELOCITY_X), get_f32(out, at + VELOCITY_Y)
+            _put_velocity(out, at, *promises.make(params, t_ms, state, said_x, said_y))
+            said = at + STATE_BYTES
+        ax, ay = _command(params, t_ms, now, state)
     put_f32(out, end + AX, ax)
     put_f32(out, end + AY, ay)
     put_f32(state, OLD_X, ax)
     put_f32(state, OLD_Y, ay)
-    end += COMMAND_BYTES
-    if known and (step + rob_id) % whole(params[guard_law.STATE_EVERY]) == 0:
-        end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
-        copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
-        end += STATE_BYTES
-    return end
+    return max(end + COMMAND_BYTES, said)
 
 
 @kernel
-def _command(params: Params, t_ms: int, reading: Row, state: Row) -> tuple[float, float]:
-    vx, vy = get_f32(reading, SENSED_VX), get_f32(reading, SENSED_VY)
+def _put_velocity(out: Row, at: int, x: float, y: float) -> None:
+    put_f32(out, at + VELOCITY_X, x)
+    put_f32(out, at + VELOCITY_Y, y)
+
+
+@kernel
+def _wished(params: Params, t_ms: int, state: Row) -> tuple[float, float]:
+    """The wish that counts now; (0, 0) if there is none."""
     wished = get_u64(state, WISHED)
-    if wished > 0 and t_ms - wished <= whole(params[guard_law.ADVICE_MS]) and t_ms >= get_u64(state, STANDS):
+    if wished == 0 or t_ms - wished > whole(params[guard_law.ADVICE_MS]):
+        return 0.0, 0.0
+    return get_f32(state, WISHED_X), get_f32(state, WISHED_Y)
+
+
+@kernel
+def _now(reading: Row, state: Row) -> guard_law.Motion:
+    x, y = get_f32(reading, SENSED_X), get_f32(reading, SENSED_Y)
+    vx, vy = get_f32(reading, SENSED_VX), get_f32(reading, SENSED_VY)
+    return x, y, vx, vy, get_f32(state, OLD_X), get_f32(state, OLD_Y)
+
+
+@kernel
+def _command(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
+    vx, vy = now[2], now[3]
+    wish_x, wish_y = _wished(params, t_ms, state)
+    if (wish_x != 0.0 or wish_y != 0.0) and t_ms >= get_u64(state, STANDS):
+        wish_x, wish_y = guard_law.shortened(wish_x, wish_y, promises.slowest_mps(params, t_ms, state))
         for share in guard_law.SHARES:
-            to_x, to_y = share * get_f32(state, WISHED_X), share * get_f32(state, WISHED_Y)
-            ax, ay = guard_law.towards(params, vx, vy, to_x, to_y)
-            if _is_good(params, t_ms, reading, state, ax, ay):
+            ax, ay = guard_law.towards(params, vx, vy, share * wish_x, share * wish_y)
+            if _is_good(params, t_ms, now, state, ax, ay):
                 return ax, ay
     return guard_law.towards(params, vx, vy, 0.0, 0.0)
 
 
 @kernel
-def _is_good(params: Params, t_ms: int, reading: Row, state: Row, ax: float, ay: float) -> bool:
-    """Whether the robot can do that, and still brakes before it touches what it knows of."""
-    x, y = get_f32(reading, SENSED_X), get_f32(reading, SENSED_Y)
-    vx, vy = get_f32(reading, SENSED_VX), get_f32(reading, SENSED_VY)
-    now = (x, y, vx, vy, get_f32(state, OLD_X), get_f32(state, OLD_Y))
+def _is_good(params: Params, t_ms: int, now: guard_law.Motion, state: Row, ax: float, ay: float) -> bool:
+    """Whether the robot can do that, keeps what it promised, and still brakes before it touches what it knows of."""
+    x, y, vx, vy = now[0], now[1], now[2], now[3]
+    period = params[guard_law.PERIOD_S]
+    then = (vx + period * ax, vy + period * ay)
+    off, rests = guard_law.off_mps(params, now, ax, ay), guard_law.held_mps(params, ax, ay)
+    if not promises.are_kept(params, t_ms, state, then, off, rests):
+        return False
     if not guard_law.clear_of_walls(params, now, ax, ay):
         return False
     next_x, next_y, last_x, last_y, spread, bulge, stands_s = guard_law.way(params, now, ax, ay)
     for at in range(HEAD_BYTES, size(state), EACH_BYTES):
-        there_x, there_y = get_f32(state, at + PLACE_X), get_f32(state, at + PLACE_Y)
-        age_ms = t_ms - get_u64(state, at + HEARD)
-        near = bulge + guard_law.reach_m(params, age_ms, params[guard_law.HELD_S])
-        far = spread + guard_law.reach_m(params, age_ms, stands_s)
+        there_x, there_y, near = _reach(params, t_ms, state, at, params[guard_law.HELD_S])
+        near += bulge
         if guard_law.past(there_x, there_y, x, y, next_x, next_y) < near * near:
             return False
+        there_x, there_y, far = _reach(params, t_ms, state, at, stands_s)
+        far += spread
         if guard_law.past(there_x, there_y, next_x, next_y, last_x, last_y) < far * far:
             return False
     return True
+
+
+@kernel
+def _promised(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tuple[float, float]:
+    """What it promises: as much of its wish as is fair to each neighbour, if its brakes are in that.
+
+    Else what they are in; and if it is too fast for that, or nobody is near, nothing but the envelope's speed.
+    """
+    speed = params[guard_law.SPEED]
+    gx, gy = guard_law.shortened(*_wished(params, t_ms, state), promises.MEANT * speed)
+    share, alone = 1.0, True
+    for at in range(HEAD_BYTES, size(state), EACH_BYTES):
+        there_x, there_y, _ = _reach(params, t_ms, state, at, 0.0)
+        gap_x, gap_y = there_x - now[0], there_y - now[1]
+        fair = promises.fair_mps(params, gap_x, gap_y)
+        closing = promises.closing_mps(params, gx, gy, gap_x, gap_y)
+        alone = alone and fair >= speed
+        if closing > fair:
+            share = min(share, fair / closing)
+    if alone:
+        return speed, 0.0
+    g, v = (share * gx, share * gy), (now[2], now[3])
+    late = guard_law.held_mps(params, now[4], now[5])  # brakes change the velocity's length alone, but for this
+    for _ in range(2):
+        if promises.holds(params, g, v, late, late):
+            return g
+        fast = math.sqrt(v[0] * v[0] + v[1] * v[1])
+        longer = promises.MEANT * (fast + late) / max(fast, guard_law.STILL_MPS)
+        g = (longer * v[0], longer * v[1])
+    return speed, 0.0
+
+
+@kernel
+def _reach(params: Params, t_ms: int, state: Row, at: int, later_s: float) -> tuple[float, float, float]:
+    """Where the neighbour that is at `at` can be so much later: a middle, and how far from it."""
+    place = (get_f32(state, at + PLACE_X), get_f32(state, at + PLACE_Y))
+    said = (get_f32(state, at + SAID_X), get_f32(state, at + SAID_Y))
+    known_s = (t_ms - get_u64(state, at + HEARD) + params[guard_law.RADIO_MS]) * 1e-3
+    return promises.reach(params, place, said, known_s + later_s)
