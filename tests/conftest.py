@@ -13,6 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import asynccontextmanager, contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -29,6 +30,7 @@ from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
 from phalanx.io.ports import free_port
 from phalanx.io.site import Site
+from zygote import Forked, is_plain
 
 ROOT = Path(__file__).parent.parent
 PHALANX = [sys.executable, "-m", "phalanx"]
@@ -183,19 +185,26 @@ class Turns:
         asyncio.get_running_loop().call_later(0.001, self._turn)
 
 
+def start(
+    *arguments: str, env: dict[str, str] | None = None, fresh: bool = False, **files
+) -> subprocess.Popen | Forked:
+    """`phalanx …`, begun from nothing if `fresh`, or if its environment asks for another beginning (zygote.py)."""
+    env = env or {}
+    if fresh or not is_plain(env):
+        return subprocess.Popen([*PHALANX, *arguments], text=True, cwd=ROOT, env=os.environ | env, **files)
+    return Forked(arguments, cwd=ROOT, env=os.environ | env, **files)
+
+
 class Child:
     """`phalanx …` as a child: its lines of stdout as they come, its stderr, its exit code."""
 
-    def __init__(self, *arguments: str, env: dict[str, str] | None = None, stdin: int | None = subprocess.DEVNULL):
+    def __init__(
+        self, *arguments: str, env: dict[str, str] | None = None, stdin: int | None = subprocess.DEVNULL, fresh=False
+    ):
         in_real_time()
-        self.process = subprocess.Popen(
-            [*PHALANX, *arguments],
-            stdin=stdin,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"} | (env or {}),
+        env = {"PYTHONUNBUFFERED": "1"} | (env or {})
+        self.process = start(
+            *arguments, env=env, fresh=fresh, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
         self.out: list[str] = []
         self.err: list[str] = []
@@ -237,17 +246,24 @@ class Child:
         return code
 
 
-def run(*arguments: str, timeout_s: float = 60, env: dict | None = None, **more) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [*PHALANX, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=timeout_s,
-        cwd=ROOT,
-        env=os.environ | (env or {}),
-        check=False,
-        **more,
-    )
+def run(
+    *arguments: str,
+    timeout_s: float = 60,
+    env: dict | None = None,
+    fresh: bool = False,
+    input: str = "",  # noqa: A002
+) -> subprocess.CompletedProcess:
+    with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        said.write(input)
+        said.seek(0)
+        process = start(*arguments, env=env, fresh=fresh, stdin=said, stdout=out, stderr=err)
+        try:
+            code = process.wait(timeout_s)
+        finally:
+            process.kill()
+        out.seek(0)
+        err.seek(0)
+        return subprocess.CompletedProcess(arguments, code, out.read(), err.read())
 
 
 def called(*arguments: str) -> subprocess.CompletedProcess:
