@@ -18,7 +18,8 @@ import pytest
 from conftest import a_broker, a_server, eventually
 from phalanx.io import Client
 from phalanx.io.children import die_with_parent
-from phalanx.io.guard import Door, House
+from phalanx.io.guard import Door
+from phalanx.io.house import House
 from test_guard import frame, hello, many_files, the_guard
 from test_strangers import Stranger, connect, with_length
 

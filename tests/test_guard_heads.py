@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from conftest import a_broker, a_server
 from phalanx.io import Client
-from phalanx.io.guard import House
 from phalanx.io.heads import HEADS, NEW_WORDS, Proof, Standing
+from phalanx.io.house import House
 from phalanx.io.seats import KNOWN_PERCENT, Seats, place_of
 from phalanx.io.turns import ROUND, SHARE, TURN, Turns
 from test_guard import frame, many_files, subscribe

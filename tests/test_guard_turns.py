@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import eventually
-from phalanx.io.guard import IN_LINE, PATIENCE, WAITING_IN_ALL_BYTES, House
 from phalanx.io.heads import Standing
 from phalanx.io.heard import Heard
+from phalanx.io.house import IN_LINE, PATIENCE, READ_BYTES, WAITING_IN_ALL_BYTES, House
 from phalanx.io.pace import Pace
 from phalanx.io.seats import Seats
 from phalanx.io.server import Server
 from phalanx.io.turns import SHARE, Turns
-from phalanx.io.visitor import LATE_S, READ_BYTES, Visitor
+from phalanx.io.visitor import LATE_S, Visitor
 from phalanx.io.websocket import frame_head
 from test_guard import frame, hello, subscribe
 from test_strangers import connect, with_length
@@ -353,14 +353,14 @@ class TestWhoIsHungUpOn:
         one.hear(subscribe(b"/qrkey/t/reply/1", b"/qrkey/t/notify"))
         other.hear(subscribe(b"/qrkey/t/reply/2", b"/qrkey/t/notify"))
         await turns_of_the_loop(4)
-        assert house._readers == {b"/qrkey/t/reply/1": one, b"/qrkey/t/reply/2": other}
+        assert house.readers._of == {b"/qrkey/t/reply/1": one, b"/qrkey/t/reply/2": other}
         one.hear(with_length(0xA2, b"\x00\x01\x00\x10/qrkey/t/reply/1") + subscribe(b"/qrkey/t/reply/2"))
         await turns_of_the_loop(4)
-        assert house._readers == {b"/qrkey/t/reply/2": one}
+        assert house.readers._of == {b"/qrkey/t/reply/2": one}
         assert (one._transport.aborted, other._transport.aborted) == (0, 0)
         assert not other.answers
         one.leave()
-        assert not house._readers
+        assert not house.readers._of
 
     async def test_nothing_is_said_to_who_has_gone(self):
         house = House("", 10)
@@ -404,11 +404,11 @@ class TestWhoIsHungUpOn:
         visitors = [visitor_of(house, place="crowd" if n < 100 else "elsewhere")[0] for n in range(101)]
         for visitor in visitors:
             visitor.ask = lambda visitor=visitor: asked.append(visitor)
-            house.asks(visitor)
+            house.line.asks(visitor)
         assert asked == visitors[:IN_LINE]
         visitors[IN_LINE].leave()
         for _ in range(2):
-            house.answered()
+            house.line.answered()
         assert asked[IN_LINE:] == [visitors[-1], visitors[IN_LINE + 1]] or asked[IN_LINE:] == [
             visitors[IN_LINE + 1],
             visitors[-1],

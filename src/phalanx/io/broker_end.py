@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .visitor import Visitor
+from typing import Protocol
 
 ASK_AGAIN_S = 0.01
 
@@ -32,10 +29,26 @@ async def connected(path: str) -> socket.socket:
         raise
 
 
+class Told(Protocol):
+    """Whom the broker speaks to (visitor.Visitor is one)."""
+
+    def tell(self, data: bytes) -> None:
+        """The broker said something."""
+
+    def hold_up(self) -> None:
+        """It does not keep up."""
+
+    def go_on(self) -> None:
+        """It does again."""
+
+    def say_goodbye(self) -> None:
+        """It has hung up."""
+
+
 class Broker(asyncio.Protocol):
     """The broker's end of a visitor's connection."""
 
-    def __init__(self, visitor: Visitor) -> None:
+    def __init__(self, visitor: Told) -> None:
         self._visitor = visitor
 
     def data_received(self, data: bytes) -> None:

@@ -10,26 +10,23 @@ import select
 import socket
 import termios
 import time
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from phalanx.errors import PeerError
 
 from .broker_end import Broker, connected
 from .heads import NEW_WORDS, Proof, Standing
+from .house import House
 from .pace import Pace
 from .questions import Held
 from .turns import TURN
 from .visitor_packets import PINGREQ, PUBLISH, SUBSCRIBE, UNSUBSCRIBE, VisitorPackets, is_question
 from .websocket import BINARY, NoWebsocketError, Websocket, frame_head
 
-if TYPE_CHECKING:
-    from .guard import House
-
 HELLO_S = 5.0  # from a connection to its CONNECT
 # What waits for it: two lists of a thousand robots on their way to a slow phone.
 WAITING_BYTES = 3 * 1024 * 1024
 STALLED_S = 20.0
-READ_BYTES = 64 * 1024
 MORE_BYTES = 4096  # whoever said more is heard before more of it is read
 # What one may say a second, and at once: packets, their `WORD_BYTES`, and websocket's frames, of which published phones
 # send six for each packet. More waits; and what waited here is dropped, if it may be a command that comes late.
@@ -154,7 +151,7 @@ class Visitor(asyncio.BufferedProtocol):
                 return not (self._said or (self._websocket and self._websocket.has_more))
             if self._broker is None:  # the first is its CONNECT
                 self._hello, self._is_held_up = packet, True
-                self._house.asks(self)
+                self._house.line.asks(self)
             elif min(left, may_say) <= 0 or (words > 1 and not is_much and self._little.wait_s(now_s, words)):
                 self._next = packet, words  # when it is its turn again, or that of who says much
                 return False
@@ -208,7 +205,7 @@ class Visitor(asyncio.BufferedProtocol):
             return False
         kind = packet[0]
         if kind in (SUBSCRIBE, UNSUBSCRIBE):
-            self._house.reads(self, self._packets.answers)
+            self._house.readers.reads(self, self._packets.answers)
         self.pace.said(words)
         self._little.said(words)
         self._new_words -= words
@@ -273,7 +270,7 @@ class Visitor(asyncio.BufferedProtocol):
     def _is_answered(self) -> None:
         if self._in_line:
             self._in_line = False
-            self._house.answered()
+            self._house.line.answered()
 
     def loses(self, name: bytes) -> None:
         """Another one reads the answers on this topic now."""
