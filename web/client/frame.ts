@@ -3,18 +3,8 @@
 import type { Json, JsonObject } from "./core/json";
 import { readWalk } from "./mission";
 import type { Place } from "./places";
-import {
-  objectsOf,
-  type Robot,
-  readMode,
-  readNumber,
-  readPointXy,
-  readRgb,
-  readRobot,
-  readStatus,
-  readThreshold,
-  readWaypoints,
-} from "./robot";
+import { objectsOf, readNumber, readPointXy } from "./reading";
+import { type Robot, readMode, readRgb, readRobot, readStatus, readThreshold, readWaypoints } from "./robot";
 import { type Audit, readAudit, readShield } from "./shield";
 import { type Point, Trail } from "./trail";
 

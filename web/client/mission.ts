@@ -1,7 +1,7 @@
 // Missions: how far each robot is, what they have decoded, and how much is still dark (docs/spec/vocabulary.md).
 
 import type { Json, JsonObject } from "./core/json";
-import { readNumber, readPointXy, readText } from "./robot";
+import { readNumber, readPointXy, readText } from "./reading";
 import type { Point } from "./trail";
 
 export const PHASES = ["waiting", "seeking", "returning", "held", "done"] as const;

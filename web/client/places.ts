@@ -2,7 +2,7 @@
 
 import { decodeBase64url } from "./core/base64url";
 import type { Json } from "./core/json";
-import { readNumber } from "./robot";
+import { readNumber } from "./reading";
 import { PASS_BY, PLACE, TURN_DEG } from "./wire";
 
 export interface Place {

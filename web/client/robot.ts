@@ -1,10 +1,9 @@
 // A robot as the vocabulary describes it (docs/spec/vocabulary.md), read from words that may be anything.
-//
-// Every reader here returns a value that can be drawn, or undefined: never NaN, never more than a screen or memory holds.
 
-import { isObject, type Json, type JsonObject } from "./core/json";
+import { isObject, type Json } from "./core/json";
 import { isAddress } from "./core/topics";
 import type { Walk } from "./mission";
+import { readNumber, readPoint, readText } from "./reading";
 import type { Audit, Shield } from "./shield";
 import { type Point, Trail } from "./trail";
 
@@ -46,7 +45,6 @@ export interface Robot {
 // 64 that a server takes, and where the robot stood.
 const MOST_WAYPOINTS = 65;
 const LONGEST_NAME = 32;
-const FURTHEST = 1e7;
 export const DEFAULT_THRESHOLD = 40;
 export const UNNAMED = "Robot";
 
@@ -71,20 +69,6 @@ export function readRobot(words: Json | undefined): Robot | undefined {
     audited: undefined,
     walk: undefined,
   };
-}
-
-export function readNumber(word: unknown, least: number, most: number): number | undefined {
-  return typeof word === "number" && word >= least && word <= most ? word : undefined;
-}
-
-export function readPointXy(x: unknown, y: unknown): Point | undefined {
-  const checkedX = readNumber(x, -FURTHEST, FURTHEST);
-  const checkedY = readNumber(y, -FURTHEST, FURTHEST);
-  return checkedX === undefined || checkedY === undefined ? undefined : { x: checkedX, y: checkedY };
-}
-
-export function readPoint(words: Json | undefined): Point | undefined {
-  return isObject(words) ? readPointXy(words["x"], words["y"]) : undefined;
 }
 
 export function readDirection(word: unknown): number | undefined {
@@ -135,14 +119,6 @@ function readPoints(words: Json | undefined, most: number): readonly Point[] | u
   return points;
 }
 
-/** A peer's words as they can be shown; undefined if nothing of them can. */
-export function readText(word: unknown, longest: number): string | undefined {
-  if (typeof word !== "string") return undefined;
-  // Control characters break a line; direction marks can make one name look like another robot's.
-  const shown = word.replace(/[\p{C}\u2028\u2029]/gu, "").trim();
-  return shown === "" ? undefined : Array.from(shown).slice(0, longest).join("");
-}
-
 function readApplication(word: unknown): string {
   const number = readNumber(word, 0, 999);
   return number !== undefined && Number.isInteger(number) ? String(number) : "0";
@@ -161,11 +137,6 @@ export function label(robot: { readonly name: string; readonly address: string }
 /** For the map: older servers know no names, and a map full of "Robot" names nobody. */
 export function shortName(robot: { readonly name: string; readonly address: string }): string {
   return robot.name === UNNAMED ? shortAddress(robot.address) : robot.name;
-}
-
-/** The objects among the entries of a list; none if it is no list. */
-export function objectsOf(words: Json | undefined): readonly JsonObject[] {
-  return Array.isArray(words) ? (words as readonly Json[]).filter(isObject) : [];
 }
 
 /** What a gateway says in lower case, as in its log, as a page says it. */

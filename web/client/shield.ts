@@ -1,7 +1,7 @@
 // Shields: which neighbours vouch for a robot and for how long, and how audits end (docs/spec/vocabulary.md).
 
 import { isObject, type Json } from "./core/json";
-import { readNumber, readText } from "./robot";
+import { readNumber, readText } from "./reading";
 
 /** What keeps a robot alive: so many tokens of different neighbours, each of which counts for so long. */
 export interface ShieldTerms {

@@ -9,16 +9,8 @@ import { type Missions, missionsInFrame, readMissions, readWalk, readWalls, with
 import { change, join, lastingInFrame, list, MOST_ROBOTS, move, moveInFrame, NOTIFY_FRAME } from "./frame";
 import type { Said } from "./lately";
 import { readPlaces } from "./places";
-import {
-  objectsOf,
-  type Robot,
-  readBattery,
-  readDirection,
-  readNumber,
-  readPoint,
-  readRobot,
-  readText,
-} from "./robot";
+import { objectsOf, readNumber, readPoint, readText } from "./reading";
+import { type Robot, readBattery, readDirection, readRobot } from "./robot";
 import { type Audit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
 import { Trail } from "./trail";
 
