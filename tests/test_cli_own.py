@@ -9,9 +9,9 @@ import pytest
 
 from conftest import PHALANX, ROOT
 from phalanx.sim import Scenario, simulate
+from phalanx.sim.scenarios.attack_spec import parse_attack
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attacks, mistakes_in
-from phalanx.sim.scenarios.scenario import parse_attack
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 

@@ -9,8 +9,9 @@ import pytest
 
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]  # the first run after a kernel has changed compiles the world
 

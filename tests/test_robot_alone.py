@@ -29,8 +29,9 @@ from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import UdpRadio, parsed
 from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD, FRAME_MAX
 
 ROBOT = """robot: 3

@@ -15,8 +15,9 @@ from phalanx.config import BtiConfig
 from phalanx.errors import Unavailable
 from phalanx.sim.audited.setup import audits_share
 from phalanx.sim.scenarios import run as run_module
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 

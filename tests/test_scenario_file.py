@@ -18,6 +18,7 @@ from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import (
     MOST_BYTES,
     SCHEMA_NAME,
@@ -27,7 +28,7 @@ from phalanx.sim.scenarios.file import (
     scenario_schema,
 )
 from phalanx.sim.scenarios.play import play
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 
 DATA = Path(phalanx.__file__).parent / "data"
 SPOOF = AttackSpec(name="spoof")

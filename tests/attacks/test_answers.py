@@ -21,7 +21,8 @@ from phalanx.robot.attacks.liar import MOTION
 from phalanx.robot.controllers.dispatch import NUMBERS
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.sim.audited.setup import limits_of, power_up
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import KIND_STATE
 

@@ -12,8 +12,8 @@ from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import Airtime, FlockTrial, Stop, airtime_since, sent, try_attack
 from phalanx.experiments.trial import said_of
 from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec
 
 TOLD = {"duration_s": 60.0}
 SAME = {"harm": 0.0, "attacked": TOLD, "honest": TOLD, "honest_distance_m": 0.0, "stops": ()}

@@ -18,8 +18,8 @@ from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.flock_law import flock_params
 from phalanx.robot.controllers.python_controller import Act, Controller, Send, compiled
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec
 from phalanx.wire.table import ACCELERATION
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_controller.py"

@@ -9,8 +9,8 @@ from trials import AT_S, END_S, F_MAX, Trial, honest, scenario
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.harm import ASTRAY
 from phalanx.robot.attacks.hijack import Dawdle
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec
 
 LONG_S = 90.0
 ENDS_S = (END_S, LONG_S, 150.0)

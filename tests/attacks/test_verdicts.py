@@ -14,8 +14,8 @@ from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.robot.attacks.liar import Plan, lying
 from phalanx.sim.audited.world import PYTHON, clock_ms
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec
 
 PAGE = Path(__file__).parents[2] / "docs" / "attacks.md"
 # Why auditors refuse, where the attack is about what they are shown.

@@ -25,8 +25,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
-from phalanx.sim.scenarios.scenario import Scenario, for_robots
-from phalanx.sim.scenarios.starts import WHEELS
+from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather

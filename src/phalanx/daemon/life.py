@@ -23,8 +23,9 @@ from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
 from phalanx.robot.planner import MakePlanner, Planner, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of, plan_of
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 
 from .driver import Hardware
 from .kept_log import KeptLog

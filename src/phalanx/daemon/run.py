@@ -20,8 +20,7 @@ from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.run import MakeController, with_room
-from phalanx.sim.scenarios.scenario import Scenario, for_robots
-from phalanx.sim.scenarios.starts import WHEELS
+from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import Base, make_driver
 from .kept_log import KeptLog

@@ -13,8 +13,7 @@ from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_key
 from phalanx.robot.signer import Signer
-from phalanx.sim.scenarios.scenario import Scenario
-from phalanx.sim.scenarios.starts import WHEELS
+from phalanx.sim.scenarios.scenario import WHEELS, Scenario
 
 from .run import mission_in
 

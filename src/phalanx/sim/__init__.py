@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from phalanx.loading import loaded_when_used
 
 if TYPE_CHECKING:
+    from .scenarios.attack_spec import AttackSpec
     from .scenarios.file import find_scenario
     from .scenarios.result import Result
-    from .scenarios.scenario import AttackSpec, Scenario
+    from .scenarios.scenario import Scenario
     from .scenarios.simulate import simulate
     from .swarms.dotbots import Dotbots
 

@@ -19,7 +19,8 @@ from phalanx.errors import ALIKE, UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
 from phalanx.sim.builtin import built_in
 
-from .scenario import AttackSpec, Scenario
+from .attack_spec import AttackSpec
+from .scenario import Scenario
 
 MOST_BYTES = 1 << 16
 HINT = "a file ends in .yaml; phalanx sim list shows built-in ones"

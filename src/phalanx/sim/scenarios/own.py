@@ -23,7 +23,8 @@ from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.controllers.python_controller import Controller, OwnMistake
 from phalanx.robot.planner import MakePlanner, Planner
 
-from .scenario import CONTROLLERS, AttackSpec, Scenario, in_scenarios, parse_attack
+from .attack_spec import AttackSpec, parse_attack
+from .scenario import CONTROLLERS, Scenario, in_scenarios
 
 TRACEBACK_HINT = "phalanx --log-level debug shows the whole traceback"
 # Raised where no line of a researcher's file runs, these say nothing of it.

@@ -36,7 +36,8 @@ from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
 from phalanx.wire.table import SENSOR
 
-from .scenario import AttackSpec, Scenario, in_scenarios
+from .attack_spec import AttackSpec
+from .scenario import Scenario, in_scenarios
 
 MakeController = Callable[[int], Controller]
 # Robots that never lie again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import string
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Literal, get_args
@@ -18,20 +18,19 @@ from phalanx.config.guard import GuardConfig
 from phalanx.config.parameter import check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.robot.attacks.attack import Attack
-from phalanx.robot.attacks.library import ATTACKS, IN_SWARMS
+from phalanx.robot.attacks.library import IN_SWARMS
 from phalanx.robot.controllers.declaration import bundled
 from phalanx.robot.controllers.protocol import Task, protocols
 from phalanx.wire.guarded import GUARD_MEMORY, WISH
 
-from .starts import WHEELS, starts_of
+from .attack_spec import LONGEST_S, AttackSpec
 
 PROTOCOLS = tuple(protocols())  # in plain Python
 CONTROLLERS = (*bundled(), *PROTOCOLS)
 GUARD = "guard"  # the one that planners advise
+WHEELS = "wheels"  # the one that obeys orders
 Formation = Literal["grid", "line", "ring", "islands"]
 MOST_ROBOTS = 65_535
-LONGEST_S = 7 * 86_400.0
 # A log of more neighbours does not fit a request; nor does a channel carry that of 130.
 MOST_NEIGHBOURS = 340
 # A flock that closes up has more neighbours than its grid: so many times as many are provided for, and a few.
@@ -41,36 +40,6 @@ ROWS = ("line", "ring")  # one robot behind the other
 ORDERS_AS_NEIGHBOURS = 40
 KEY_DIGITS = 64
 MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AttackSpec:
-    """Who lies how, from when to when.
-
-    Raises: UsageError: a value is out of range.
-    Source: RoboRebound §5.3 (from 15 s).
-    """
-
-    name: str = field(metadata=told("of one of the attacks in robot/attacks"))
-    robot: int | None = field(default=None, metadata=told("id of who is compromised; None: the seed chooses"))
-    at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
-    until_s: float | None = field(default=None, metadata=told("when it is honest again; None for never"))
-    options: Mapping[str, float | str] = field(
-        default_factory=dict, hash=False, metadata=told("the attack's own, by name")
-    )
-    own: Attack | None = field(default=None, hash=False)  # an attack that is not in the library, whatever `name` says
-
-    @property
-    def attack(self) -> Attack:
-        """What it is."""
-        return self.own or ATTACKS[self.name]
-
-    def __post_init__(self) -> None:
-        check_limits(self)
-        if self.until_s is not None and not self.at_s < self.until_s < math.inf:
-            raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
-        if self.own or self.name in ATTACKS:  # for others a scenario has words of its own
-            self.attack.check(self.options)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,8 +140,28 @@ class Scenario:
 
     @property
     def starts_m(self) -> list[tuple[float, float]]:
-        """N places, where the robots stand at first; all are at rest."""
-        return starts_of(self)
+        """N places, where the robots stand at first, in the order of ids; all are at rest.
+
+        Raises: UsageError: robots on wheels do not fit into their area.
+        """
+        n, step_m, row = self.robots, self.grid_step_m, self.robots_per_edge
+        if self.controller == WHEELS:
+            corner_m = [(side_m - step_m * (row - 1)) / 2 for side_m in self.area_m]
+            if min(corner_m) <= 0:
+                raise UsageError(f"area_m has no room for {n} robots", "a larger one, or a smaller grid_step_m")
+            return [(corner_m[0] + i % row * step_m, corner_m[1] + i // row * step_m) for i in range(n)]
+        if self.formation == "ring":
+            radius_m, turn = step_m / 2 / math.sin(math.pi / max(n, 2)), math.tau / n
+            around = [(math.cos(i * turn), math.sin(i * turn)) for i in range(n)]
+            # To the millimetre: a cosine's last bit is not the same on all machines.
+            return [(round(radius_m * (1 + x), 3), round(radius_m * (1 + y), 3)) for x, y in around]
+        edge = n if self.formation == "line" else row
+        apart_m = edge * step_m + math.ceil(self.radio.range_m)
+        return [
+            (i % edge * step_m + nth * apart_m, i // edge * step_m)
+            for nth, robots in enumerate(self.grids)
+            for i in range(robots)
+        ]
 
     @property
     def task(self) -> Task:
@@ -327,66 +316,9 @@ def for_robots(scenario: Scenario) -> Scenario:
     """The same. Raises: UsageError: its controller runs in simulations alone, or robots have no room."""
     if scenario.controller in PROTOCOLS or scenario.controller not in (*in_scenarios(), WHEELS):
         raise UsageError(f"{scenario.controller} is not for a robot's own process", "flock, guard or wheels")
-    starts_of(scenario)  # which have room
+    _ = scenario.starts_m  # which have room
     return scenario
-
-
-def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
-    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
-
-    Args:
-        words: these.
-        own: what it is, if it is not in the library.
-    Raises: UsageError: it is not of that form.
-    """
-    name, colon, rest = words.partition(":")
-    hint = "NAME[:robot=I,at=T,until=T,OPTION=VALUE,…], for example spoof:robot=7,at=15"
-    if not name or (colon and not rest):
-        raise UsageError(f"{words!r} is not an attack", hint)
-    said: dict[str, float | str] = {}
-    for part in rest.split(",") if rest else ():
-        key, equals, value = part.partition("=")
-        if not (key and equals and value):
-            raise UsageError(f"{part!r} in {words!r} is not OPTION=VALUE", hint)
-        if key in said:
-            raise UsageError(f"{key} twice in {words!r}", hint)
-        said[key] = _number(value)
-    try:
-        return make_attack(name, said, own)
-    except UsageError as error:
-        raise UsageError(f"{words!r}: {error}", error.hint) from error
-
-
-def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None = None) -> AttackSpec:
-    """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
-
-    Raises: UsageError: robot, at or until is not a number.
-    """
-    options = dict(said)
-    times = {key: options.pop(key) for key in ("at", "until") if key in options}
-    robot = options.pop("robot", None)
-    for key, value in times.items():
-        if isinstance(value, str):
-            raise UsageError(f"{key} of {name} is {value!r}", "seconds")
-    if robot is not None and (isinstance(robot, str) or robot != int(robot)):
-        raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
-    return AttackSpec(
-        name=name,
-        robot=None if robot is None else int(robot),
-        at_s=float(times.get("at", 15.0)),
-        until_s=float(times["until"]) if "until" in times else None,
-        options=options,
-        own=own,
-    )
 
 
 def _none_such(what: str, name: str, known: Sequence[str]) -> UsageError:
     return UsageError(f"no {what} {name!r}", f"{did_you_mean(name, known)}one of {', '.join(known)}")
-
-
-def _number(words: str) -> float | str:
-    try:
-        value = float(words)
-    except ValueError:
-        return words
-    return value if math.isfinite(value) else words

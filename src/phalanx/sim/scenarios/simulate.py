@@ -26,13 +26,14 @@ from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.watch import VerdictReader
 from phalanx.sim.compiling import telling_of_compiling
 
+from .attack_spec import AttackSpec
 from .cautions import cautions
 from .file import find_scenario
 from .own import find_attacks, find_controller, find_planner
 from .play import STEP_S, play
 from .result import VERDICT, Result
 from .run import Run
-from .scenario import AttackSpec, Scenario
+from .scenario import Scenario
 
 # Between two looks at what other processes have done, and two lines on how far compiling is, seconds.
 LOOK_S, TELL_S = 0.1, 15.0

@@ -1,0 +1,101 @@
+"""Who lies how in a scenario, from when to when; and the words for it: `spoof:robot=7,at=15`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from phalanx.config.parameter import check_limits, told, within
+from phalanx.errors import UsageError
+from phalanx.robot.attacks.attack import Attack
+from phalanx.robot.attacks.library import ATTACKS
+
+LONGEST_S = 7 * 86_400.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttackSpec:
+    """Who lies how, from when to when.
+
+    Raises: UsageError: a value is out of range.
+    Source: RoboRebound §5.3 (from 15 s).
+    """
+
+    name: str = field(metadata=told("of one of the attacks in robot/attacks"))
+    robot: int | None = field(default=None, metadata=told("id of who is compromised; None: the seed chooses"))
+    at_s: float = within(15.0, 0.0, LONGEST_S, "when it begins to lie")
+    until_s: float | None = field(default=None, metadata=told("when it is honest again; None for never"))
+    options: Mapping[str, float | str] = field(
+        default_factory=dict, hash=False, metadata=told("the attack's own, by name")
+    )
+    own: Attack | None = field(default=None, hash=False)  # an attack that is not in the library, whatever `name` says
+
+    @property
+    def attack(self) -> Attack:
+        """What it is."""
+        return self.own or ATTACKS[self.name]
+
+    def __post_init__(self) -> None:
+        check_limits(self)
+        if self.until_s is not None and not self.at_s < self.until_s < math.inf:
+            raise UsageError(f"until_s is {self.until_s:g}", f"later than {self.at_s:g}, when {self.name} begins")
+        if self.own or self.name in ATTACKS:  # for others a scenario has words of its own
+            self.attack.check(self.options)
+
+
+def parse_attack(words: str, own: Attack | None = None) -> AttackSpec:
+    """The attack of `NAME[:robot=I,at=T,until=T,OPTION=VALUE,…]`, times in seconds.
+
+    Args:
+        words: these.
+        own: what it is, if it is not in the library.
+    Raises: UsageError: it is not of that form.
+    """
+    name, colon, rest = words.partition(":")
+    hint = "NAME[:robot=I,at=T,until=T,OPTION=VALUE,…], for example spoof:robot=7,at=15"
+    if not name or (colon and not rest):
+        raise UsageError(f"{words!r} is not an attack", hint)
+    said: dict[str, float | str] = {}
+    for part in rest.split(",") if rest else ():
+        key, equals, value = part.partition("=")
+        if not (key and equals and value):
+            raise UsageError(f"{part!r} in {words!r} is not OPTION=VALUE", hint)
+        if key in said:
+            raise UsageError(f"{key} twice in {words!r}", hint)
+        said[key] = _number(value)
+    try:
+        return make_attack(name, said, own)
+    except UsageError as error:
+        raise UsageError(f"{words!r}: {error}", error.hint) from error
+
+
+def make_attack(name: str, said: Mapping[str, float | str], own: Attack | None = None) -> AttackSpec:
+    """The attack `name` with what was said of it: robot, at, until, and the rest as its options.
+
+    Raises: UsageError: robot, at or until is not a number.
+    """
+    options = dict(said)
+    times = {key: options.pop(key) for key in ("at", "until") if key in options}
+    robot = options.pop("robot", None)
+    for key, value in times.items():
+        if isinstance(value, str):
+            raise UsageError(f"{key} of {name} is {value!r}", "seconds")
+    if robot is not None and (isinstance(robot, str) or robot != int(robot)):
+        raise UsageError(f"robot of {name} is {robot!r}", "a robot's id, a whole number")
+    return AttackSpec(
+        name=name,
+        robot=None if robot is None else int(robot),
+        at_s=float(times.get("at", 15.0)),
+        until_s=float(times["until"]) if "until" in times else None,
+        options=options,
+        own=own,
+    )
+
+
+def _number(words: str) -> float | str:
+    try:
+        value = float(words)
+    except ValueError:
+        return words
+    return value if math.isfinite(value) else words
