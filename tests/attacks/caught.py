@@ -15,6 +15,7 @@ from trials import scenario
 from phalanx.bti import request
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import Fleet
+from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
 from phalanx.sim.scenarios.run import Run
 
@@ -55,7 +56,7 @@ class Judge:
         self.fleet, self.config, self.work = fleet, config, make_work(config)
 
     def __call__(self, tee: int, tor: int, q: bytes) -> tuple[int, bytes]:
-        """The refusal, and the controller's state where the replay ended."""
+        """The refusal, and the controller's state where the replay ended, nothing if it never began."""
         f, w = self.fleet, self.work
         w.state[:] = 0
         room = f.rx.shape[2]
@@ -64,9 +65,9 @@ class Judge:
         f.rx_info[tor, 0].len = min(len(q), room)
         refused = int(node.knock(f, tor, w, 0, tee + 1))
         if not refused:
-            node.judge(f, tor, w, 0, tee + 1)
-            refused = int(w.told[node.TOLD_REFUSAL])
-        return refused, w.state.tobytes()
+            refused = int(node.judge(f, tor, w, 0, tee + 1))
+        replayed = refused == 0 or refused >= Refusal.STATE_MALFORMED
+        return refused, w.state.tobytes() if replayed else b""
 
     def elsewhere(self, requests: list[tuple[int, int, bytes]], tmp_path: Path) -> list[tuple[int, str]]:
         """The same verdicts from another process, in which nothing is compiled; the states as hex."""

@@ -33,7 +33,13 @@ EQUIVALENT = HERE / "mutants.json"
 # None of these simulates a swarm: uncompiled that takes minutes.
 TESTS = ["test_refusals.py", "test_refusals_of_form.py", "test_room_of_audits.py", "test_door.py"]
 # Modules, and which of their functions; all of them if none is named.
-KERNELS = {"bti/audit": (), "robot/auditor": (), "robot/node": ("hear_audit", "knock", "admit", "judge", "answer")}
+KERNELS = {
+    "bti/audit": (),
+    "bti/log": ("piece_at",),
+    "bti/request": ("admit",),
+    "robot/auditor": (),
+    "robot/node": ("hear_audit", "knock", "judge", "answer"),
+}
 MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
 CPU_S = 20  # a mistake may be a loop without an end

@@ -13,15 +13,15 @@ from trials import AT_S, F_MAX, run, scenario
 
 from phalanx.bti import request, rounds
 from phalanx.config import BtiConfig
-from phalanx.robot import node
 from phalanx.robot.attacks import IN_FLOCKS
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 
 # Either guard is enough, for an old token is for an old checkpoint too; but not while the same one is still pending.
 OLD_TOKENS = (Hole(rounds, "on_token", " and t >= p.asked_ms and p.claimed == number"),)
 OTHER_CHECKPOINTS = (Hole(rounds, "on_token", " and p.claimed == number"),)
-SAME_REQUEST = (Hole(node, "admit", "t <= f.peer[i, at].took_t or "),)
+SAME_REQUEST = (Hole(request, "admit", "t <= f.peer[i, at].took_t or "),)
 # If newcomers push nobody out, 4 starve; if robots may also begin more than one request each T_audit / 2, all do.
 PLACES = (
     Hole(request, "_place", "return oldest", "return oldest if f.rx_info[i, oldest].src == 0 else -1"),

@@ -10,10 +10,10 @@ import pytest
 from phalanx.bti import request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
-from phalanx.robot import node
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import AttackSpec, Scenario
+from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import AUDIT_FRAGMENT
 
 LIAR = AttackSpec(name="refuse-to-audit", robot=1, at_s=5.0)
@@ -77,14 +77,14 @@ def test_all_neighbours_at_once_are_audited_and_no_more_than_that():
     shares = 2 * bti.t_val_ms // bti.t_audit_ms
     assert bti.n_max == 24
     taken = [
-        node.admit(auditor.fleet, 0, src, share, auditor.now_ms + share)
+        request.admit(auditor.fleet, 0, src, share, auditor.now_ms + share)
         for share in range(1, shares + 2)
         for src in range(2, 26)
     ]
     assert sum(taken) == bti.audits_taken == 24 * shares, "its work is bounded"
     assert all(taken[: bti.audits_taken])
-    assert node.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + bti.t_val_ms + 1), "and goes on"
-    assert not node.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + 2 * bti.t_val_ms), "no request twice"
+    assert request.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + bti.t_val_ms + 1), "and goes on"
+    assert not request.admit(auditor.fleet, 0, 2, shares + 2, auditor.now_ms + 2 * bti.t_val_ms), "no request twice"
 
 
 @pytest.mark.parametrize("n_max", [4, 24, 100])

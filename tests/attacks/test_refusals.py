@@ -14,8 +14,9 @@ from caught import MARKS, Judge
 from test_answers import BOOT_MS, VICTIM, Asking
 
 from phalanx.bti import log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND
+from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import BOUND, PENDING
+from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
 from phalanx.robot.attacks.liar import MOTION

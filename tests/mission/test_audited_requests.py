@@ -42,9 +42,7 @@ class Shown:
         fleet.rx_info[tor, 0].len = len(q)
         refused = node.knock(fleet, tor, work, 0, tee + 1)
         if not refused:
-            work.told[node.TOLD_PLACE], work.told[node.TOLD_TEE] = 0, tee + 1
-            assert self.run.robots[tor].cnode._judge() == node.REPLY
-            refused = work.told[node.TOLD_REFUSAL]
+            refused = self.run.robots[tor].cnode._judge(0, tee + 1)
         return Refusal(int(refused))
 
 
@@ -190,8 +188,7 @@ def test_bundled_controllers_take_no_evidence():
         fleet.rx[tor, 0, : len(q)] = q
         fleet.rx_info[tor, 0].len = len(q)
         assert node.knock(fleet, tor, made.world.work, 0, tee + 1) == 0
-        node.judge(fleet, tor, made.world.work, 0, tee + 1)
-        return Refusal(int(made.world.work.told[node.TOLD_REFUSAL]))
+        return Refusal(int(node.judge(fleet, tor, made.world.work, 0, tee + 1)))
 
     assert verdict(items) is Refusal.NONE
     assert verdict([*items[:k], marked(b"x"), *items[k:]]) is Refusal.ENTRY_MALFORMED

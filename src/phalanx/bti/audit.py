@@ -22,13 +22,11 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import log, memo, request, rounds, trusted
 from .fleet import BOUND, PAPER, Fleet, records
-from .log import CHECKPOINT, EVIDENCE, EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH, FLUSH_A, FLUSH_S, MARK, MARK_BYTES
+from .log import CHECKPOINT, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, EVIDENCE, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
 
 INPUT, RECV, SEND, ACMD = table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD
 END = 0
-ENTRY_HEAD_BYTES = table.ENTRY_HEADER_BYTES
-ENTRY_T, ENTRY_LENGTH = map(table.ENTRY.at, ("t", "payload"))
 OUTPUT_LENGTH = table.OUTPUT.at("payload")
 OUTPUT_HEAD_BYTES = table.OUTPUT.size
 
@@ -42,7 +40,7 @@ CASE = np.dtype(
         ("at", "i8"),  # where in the request the replay stands
         ("end", "i8"),
         ("step", "i8"),
-        ("due", "i8"),  # of the next INPUT, ms of the auditee's clock
+        ("due", "i8"),  # of the next INPUT, ms of the auditee's clock; at first what the start says
         ("entry_t", "i8"),
         ("payload_at", "i8"),
         ("payload_len", "i8"),
@@ -64,8 +62,8 @@ class Work(NamedTuple):
     case: NDArray[Any]  # (1,) CASE, how far the audit is
     batch: NDArray[np.uint8]  # (2, ...): entries of the s- and of the a-chain that are not hashed yet
     held: NDArray[np.int64]  # (2, 2): of each, how many entries, and bytes
-    tops: NDArray[np.uint8]  # (4, 20): s- and a-chain while they are re-hashed, and at the checkpoint
-    state: NDArray[np.uint8]  # the replayed controller's state, behind room for the rest of a checkpoint
+    tops: NDArray[np.uint8]  # (2, 20): s- and a-chain while they are re-hashed
+    state: NDArray[np.uint8]  # the replayed controller's state, behind the rest of a checkpoint
     out: NDArray[np.uint8]  # outputs of one step of the controller
     waiting: NDArray[np.uint8]  # outputs that the log still has to show, as entries of their cause's time
     evidence: NDArray[np.uint8]  # what the log keeps beside the INPUT; as long as the longest that is read
@@ -85,7 +83,7 @@ def make_work(config: BtiConfig) -> Work:
         case=records(1, CASE),
         batch=np.zeros((2, config.batch_size * entry), np.uint8),
         held=np.zeros((2, 2), np.int64),
-        tops=np.zeros((4, HASH_BYTES), np.uint8),
+        tops=np.zeros((2, HASH_BYTES), np.uint8),
         state=np.zeros(config.checkpoint_capacity_bytes + rounds.CHECKPOINT_BYTES, np.uint8),
         out=np.zeros(2 * entry, np.uint8),
         waiting=np.zeros(4 * entry, np.uint8),
@@ -124,6 +122,8 @@ def open_request(w: Work, q: Row, length: int, src: int) -> int:
         return Refusal.MALFORMED
     if c.tee != src:
         return Refusal.NOT_THE_SENDER
+    c.step = 0 if q[request.AT_FLAGS] else get_u32(q, c.start_at + rounds.AT_STEP)
+    c.due = get_u32(q, c.start_at + (rounds.AT_T_KEY if q[request.AT_FLAGS] else rounds.AT_DUE))
     return 0
 
 
@@ -136,8 +136,6 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
     if refused == 0:
         refused = check_authenticators(f, i, w, q)
     if refused == 0:
-        if w.case[0].known:
-            memo.resume_chains(f.memo, w)
         refused = check_chains(f, w, q)
     return int(refused)
 
@@ -146,43 +144,38 @@ def examine(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
 def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
     """The log begins at boot, or at a checkpoint that f_max + 1 auditors vouch for. Source: RoboRebound §3.6, §3.7."""
     c, s = w.case[0], f.settings[0]
-    c.known = memo.recall(f.memo, w, q) if s.controller != 0 and s.plain == 0 else 0
     c.newest = -1
     c.checkpoints = 0
     c.marked = 0
     if q[request.AT_FLAGS]:
-        c.step = 0
         # A mission key of tomorrow would make no reading due until then, and the checkpoint would vouch for it.
-        t_key = get_u32(q, c.start_at + rounds.AT_T_KEY)
-        if t_key > c.t:
+        if c.due > c.t:
             return Refusal.OUT_OF_ORDER
-        c.due = t_key + rounds.phase_of(s.mission_seed, c.tee, s.t_control)
         # Nodes forward nothing before they have the key: who claims it came later than it did has heard too early.
-        c.newest = t_key
-        w.tops[0:2] = 0
-        return 0
-    copy(w.state, 0, q, c.start_at, c.start_len)
-    if c.known:
+        c.newest = c.due
+        c.due += rounds.phase_of(s.mission_seed, c.tee, s.t_control)
+        w.tops[:] = 0
+    c.known = memo.recall(f.memo, w, q) if s.controller != 0 and s.plain == 0 else 0
+    if q[request.AT_FLAGS] or c.known:
         return 0
     if c.tokens < s.f_max + 1:
         return Refusal.TOO_FEW_TOKENS
     if c.tokens > 2 * s.f_max + 1:
         return Refusal.MALFORMED
+    copy(w.state, 0, q, c.start_at, c.start_len)
+    copy(w.tops[0], 0, w.state, rounds.AT_S_TOP, HASH_BYTES)
+    copy(w.tops[1], 0, w.state, rounds.AT_A_TOP, HASH_BYTES)
     hckpt = w.small[3]
     trusted.sha1(w.state, c.start_len, hckpt)
     for k in range(c.tokens):
         at = request.HEAD_BYTES + k * request.TOKEN_BYTES
-        tor = get_u16(q, at + request.TOKEN_TOR)
+        tor, t = get_u16(q, at + request.TOKEN_TOR), get_u32(q, at + request.TOKEN_T)
         for other in range(k):
             if get_u16(q, request.HEAD_BYTES + other * request.TOKEN_BYTES + request.TOKEN_TOR) == tor:
                 return Refusal.TOKEN_TWICE
-        t, mac = get_u32(q, at + request.TOKEN_T), q[at + request.TOKEN_MAC : at + request.TOKEN_BYTES]
+        mac = q[at + request.TOKEN_MAC : at + request.TOKEN_BYTES]
         if trusted.anode_check_token(s.profile, f.anode[i], tor, c.tee, t, hckpt, mac) != 0:
             return Refusal.TOKEN_INVALID
-    c.due = get_u32(q, c.start_at + rounds.AT_DUE)
-    c.step = get_u32(q, c.start_at + rounds.AT_STEP)
-    copy(w.tops[0], 0, q, c.start_at + rounds.AT_S_TOP, HASH_BYTES)
-    copy(w.tops[1], 0, q, c.start_at + rounds.AT_A_TOP, HASH_BYTES)
     return 0
 
 
@@ -214,69 +207,51 @@ def _flush(w: Work, chain: int) -> None:
 
 
 @kernel
-def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0915 - one pass over the bytes
+def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912 - one pass over the bytes
     """The entries are well formed, in order and complete, and both chains re-hash to the tops shown.
 
+    The tops at the checkpoint are then in `w.state`, as its hash covers them.
     Source: RoboRebound §3.7, §3.8; docs/spec/rebound.md (free interleaving, starving the sensors).
     """
     c, s = w.case[0], f.settings[0]
     bound = s.profile == BOUND
     w.held[:] = 0
-    at, newest, due, checkpoints = c.at, c.newest, c.due, c.checkpoints
-    longest = ENTRY_HEAD_BYTES + s.frame_max
-    after_input = False
+    at, newest, due, checkpoints, kind = c.at, c.newest, c.due, c.checkpoints, END
     while at < c.end:
-        kind = q[at]
-        if kind == EVIDENCE:
-            size = get_u16(q, at + EVIDENCE_LENGTH) if after_input and at + EVIDENCE_HEAD_BYTES <= c.end else 0
-            if size == 0 or size > w.evidence.shape[0] or at + EVIDENCE_HEAD_BYTES + size > c.end:
+        begin, before = at, kind
+        kind, payload_at, at = log.piece_at(q, begin, c.end)
+        size = at - payload_at
+        if INPUT <= kind <= ACMD and 0 < size <= s.frame_max:
+            t = get_u32(q, begin + ENTRY_T)
+            if bound:
+                if t < newest - s.skew or t > c.t:
+                    return Refusal.OUT_OF_ORDER
+                newest = max(newest, t)
+            if kind == INPUT:
+                if bound and (t < due - s.delta or t > due + s.delta):
+                    return Refusal.INPUT_OFF_GRID
+                due += s.t_control
+            elif kind != ACMD and q[payload_at] & MARK:
+                return Refusal.AUDIT_FRAME_LOGGED
+            chain = 0 if kind == INPUT else 1
+            copy(w.batch[chain], w.held[chain, 1], q, begin, at - begin)
+            w.held[chain, 0] += 1
+            w.held[chain, 1] += at - begin
+            if w.held[chain, 0] == s.batch_size:
+                _flush(w, chain)
+        elif kind in (FLUSH_S, FLUSH_A):
+            _flush(w, kind - FLUSH_S)
+        elif kind == CHECKPOINT:
+            if w.held[0, 1] + w.held[1, 1] > 0:
+                return Refusal.CHECKPOINT_NOT_FLUSHED
+            checkpoints += 1
+            copy(w.state, rounds.AT_S_TOP, w.tops[0], 0, HASH_BYTES)
+            copy(w.state, rounds.AT_A_TOP, w.tops[1], 0, HASH_BYTES)
+        elif kind == EVIDENCE:
+            if before != INPUT or size == 0 or size > w.evidence.shape[0]:
                 return Refusal.ENTRY_MALFORMED
-            after_input = False
-            at += EVIDENCE_HEAD_BYTES + size
-            continue
-        after_input = kind == INPUT
-        if kind == log.ADVICE:
-            size = get_u16(q, at + log.ADVICE_LENGTH) if at + log.ADVICE_HEAD_BYTES <= c.end else 0
-            if size == 0 or at + log.ADVICE_HEAD_BYTES + size > c.end:
-                return Refusal.ENTRY_MALFORMED
-            at += log.ADVICE_HEAD_BYTES + size
-            continue
-        if kind & MARK:
-            if kind in (FLUSH_S, FLUSH_A):
-                _flush(w, kind - FLUSH_S)
-            elif kind == CHECKPOINT:
-                if w.held[0, 1] + w.held[1, 1] > 0:
-                    return Refusal.CHECKPOINT_NOT_FLUSHED
-                checkpoints += 1
-                copy(w.tops[2], 0, w.tops[0], 0, HASH_BYTES)
-                copy(w.tops[3], 0, w.tops[1], 0, HASH_BYTES)
-            else:
-                return Refusal.ENTRY_MALFORMED
-            at += MARK_BYTES
-            continue
-        if at + ENTRY_HEAD_BYTES > c.end or kind < INPUT or kind > ACMD:
+        elif kind != log.ADVICE or size == 0:
             return Refusal.ENTRY_MALFORMED
-        t = get_u32(q, at + ENTRY_T)
-        length = ENTRY_HEAD_BYTES + get_u16(q, at + ENTRY_LENGTH)
-        if at + length > c.end or length > longest or length == ENTRY_HEAD_BYTES:
-            return Refusal.ENTRY_MALFORMED
-        if bound:
-            if t < newest - s.skew or t > c.t:
-                return Refusal.OUT_OF_ORDER
-            newest = max(newest, t)
-        if kind == INPUT:
-            if bound and (t < due - s.delta or t > due + s.delta):
-                return Refusal.INPUT_OFF_GRID
-            due += s.t_control
-        elif kind != ACMD and q[at + ENTRY_HEAD_BYTES] & MARK:
-            return Refusal.AUDIT_FRAME_LOGGED
-        chain = 0 if kind == INPUT else 1
-        copy(w.batch[chain], w.held[chain, 1], q, at, length)
-        w.held[chain, 0] += 1
-        w.held[chain, 1] += length
-        if w.held[chain, 0] == s.batch_size:
-            _flush(w, chain)
-        at += length
     if bound and due < c.t - s.delta:
         return Refusal.INPUT_MISSING
     if checkpoints != 1:
@@ -290,64 +265,50 @@ def check_chains(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901, PLR0912, PLR0
 
 
 @kernel
-def next_event(f: Fleet, w: Work, q: Row) -> int:
+def next_event(f: Fleet, w: Work, q: Row) -> int:  # noqa: C901 - as long as the list of what may stand there
     """The replay goes on to the next entry that the controller must see, comparing outputs on its way.
 
     Returns: INPUT or RECV with `case.entry_t`, `payload_at`, `payload_len` and `evidence_len` set; ADVICE with the
-        payload's two; CHECKPOINT; END; or minus a refusal.
+        payload's two; CHECKPOINT with all of it but the controller's state in `w.state`; END; or minus a refusal.
     Source: RoboRebound §3.7.
     """
     c, s = w.case[0], f.settings[0]
     while c.at < c.end:
-        kind = q[c.at]
+        begin = c.at
+        kind, c.payload_at, c.at = log.piece_at(q, begin, c.end)
+        last = c.at
+        c.payload_len = last - c.payload_at
+        c.evidence_len = 0
+        if kind == INPUT and last < c.end and q[last] == EVIDENCE:
+            _, evidence_at, c.at = log.piece_at(q, last, c.end)
+            c.evidence_len = c.at - evidence_at
+            copy(w.evidence, 0, q, evidence_at, c.evidence_len)
         c.marked = 0
         if kind == log.ADVICE:
-            c.payload_at = c.at + log.ADVICE_HEAD_BYTES
-            c.payload_len = get_u16(q, c.at + log.ADVICE_LENGTH)
-            c.at = c.payload_at + c.payload_len
             return log.ADVICE
         if kind & MARK:
             c.marked = 1
-            c.at += MARK_BYTES
             if kind == CHECKPOINT:
+                put_u32(w.state, rounds.AT_DUE, c.due)
+                put_u32(w.state, rounds.AT_STEP, c.step)
                 return -Refusal.OUTPUT_PENDING if c.waiting > 0 else CHECKPOINT
             continue
-        c.entry_t = get_u32(q, c.at + ENTRY_T)
-        c.payload_at = c.at + ENTRY_HEAD_BYTES
-        c.payload_len = get_u16(q, c.at + ENTRY_LENGTH)
-        c.at = c.payload_at + c.payload_len
-        c.evidence_len = 0
-        if kind == INPUT and c.at < c.end and q[c.at] == EVIDENCE:
-            c.evidence_len = get_u16(q, c.at + EVIDENCE_LENGTH)
-            copy(w.evidence, 0, q, c.at + EVIDENCE_HEAD_BYTES, c.evidence_len)
-            c.at += EVIDENCE_HEAD_BYTES + c.evidence_len
+        c.entry_t = get_u32(q, begin + ENTRY_T)
         if s.profile == BOUND and c.waiting > 0 and c.entry_t > get_u32(w.waiting, ENTRY_T) + s.delta:
             return -Refusal.OUTPUT_LATE
         if kind <= RECV:
             return int(kind)
-        refused = _compare(w, q, kind)
-        if refused:
-            return -refused
+        if c.waiting == 0:
+            return -Refusal.OUTPUT_UNCALLED
+        # The first output that replay still waits for; from the length on, as its time is its cause's.
+        length = last - begin
+        if w.waiting[0] != kind or not same(w.waiting, ENTRY_LENGTH, q, begin + ENTRY_LENGTH, length - ENTRY_LENGTH):
+            return -Refusal.OUTPUT_WRONG
+        c.waiting -= length
+        copy(w.waiting, 0, w.waiting, length, c.waiting)
     if c.waiting > 0 and (s.profile == PAPER or c.t > get_u32(w.waiting, ENTRY_T) + s.delta):
         return -Refusal.OUTPUT_MISSING
     return END
-
-
-@kernel
-def _compare(w: Work, q: Row, kind: int) -> int:
-    """A logged output is the first one that replay still waits for."""
-    c = w.case[0]
-    if c.waiting == 0:
-        return Refusal.OUTPUT_UNCALLED
-    length = get_u16(w.waiting, ENTRY_LENGTH)
-    if w.waiting[0] != kind or length != c.payload_len:
-        return Refusal.OUTPUT_WRONG
-    if not same(w.waiting, ENTRY_HEAD_BYTES, q, c.payload_at, length):
-        return Refusal.OUTPUT_WRONG
-    used = ENTRY_HEAD_BYTES + length
-    copy(w.waiting, 0, w.waiting, used, c.waiting - used)
-    c.waiting -= used
-    return 0
 
 
 @kernel
@@ -373,11 +334,6 @@ def expect(f: Fleet, w: Work, length: int) -> int:
 @kernel
 def check_state(w: Work, q: Row, state_len: int) -> int:
     """The replayed state, of so many bytes in `w.state`, is what the claimed hash covers. Source: RoboRebound §3.7."""
-    c = w.case[0]
-    put_u32(w.state, rounds.AT_DUE, c.due)
-    put_u32(w.state, rounds.AT_STEP, c.step)
-    copy(w.state, rounds.AT_S_TOP, w.tops[2], 0, HASH_BYTES)
-    copy(w.state, rounds.AT_A_TOP, w.tops[3], 0, HASH_BYTES)
     hckpt = w.small[3]
     trusted.sha1(w.state, rounds.CHECKPOINT_BYTES + state_len, hckpt)
     if not same(hckpt, 0, q, request.AT_HCKPT, HASH_BYTES):
@@ -391,9 +347,9 @@ def issue(f: Fleet, i: int, w: Work, q: Row, mac: Row) -> int:
 
     Returns: 0 or `Refusal.REQUEST_INVALID`. Source: RoboRebound Alg. 4.
     """
-    tee, t = w.case[0].tee, get_u32(q, request.AT_T)
+    c = w.case[0]
     top = q[request.AT_TOP_A : request.AT_TOP_A + HASH_BYTES]
     hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES]
     treq = q[request.AT_TREQ_MAC : request.AT_TREQ_MAC + MAC_BYTES]
-    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], tee, t, top, treq, hckpt, mac)
+    code = trusted.anode_issue_token(f.settings[0].profile, f.anode[i], c.tee, c.t, top, treq, hckpt, mac)
     return 0 if code >= 0 else Refusal.REQUEST_INVALID

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from phalanx.kernel import kernel
 from phalanx.wire import guarded, table
-from phalanx.wire.fields import Row, copy
+from phalanx.wire.fields import Row, copy, get_u16, whole
 
 from .fleet import Fleet
 
+ENTRY_HEAD_BYTES = table.ENTRY_HEADER_BYTES
+ENTRY_T, ENTRY_LENGTH = map(table.ENTRY.at, ("t", "payload"))
 MARK = table.MARK
 MARK_BYTES = table.CHECKED.size
 FLUSH_S, FLUSH_A, CHECKPOINT = table.MARK_FLUSH_S, table.MARK_FLUSH_A, table.MARK_CHECKPOINT
@@ -22,6 +24,27 @@ EVIDENCE_LENGTH = table.EVIDENCE.at("bytes")
 ADVICE = guarded.MARK_ADVICE
 ADVICE_HEAD_BYTES = guarded.ADVICE.size
 ADVICE_LENGTH = guarded.ADVICE.at("bytes")
+CUT = -1  # no kind of any entry or mark
+
+
+@kernel
+def piece_at(raw: Row, at: int, end: int) -> tuple[int, int, int]:
+    """What `raw[:end]` has at `at`: an entry, a mark, evidence or advice.
+
+    Returns: its kind, or CUT if it is not there to its end; where its payload begins, a mark's being empty; its end.
+    Source: docs/spec/rebound.md.
+    """
+    kind = whole(raw[at])
+    head, length_at = ENTRY_HEAD_BYTES, ENTRY_LENGTH
+    if kind == EVIDENCE:
+        head, length_at = EVIDENCE_HEAD_BYTES, EVIDENCE_LENGTH
+    elif kind == ADVICE:
+        head, length_at = ADVICE_HEAD_BYTES, ADVICE_LENGTH
+    elif kind & MARK:
+        return kind, at + MARK_BYTES, at + MARK_BYTES
+    payload_at = at + head
+    last = payload_at + get_u16(raw, at + length_at) if payload_at <= end else payload_at
+    return (kind if last <= end else CUT), payload_at, last
 
 
 @kernel

@@ -46,7 +46,7 @@ class Memo(NamedTuple):
 
     passed: NDArray[Any]  # (S,) PASSED
     shown: NDArray[np.uint8]  # (S, R), the request
-    tops: NDArray[np.uint8]  # (S, 4, 20)
+    tops: NDArray[np.uint8]  # (S, 2, 20)
     state: NDArray[np.uint8]  # (S, C + 48), the controller's, behind the rest of a checkpoint
     waiting: NDArray[np.uint8]  # (S, W), outputs that the log still has to show
 
@@ -60,7 +60,7 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
     made = Memo(
         passed=np.zeros(slots, PASSED).view(np.recarray),
         shown=sparse(slots, request_bytes),
-        tops=np.zeros((slots, 4, HASH_BYTES), np.uint8),
+        tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
         state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
         waiting=np.zeros((slots, waiting_bytes), np.uint8),
     )
@@ -69,7 +69,11 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
 
 @kernel
 def recall(memo: Memo, w: Any, q: Row) -> int:
-    """How much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing."""
+    """How much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing.
+
+    If something has, `w` is as it was where that audit ended: the case, both chains, the controller's state, and the
+    outputs that it waits for.
+    """
     c = w.case[0]
     slot = c.tee % len(memo.passed)
     passed, shown = memo.passed[slot], memo.shown[slot]
@@ -77,37 +81,21 @@ def recall(memo: Memo, w: Any, q: Row) -> int:
     if passed.tee != c.tee or n > c.end or c.t < passed.t or q[FLAGS] != shown[FLAGS]:
         return 0
     # Of the head all but what is looked at each time: the checkpoint's hash and how long the parts are.
-    if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT):
+    if not same(q, HCKPT, shown, HCKPT, LENGTH - HCKPT) or not same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES):
         return 0
-    return int(n) if same(q, HEAD_BYTES, shown, HEAD_BYTES, n - HEAD_BYTES) else 0
-
-
-@kernel
-def resume_chains(memo: Memo, w: Any) -> None:
-    """The case and both chains are as they were where the audit ended of what is known."""
-    c = w.case[0]
-    slot = c.tee % len(memo.passed)
-    passed = memo.passed[slot]
-    c.at = passed.length
+    c.at = n
     c.step = passed.step
     c.due = passed.due
     c.newest = passed.newest
     c.checkpoints = 1
     c.marked = 1
-    for k in range(4):
-        copy(w.tops[k], 0, memo.tops[slot, k], 0, HASH_BYTES)
-
-
-@kernel
-def resume_replay(memo: Memo, w: Any) -> int:
-    """The controller's state is as it was there, and so are the outputs that it waits for; the state's length."""
-    c = w.case[0]
-    slot = c.tee % len(memo.passed)
-    passed = memo.passed[slot]
     c.waiting = passed.waiting
-    copy(w.state, 0, memo.state[slot], 0, CHECKPOINT_BYTES + passed.state_len)
-    copy(w.waiting, 0, memo.waiting[slot], 0, passed.waiting)
-    return int(passed.state_len)
+    c.state_len = passed.state_len
+    for k in range(2):
+        copy(w.tops[k], 0, memo.tops[slot, k], 0, HASH_BYTES)
+    copy(w.state, 0, memo.state[slot], 0, CHECKPOINT_BYTES + c.state_len)
+    copy(w.waiting, 0, memo.waiting[slot], 0, c.waiting)
+    return int(n)
 
 
 @kernel
@@ -132,7 +120,7 @@ def remember(memo: Memo, w: Any, q: Row, known: int) -> None:
     passed.newest = c.newest
     passed.waiting = c.waiting
     passed.state_len = c.state_len
-    for k in range(4):
+    for k in range(2):
         copy(memo.tops[slot, k], 0, w.tops[k], 0, HASH_BYTES)
     copy(memo.state[slot], 0, w.state, 0, CHECKPOINT_BYTES + c.state_len)
     copy(memo.waiting[slot], 0, w.waiting, 0, c.waiting)

@@ -240,3 +240,21 @@ def _may_begin(f: Fleet, i: int, src: int, now: int) -> bool:
         return False
     f.peer[i, at].took = now
     return True
+
+
+@kernel
+def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
+    """Whether one more request is audited: what N_max neighbours may ask in T_val, and no token request twice.
+
+    Each neighbour's share of that is its own: `take_fragment` begins one request of each in T_audit / 2.
+    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0027.
+    """
+    r, s = f.robot[i], f.settings[0]
+    oldest = r.accepted % f.taken.shape[1]
+    at = peer_at(f, i, src)
+    if at < 0 or t <= f.peer[i, at].took_t or now - f.taken[i, oldest] < s.t_val:
+        return False
+    f.peer[i, at].took_t = t
+    f.taken[i, oldest] = now
+    r.accepted += 1
+    return True

@@ -256,7 +256,7 @@ def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
         return
     f.token[i, which, at].tor = tor
     f.token[i, which, at].t = t
-    copy(f.token[i, which, at].mac, 0, mac, 0, MAC_BYTES)
+    f.token[i, which, at].mac[:] = mac
     if at == n:
         if which == START:
             r.tokens_start = n + 1
@@ -267,6 +267,7 @@ def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
 @kernel
 def _promote(f: Fleet, i: int) -> None:
     r = f.robot[i]
+    truncate(f, i)
     copy(f.checkpoint[i, START], 0, f.checkpoint[i, PENDING], 0, r.pending_len)
     copy(f.hckpt[i, START], 0, f.hckpt[i, PENDING], 0, HASH_BYTES)
     r.start_len = r.pending_len
@@ -276,7 +277,6 @@ def _promote(f: Fleet, i: int) -> None:
         f.token[i, START, k] = f.token[i, PENDING, k]
     r.tokens_start = r.tokens_pending
     r.tokens_pending = 0
-    truncate(f, i)
 
 
 @kernel

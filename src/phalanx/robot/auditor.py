@@ -45,10 +45,10 @@ def replay(f: Fleet, w: Work, q: Row) -> int:
             n = dispatch.on_input(
                 s.controller, f.params, c.tee, c.step, c.entry_t, payload, c.payload_len, state, w.out
             )
+            state_len = dispatch.size(s.controller, state)
             refused = audit.expect(f, w, n)
             if refused:
                 return int(refused)
-            state_len = dispatch.size(s.controller, state)
         else:
             refused = audit.check_state(w, q, state_len)
             if refused:
@@ -60,7 +60,7 @@ def _begin(f: Fleet, w: Work, q: Row, state: Row) -> int:
     """The length of the state from which the log is replayed, in `state`; -1 if that is none."""
     c, s = w.case[0], f.settings[0]
     if c.known:
-        return memo.resume_replay(f.memo, w)
+        return int(c.state_len)
     if q[AT_FLAGS]:
         return int(dispatch.begin(s.controller, f.params, c.tee, state))
     length = c.start_len - CHECKPOINT_BYTES

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_T, INPUT, SEND, Work
+from phalanx.bti.audit import ACMD, INPUT, SEND, Work
 from phalanx.bti.fleet import PLAIN, Fleet
+from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
 from phalanx.errors import PeerError
@@ -134,7 +135,8 @@ class CNode:
             self.controller.on_recv(self._entry_time(), frame)
             self.keep_state()
         if told == node.WHOLE:
-            told = self._judge()
+            place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
+            told = int(node.answer(self.f, self.i, self.w, place, src, self._judge(place, src)))
         return self.judged(now_ms) if told == node.REPLY else []
 
     def on_round(self, now_ms: int) -> list[Action]:
@@ -265,17 +267,16 @@ class CNode:
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
             self.f.robot[self.i].state_len = len(state)
 
-    def _judge(self) -> int:
+    def _judge(self, place: int, src: int) -> int:
         """As `node.judge`, with the mission's plain-Python controller."""
-        place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
         q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
         refused = audit.examine(self.f, self.i, self.w, q, length, src)
         if not refused:
             try:
                 refused = self._replay(q)
             except Exception:  # noqa: BLE001 - whatever a log makes a researcher's controller raise, it earns no token
-                refused = int(Refusal.CONTROLLER_FAILED)
-        return int(node.answer(self.f, self.i, self.w, place, src, refused))
+                refused = Refusal.CONTROLLER_FAILED
+        return int(refused)
 
     def _replay(self, q: Row) -> int:
         assert self.make_controller

@@ -8,8 +8,9 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 from __future__ import annotations
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, RECV, SEND, Work
+from phalanx.bti.audit import ACMD, INPUT, RECV, SEND, Work
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
+from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE
@@ -149,13 +150,13 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
         w.told[TOLD_TEE] = src
         w.told[TOLD_PLACE] = place
         refused = knock(f, i, w, place, src)
-        if refused:
-            return answer(f, i, w, place, src, refused)
-        if not admit(f, i, src, w.case[0].t, now):
-            return NOTHING
-        if f.settings[0].controller == 0:
-            return WHOLE
-        return judge(f, i, w, place, src)
+        if refused == 0:
+            if not request.admit(f, i, src, w.case[0].t, now):
+                return NOTHING
+            if f.settings[0].controller == 0:
+                return WHOLE
+            refused = judge(f, i, w, place, src)
+        return answer(f, i, w, place, src, refused)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(frame, request.REPLY_T), frame[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         if rounds.on_token(f, i, src, t, mac, now) == 0:
@@ -180,39 +181,21 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 
 @kernel
-def admit(f: Fleet, i: int, src: int, t: int, now: int) -> bool:
-    """Whether one more request is audited: what N_max neighbours may ask in T_val, and no token request twice.
-
-    Each neighbour's share of that is its own: `take_fragment` begins one request of each in T_audit / 2.
-    Source: RoboRebound §5.1, which has 6 f_max; docs/adr/0027.
-    """
-    r, s = f.robot[i], f.settings[0]
-    oldest = r.accepted % f.taken.shape[1]
-    at = rounds.peer_at(f, i, src)
-    if at < 0 or t <= f.peer[i, at].took_t or now - f.taken[i, oldest] < s.t_val:
-        return False
-    f.peer[i, at].took_t = t
-    f.taken[i, oldest] = now
-    r.accepted += 1
-    return True
-
-
-@kernel
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """The request in `f.rx[i, place]` audited with a bundled controller; the token, if any, is in `w.frame`.
+    """The request in `f.rx[i, place]` is audited with a bundled controller.
 
-    Returns: REPLY; `told[TOLD_REFUSAL]` says what was found. Source: RoboRebound §3.7.
+    Returns: 0 or a `Refusal`. Source: RoboRebound §3.7.
     """
     q, length = f.rx[i, place], f.rx_info[i, place].len
     refused = audit.examine(f, i, w, q, length, src)
     if refused == 0:
         refused = auditor.replay(f, w, q)
-    return answer(f, i, w, place, src, refused)
+    return int(refused)
 
 
 @kernel
 def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int:
-    """The verdict is counted and, if it is good, the token frame is in `w.frame`. See `judge`."""
+    """The verdict is counted and, if it is good, the token frame is in `w.frame`. Returns: REPLY. See `hear`."""
     r = f.robot[i]
     w.told[TOLD_REFUSAL] = refused
     w.told[TOLD_TEE] = src

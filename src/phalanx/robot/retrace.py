@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti import audit, log, request, rounds
-from phalanx.bti.audit import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, INPUT, make_work
+from phalanx.bti.audit import INPUT, make_work
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Controller, pack_outputs
-from phalanx.wire.fields import get_u16, get_u32, row
+from phalanx.wire.fields import get_u32, row
 
 # What depends on the entries before it alone, so that a shorter log has it too.
 OF_ENTRIES = {
@@ -56,17 +56,10 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
     """The entries, up to one that was cut short."""
     data, at = row(raw), 0
     while at < len(raw):
-        kind, head = raw[at], 1
-        if kind in (log.ADVICE, log.EVIDENCE):
-            head, length_at = log.ADVICE_HEAD_BYTES, log.ADVICE_LENGTH
-        elif not kind & log.MARK:
-            head, length_at = ENTRY_HEAD_BYTES, ENTRY_LENGTH
-        if at + head > len(raw):
+        kind, _, end = map(int, log.piece_at(data, at, len(raw)))
+        if kind == log.CUT:
             return
-        end = at + head + (int(get_u16(data, at + length_at)) if head > 1 else 0)
-        if end > len(raw):
-            return
-        yield Entry(at, end, kind, -1 if kind & log.MARK else int(get_u32(data, at + ENTRY_T)))
+        yield Entry(at, end, kind, -1 if kind & log.MARK else int(get_u32(data, at + log.ENTRY_T)))
         at = end
 
 

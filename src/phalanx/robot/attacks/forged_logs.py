@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from phalanx.bti import log, request, rounds, trusted
-from phalanx.bti.audit import ENTRY_HEAD_BYTES
 from phalanx.bti.fleet import PENDING, START
+from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.robot.cnode import Action
 from phalanx.wire.fields import put_u32
 from phalanx.wire.table import HASH_BYTES, KIND_STATE, MAC_BYTES, SENSOR

@@ -14,8 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.bti import audit, request
-from phalanx.bti.audit import ENTRY_HEAD_BYTES, INPUT, RECV, Work
+from phalanx.bti.audit import INPUT, RECV, Work
 from phalanx.bti.fleet import Fleet
+from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.robot import node
 from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers import dispatch

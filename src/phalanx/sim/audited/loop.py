@@ -9,7 +9,8 @@ Source: docs/spec/rebound.md, RoboRebound §3, §4 (the simulation).
 from __future__ import annotations
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
+from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
+from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.kernel import kernel
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
