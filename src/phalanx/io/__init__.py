@@ -1,9 +1,32 @@
-"""The world of brokers, sockets and clocks."""
+"""The world of brokers, sockets and clocks.
 
-from phalanx.link.qrurl import Login
+What is imported from here is loaded when it is first used: the guard, a process of its own, does not wait for clients.
+"""
 
-from .broker_url import BrokerUrl, parse_broker_url
-from .client import Client
-from .server import ANY, Server
+from typing import TYPE_CHECKING
+
+from phalanx.loading import loaded_when_used
+
+if TYPE_CHECKING:
+    from phalanx.link.qrurl import Login
+
+    from .broker_url import BrokerUrl, parse_broker_url
+    from .client import Client
+    from .server import ANY, Server
 
 __all__ = ["ANY", "BrokerUrl", "Client", "Login", "Server", "parse_broker_url"]
+
+_FOUND_IN = {
+    "ANY": "server",
+    "BrokerUrl": "broker_url",
+    "Client": "client",
+    "Login": "broker_url",
+    "Server": "server",
+    "parse_broker_url": "broker_url",
+}
+
+__getattr__ = loaded_when_used(__name__, _FOUND_IN)
+
+
+def __dir__() -> list[str]:
+    return __all__
