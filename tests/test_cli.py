@@ -136,6 +136,16 @@ class TestMistakes:
         (tmp_path / "login").write_bytes(b"\xef\xbb\xbfguest:open house\r\n")  # as an editor of Windows does
         assert login_in(tmp_path / "login") == Login("guest", "open house")
 
+    def test_a_file_of_authorities_that_is_none_is_told_before_any_broker_is_asked(self, tmp_path, monkeypatch, capsys):
+        (tmp_path / "lab.crt").write_text("no certificate\n")
+        for name, why in (("lab.crt", "no certificate in it"), ("lab.ctr", "No such file or directory")):
+            monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / name))
+            for command in ("doctor", "up", "link serve", "link connect --pin 123456"):
+                assert run_command([*command.split(), "--broker", "mqtts://127.0.0.1:1"]) == 2
+                told = capsys.readouterr().err
+                assert f"SSL_CERT_FILE is {tmp_path / name}: {why}" in told
+                assert ("did you mean lab.crt?" in told) == (name == "lab.ctr")
+
     @pytest.mark.waits
     def test_whoever_reads_our_output_may_leave(self):
         words = ["up", "--events", "--port", "0", "--defence", "none", "--rotate-s", "1", "--overlap-s", "0.5"]

@@ -316,6 +316,7 @@ class TestPages:
         with pytest.raises(Unavailable, match=f"cannot listen on 127.0.0.1 port {operator.port}") as taken:
             async with a_page(operator.port):
                 pass
+        assert str(taken.value).endswith(f"port {operator.port}: Address already in use")
         assert "another program has it" in taken.value.hint
         with pytest.raises(Unavailable, match=r"cannot listen on 999\.1\.1\.1") as nowhere:
             async with a_page(0, "999.1.1.1"):

@@ -5,11 +5,13 @@ import type { Projection } from "./projection";
 import type { Theme } from "./theme";
 
 const HEIGHT = 15;
+/** On each side, or two names would read as one. */
+const APART = 3;
 /** Of more robots than this in sight, there is room for no name. */
 const MOST_IN_SIGHT = 250;
 const MOST_WIDTHS = 4000;
-/** What map.css has in the lower right corner: one button above another. */
-const BUTTONS = { width: 44, height: 88 };
+/** A button in the lower right corner, as map.css has it. */
+const BUTTON = 44;
 
 interface Box {
   readonly left: number;
@@ -33,7 +35,7 @@ export class Names {
     places: ReadonlyMap<string, Point>,
     rim: number,
     selected: string | undefined,
-    room: { readonly width: number; readonly height: number },
+    room: { readonly width: number; readonly height: number; readonly buttons: number },
   ): void {
     const inSight = robots.flatMap((robot) => {
       const at = places.get(robot.address);
@@ -41,7 +43,7 @@ export class Names {
     });
     const crowded = inSight.length > MOST_IN_SIGHT;
     const { width, height } = room;
-    const buttons = { left: width - BUTTONS.width, top: height - BUTTONS.height, right: width, bottom: height };
+    const buttons = { left: width - BUTTON, top: height - room.buttons * BUTTON, right: width, bottom: height };
     const taken = crowded ? [] : [buttons, ...inSight.map(({ at }) => around(at, rim))];
     const rank = ({ address }: Robot) => (address === selected ? 0 : this.#named.has(address) ? 1 : 2);
     const named = new Set<string>();
@@ -57,7 +59,7 @@ export class Names {
       if (crowded && !chosen) break;
       const name = shortName(robot);
       ctx.font = `${chosen ? 700 : 500} 12px system-ui, sans-serif`;
-      const half = widthOf(ctx, name) / 2;
+      const half = widthOf(ctx, name) / 2 + APART;
       const reach = chosen ? rim + 6 : rim;
       const x = Math.min(Math.max(at.x, half + 2), room.width - half - 2);
       // Below the robot, or above it where below is no room or no map.

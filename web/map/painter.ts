@@ -139,7 +139,7 @@ export class Painter {
     drawRobots(robots, this.#projection, this.#theme, this.#scene, this.#motion.places, now_ms, still);
     const shown = shownRobots(swarm);
     const rim = rimOf(this.#projection, swarm, shown.length);
-    const room = { width: this.#width, height: this.#height };
+    const room = { width: this.#width, height: this.#height, buttons: this.#zoom ? 2 : 1 };
     const { selected } = this.#scene;
     this.#names.draw(robots, this.#projection, this.#theme, shown, this.#motion.places, rim, selected, room);
     window.clearTimeout(this.#draining);

@@ -5,7 +5,7 @@ import { INACTIVE, LOST, type Point, type Rgb, type Robot, type Swarm } from "..
 import { drawLit, drawWalls } from "./building";
 import { circle } from "./circle";
 import { gridStep, type Projection, thresholdLength, toScreen } from "./projection";
-import { drawAudits, drawShields, RING_OFF_PX } from "./shields";
+import { crossOut, drawAudits, drawShields, RING_OFF_PX } from "./shields";
 import type { Theme } from "./theme";
 
 export interface Scene {
@@ -210,6 +210,8 @@ export function drawRobots(
       if (place && robot.address !== scene.selected) drawRobot(ctx, theme, robot, place, radius);
     }
   }
+  const stopped = robots.filter(isStopped);
+  crossOut(ctx, theme, stopped, places, radius);
   const selected = robots.find((robot) => robot.address === scene.selected);
   const place = selected && places.get(selected.address);
   if (!selected || !place) return;
@@ -220,6 +222,7 @@ export function drawRobots(
   circle(ctx, place.x, place.y, rim + 6);
   ctx.stroke();
   drawRobot(ctx, theme, selected, place, terms ? radius : radius + 1);
+  if (isStopped(selected)) crossOut(ctx, theme, [selected], places, radius);
 }
 
 /** Noses in one path and discs as stamps: a thousand paths of their own take a phone longer than a frame. */

@@ -1,5 +1,5 @@
 // Shields on the map. A robot's ring has one arc for each token that it needs; each drains as its token ages. A robot in
-// Safe Mode is grey, its ring in pieces. An audit is a line from auditor to auditee that fades.
+// Safe Mode is grey with a cross, its ring in pieces. An audit is a line from auditor to auditee that fades.
 
 import { type Audit, counting, LOW_MS, type Point, type Robot, type ShieldTerms } from "../client";
 import type { Theme } from "./theme";
@@ -110,20 +110,38 @@ export function drawAudits(
     ctx.moveTo(from.x, from.y);
     ctx.lineTo(to.x, to.y);
     ctx.stroke();
-    if (refused) drawCross(ctx, between(from, to, radius + 2.5 * RING_OFF_PX));
+    if (!refused) continue;
+    ctx.beginPath();
+    addCross(ctx, between(from, to, radius + 2.5 * RING_OFF_PX), 5);
+    ctx.stroke();
   }
   ctx.globalAlpha = 1;
 }
 
-/** Not by colour alone: a refusal has a cross where it meets the robot. */
-function drawCross(ctx: CanvasRenderingContext2D, { x, y }: Point): void {
-  const reach = 5;
+/** Over discs. Not by colour alone: on a projector grey is light blue, and to some eyes many LEDs are grey. */
+export function crossOut(
+  ctx: CanvasRenderingContext2D,
+  theme: Theme,
+  stopped: readonly Robot[],
+  places: ReadonlyMap<string, Point>,
+  radius: number,
+): void {
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = Math.max(2, radius / 4);
   ctx.beginPath();
+  for (const { address } of stopped) {
+    const place = places.get(address);
+    if (place) addCross(ctx, place, 0.6 * radius);
+  }
+  ctx.stroke();
+}
+
+/** Not by colour alone either: a refusal has a cross where it meets the robot. */
+function addCross(ctx: CanvasRenderingContext2D, { x, y }: Point, reach: number): void {
   ctx.moveTo(x - reach, y - reach);
   ctx.lineTo(x + reach, y + reach);
   ctx.moveTo(x - reach, y + reach);
   ctx.lineTo(x + reach, y - reach);
-  ctx.stroke();
 }
 
 /** On the way from `from` to `to`, so many pixels before its end. */

@@ -115,7 +115,7 @@ describe("names", () => {
     strokeText: () => {},
     fillText: (name: string, x: number, y: number) => drawn.push({ name, x, y }),
   } as unknown as CanvasRenderingContext2D;
-  const room = { width: WIDTH, height: HEIGHT };
+  const room = { width: WIDTH, height: HEIGHT, buttons: 2 };
   const robot = (i: number) => ({ address: `A${i}`, name: `Name${i}` }) as Robot;
 
   function draw(at: readonly Point[], selected?: string, names = new Names()) {
@@ -126,20 +126,29 @@ describe("names", () => {
     return drawn.map(({ name }) => name);
   }
 
-  test("none lies on another, none on a robot or a button, wherever a hundred of them stand", () => {
+  test("none lies on another, none on a robot, wherever a hundred of them stand", () => {
     const place = fc.record({ x: fc.integer({ min: 20, max: 340 }), y: fc.integer({ min: 60, max: 280 }) });
     fc.assert(
       fc.property(fc.array(place, { minLength: 100, maxLength: 100 }), (at) => {
         draw(at);
-        const boxes = drawn.map(({ name, x, y }) => [x - 3.5 * name.length, y - 1, x + 3.5 * name.length, y + 14] as const);
+        const boxes = drawn.map(({ name, x, y }) => {
+          const half = 3.5 * name.length + 2; // and room, or two would read as one
+          return [x - half, y - 1, x + half, y + 14] as const;
+        });
         boxes.forEach(([left, top, right, bottom], i) => {
           for (const [l, t, r, b] of boxes.slice(i + 1)) expect(left < r && l < right && top < b && t < bottom).toBe(false);
-          expect(right > WIDTH - 44 && bottom > HEIGHT - 44).toBe(false);
           for (const { x, y } of at) expect(left < x + 8 && x - 8 < right && top < y + 8 && y - 8 < bottom).toBe(false);
         });
       }),
       { numRuns: 3 },
     );
+  });
+
+  test("none is half under a button", () => {
+    const top = HEIGHT - 2 * 44;
+    expect(draw([{ x: WIDTH - 50, y: top - 12 }])).toEqual(["Name0"]);
+    expect(drawn[0]?.y, "above it, where below is a button").toBeLessThan(top - 12);
+    expect(draw([{ x: WIDTH - 50, y: top + 13 }])).toEqual([]);
   });
 
   test("the chosen robot's is always there, and who has a name keeps it", () => {

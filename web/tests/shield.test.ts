@@ -2,7 +2,10 @@
 
 import fc from "fast-check";
 import { describe, expect, test } from "vitest";
-import { counting, type Json, NO_SWARM, type Swarm, swarmReducer } from "../client";
+import { counting, type Json, NO_SWARM, type Point, type Robot, type Swarm, swarmReducer } from "../client";
+import { fitArea } from "../map/projection";
+import { drawRobots } from "../map/scene";
+import type { Theme } from "../map/theme";
 import { shieldWords } from "../visitor/shield_words";
 
 const A = "DECAFBAD00000001";
@@ -120,5 +123,34 @@ describe("shields", () => {
         expect(words(swarm, B)[3]).toBe("Refused by Ada: refused.");
       }),
     );
+  });
+});
+
+describe("a stopped robot", () => {
+  /** Where strokes from corner to corner cross. */
+  function crosses(safeMode: boolean, selected?: string): Point[] {
+    const middles: Point[] = [];
+    let from: Point = { x: 0, y: 0 };
+    const known: Record<string, unknown> = {
+      moveTo: (x: number, y: number) => (from = { x, y }),
+      lineTo: (x: number, y: number) => {
+        const [dx, dy] = [x - from.x, y - from.y];
+        if (dx > 0 && Math.abs(dx) === Math.abs(dy)) middles.push({ x: (x + from.x) / 2, y: (y + from.y) / 2 });
+      },
+    };
+    const pen = new Proxy(known, { get: (target, name: string) => target[name] ?? (() => {}), set: () => true });
+    const shield = { safeMode, vouchers: [] };
+    const stopped = { address: A, status: 0, led: undefined, waypoints: [], position: { x: 0, y: 0 }, shield } as unknown as Robot;
+    const swarm = { ...NO_SWARM, robots: new Map([[A, stopped]]) };
+    const scene = { swarm, selected, draft: [], threshold: 0, cursor: undefined };
+    const p = fitArea(swarm.area, 300, 300);
+    drawRobots(pen as unknown as CanvasRenderingContext2D, p, {} as Theme, scene, new Map([[A, { x: 70, y: 90 }]]), 0, true);
+    return middles;
+  }
+
+  test("is crossed out, for eyes that see no colours and projectors that show none", () => {
+    expect(crosses(true)).toEqual([{ x: 70, y: 90 }, { x: 70, y: 90 }]);
+    expect(crosses(true, A).slice(-2), "over the chosen one too").toEqual([{ x: 70, y: 90 }, { x: 70, y: 90 }]);
+    expect(crosses(false)).toEqual([]);
   });
 });

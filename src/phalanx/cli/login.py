@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import ssl
 import stat
 from pathlib import Path
 
@@ -17,12 +18,25 @@ from phalanx.io.broker import EMBEDDED
 def read_login(path: Path | None) -> Login | None:
     """The broker's login from a file or the environment, or None.
 
-    Raises: UsageError: the file cannot be read or holds no user:password. Never repeats what is in it.
+    Raises: UsageError: the file cannot be read or holds no user:password (what is in it is never repeated); or
+        SSL_CERT_FILE, by which brokers are known, is no file of certificates.
     """
+    _check_authorities()
     username = os.environ.get("PHALANX_BROKER_USERNAME", "")
     if path is not None or not username:
         return login_in(path)
     return Login(username, os.environ.get("PHALANX_BROKER_PASSWORD", ""))
+
+
+def _check_authorities() -> None:
+    # OpenSSL says nothing of a file that is not there, and then trusts nobody.
+    if file := os.environ.get("SSL_CERT_FILE"):
+        try:
+            ssl.create_default_context(cafile=file)
+        except OSError as error:
+            reason = "no certificate in it" if isinstance(error, ssl.SSLError) else error.strerror
+            hint = _hint_of(error, Path(file), "the file of an authority of your own, PEM")
+            raise UsageError(f"SSL_CERT_FILE is {file}: {reason}", hint) from error
 
 
 def login_for(broker: str, path: Path | None) -> Login | None:
@@ -56,9 +70,12 @@ def first_line(path: Path, hint: str) -> str:
             lines = file.read(4096).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not text"
-        hint = file_meant(path, hint) if isinstance(error, FileNotFoundError) else hint
-        raise UsageError(f"cannot read {path}: {reason}", hint) from error
+        raise UsageError(f"cannot read {path}: {reason}", _hint_of(error, path, hint)) from error
     return lines[0] if lines else ""
+
+
+def _hint_of(error: Exception, path: Path, hint: str) -> str:
+    return file_meant(path, hint) if isinstance(error, FileNotFoundError) else hint
 
 
 def kept_token(path: Path) -> str:

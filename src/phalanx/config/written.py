@@ -43,11 +43,13 @@ def read_at_most(path: Path, most_bytes: int, hint: str) -> bytes:
 def file_meant(path: Path, hint: str) -> str:
     """A hint for who names a file that is not there: first one beside it that was perhaps meant, if `hint` has none."""
     with contextlib.suppress(OSError):
-        of_its_kind_last = sorted(path.parent.iterdir(), key=lambda each: (each.suffix == path.suffix, each.name))
-        by_stem = {each.stem: each.name for each in of_its_kind_last}
-        near = difflib.get_close_matches(path.stem, by_stem, 1, ALIKE)
+        beside = list(path.parent.iterdir())
+        # Their endings alone would make any two files of a kind alike.
+        stems = difflib.get_close_matches(path.stem, {each.stem for each in beside}, len(beside) + 1, ALIKE)
+        names = [each.name for each in beside if each.stem in stems and each.is_file()]
+        near = difflib.get_close_matches(path.name, names, 1, ALIKE)
         if near and not hint.startswith("did you mean"):
-            return f"did you mean {by_stem[near[0]]}? {hint}"
+            return f"did you mean {near[0]}? {hint}"
     return hint
 
 

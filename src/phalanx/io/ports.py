@@ -69,8 +69,9 @@ def listen(host: str, port: int, if_taken: str = "phalanx doctor") -> socket.soc
         return socket.create_server((host, port), family=family, backlog=BACKLOG, dualstack_ipv6=both)
     except OSError as error:
         is_taken = error.errno == errno.EADDRINUSE
+        why = (error.strerror or str(error)).partition(" (while")[0]  # Python says where once more
         raise (PortTaken if is_taken else Unavailable)(
-            f"cannot listen on {host} port {port}: {error.strerror or error}",
+            f"cannot listen on {host} port {port}: {why}",
             if_taken if is_taken else "--host is an address of this machine, and below port 1024 only root may listen",
         ) from error
 
