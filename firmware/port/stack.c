@@ -1,4 +1,5 @@
-/* Host only: after a mission key is loaded, neither it, its last round nor the master key is left where the call's stack was. */
+/* Host only: after a mission key is loaded, neither it, its last round nor the master key is left where the call's stack was;
+   and in Safe Mode a node has none, neither as bytes nor as the flag that says so. */
 #include <stdio.h>
 #include <string.h>
 
@@ -26,6 +27,16 @@ static unsigned __attribute__((noinline)) below(const uint8_t *key)
     return found;
 }
 
+static int has_none(const phx_node *node)
+{
+    const uint8_t *bytes = (const uint8_t *)&node->key;
+    uint8_t any = node->has_key;
+
+    for (size_t i = 0; i < sizeof node->key; i++)
+        any |= bytes[i];
+    return !any;
+}
+
 int main(void)
 {
     static phx_anode node;
@@ -51,5 +62,9 @@ int main(void)
     after = below(mission) + below(master) + below((const uint8_t *)last);
     if (error || after)
         printf("error %d, %u pieces of keys are left on the stack\n", error, after);
+    if (has_none(&node.node) || !phx_anode_check(&node, limits.t_val_ms) || !has_none(&node.node)) {
+        printf("a key outlives Safe Mode, or none was there\n");
+        error = 1;
+    }
     return error || after;
 }
