@@ -86,6 +86,9 @@ def proofs(everything: bool) -> Iterable[Proof]:
             yield Proof(f"{call}, keys", "prove_secret", STATES, bounds, f"-DCALL={number} {unwind}")
     if everything:
         yield Proof("buckets", "prove_draw", "proofs/bucket.c src/bucket.c", "any bucket, rate, cost, time", "--z3")
+        mac = "proofs/mac.c src/mac.c"
+        yield Proof("MAC", "prove_mac", mac, "any key, any message of up to 45 bytes", "--unwind 65")
+        yield Proof("MAC, key expanded", "prove_expand", mac, "any key", "--unwind 200")
 
 
 def main() -> int:
