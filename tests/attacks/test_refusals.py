@@ -402,8 +402,9 @@ class TestSeenBefore:
     def known(self, auditee) -> int:
         return int(auditee.judge.work.case[0].known)
 
-    def test_who_shows_more_than_before_gets_its_token_again(self, auditee):
-        auditee.goes_on()
+    @pytest.mark.parametrize("start", ["boot", "checkpoint"])
+    def test_who_shows_more_than_before_gets_its_token_again(self, auditee, start):
+        auditee.goes_on() if start == "boot" else auditee.covered()
         tor, q = auditee.asks()
         assert auditee.verdict((tor, q)) == 0
         assert self.known(auditee) == 0
