@@ -270,4 +270,6 @@ def move(world: World) -> None:
         clock.crowded = 1
     clock.contacts += robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)
-    world.last[:] = world.pos
+    for i in range(len(world.pos)):
+        # Number by number: for an array that might not fit into another, numba compiles four seconds' worth of texts.
+        world.last[i, 0], world.last[i, 1] = world.pos[i, 0], world.pos[i, 1]
