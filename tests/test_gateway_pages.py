@@ -271,7 +271,7 @@ class TestPages:
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
-    async def test_a_foreign_page_that_is_told_the_visitors_login_is_said(self, caplog):
+    async def test_that_links_to_a_foreign_page_hold_no_login_is_said(self, caplog):
         options = UpOptions(
             broker=f"mqtt://127.0.0.1:{free_port()}",
             port=0,
@@ -282,7 +282,7 @@ class TestPages:
         with pytest.raises(Unavailable):
             await up(options, lambda _: None, swarm=lambda: Dotbots(1, 1, time.time))
         (line,) = (line for line in caplog.messages if "login" in line)
-        assert "dotbots.example is told both" in line
+        assert "links to dotbots.example hold no login" in line
         assert "house" not in caplog.text
 
     @pytest.mark.parametrize(

@@ -68,7 +68,8 @@ broker_options = together(
     option(
         "--visitors-login",
         type=FILE,
-        help="File with user:password that phones say to that broker; in every QR code, so let it do little.",
+        help="File with user:password that phones say to that broker; in every QR code, so let it do little. Visitors"
+        " of a --frontend type it there.",
     ),
 )
 # What people change of a scenario.

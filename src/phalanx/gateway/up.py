@@ -329,7 +329,7 @@ async def up(
     allow_files(MANY_FILES)
     if options.frontend and options.visitors_login:
         host = urlsplit(options.frontend).hostname
-        log.warning("the visitors' login stands in every link beside the pin, in the query: %s is told both", host)
+        log.warning("links to %s hold no login: pages of the published kind take it from their form alone", host)
     async with contextlib.AsyncExitStack() as stack:
         page_port = await _visitors_page(stack, options, preferred)
         broker = await stack.enter_async_context(

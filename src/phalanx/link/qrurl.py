@@ -78,6 +78,9 @@ class QrUrl:
     def for_foreign_page(self, frontend: str) -> str:
         """Link to a page of the published form, which has no room for a path or a root.
 
+        Nor for a login: the published server writes one there, where the page's host reads it, and the published hook
+        (npm qrkey 0.4 to 0.12) takes none from there. It has a form for it.
+
         Source: the published packages.
         """
         broker = urlsplit(self.broker)
@@ -90,8 +93,6 @@ class QrUrl:
             "mqtt_version": str(self.mqtt),
             "mqtt_use_ssl": str(tls),
         }
-        if self.login:
-            words |= {"mqtt_username": self.login.username, "mqtt_password": self.login.password}
         return f"{frontend}?{urlencode(words, quote_via=quote)}"
 
 

@@ -49,7 +49,7 @@ def connect() -> None:
 @link.command(epilog="Example: phalanx link serve --broker mqtt://localhost:1883 --events")
 @link_options
 @broker_options
-@option("--frontend", help="Page of the published kind to make the link for.", default="")
+@option("--frontend", help="Page of the published kind to make the link for; its host reads the pin.", default="")
 @wait_option
 @duration_option
 @option("--events", help="Print one JSON object a line.", is_flag=True)

@@ -75,7 +75,11 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     type=FILE,
 )
 @option("--page-url", help="Where visitors find our page, if not here: behind an https proxy, say.", default="")
-@option("--frontend", help="Send visitors to this page of the published kind instead of ours.", default="")
+@option(
+    "--frontend",
+    help="Send visitors to this page of the published kind instead of ours; its host reads the pin.",
+    default="",
+)
 @wait_option
 @duration_option
 @option(
