@@ -17,8 +17,7 @@ KERNELS := $(shell find src/phalanx/kernel.py src/phalanx/bundle.py src/phalanx/
 marked = $(shell grep -ls 'mark\.$(1)\b' tests/test_*.py tests/*/test_*.py)
 # What only computes has what is left of the processor by those that wait for somebody, and have limits for it.
 LEFT_OVER := chrt --idle 0
-# One more than there are processors: some of them wait for processes of their own.
-COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
+COMPUTES := -m "not waits and not alone and not long" --numprocesses $(shell nproc) --dist worksteal
 WAITS := -m "waits and not early and not alone and not long" $(call marked,waits) --numprocesses 2 --dist loadfile
 # These call next to nothing that robots run, and come while that is compiled.
 EARLY := -m "waits and early and not alone and not long" $(call marked,early) --numprocesses 2 --dist loadfile
