@@ -42,7 +42,7 @@ KERNELS = {
 }
 MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
-CPU_S = 20  # a mistake may be a loop without an end
+CPU_S = 40  # a mistake may be a loop without an end
 OTHER_COMPARISON = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,

@@ -21,7 +21,7 @@ from test_refusals import (
 )
 
 from phalanx.bti import audit, log, request, rounds, trusted
-from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
+from phalanx.bti.audit import ACMD, ENTRY_HEAD_BYTES, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, START
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import MOTION
@@ -236,6 +236,19 @@ class TestAsPrinted:
         as_printed.thinks(sensed)
         as_printed.robot.quota = 1
         assert as_printed.verdict(as_printed.asks(sensed_ms)) == Refusal.OUTPUT_MISSING
+
+    def test_whoever_owes_more_outputs_than_there_is_room_for_is_missing_one(self, as_printed):
+        """Else the last one's would be forgotten: all others are shown here, late as they are."""
+        room, owed = int(as_printed.judge.work.waiting.shape[0]), []
+        while sum(ENTRY_HEAD_BYTES + len(payload) for outputs in owed for _, payload in outputs) <= room:
+            sensed = as_printed.polled(as_printed.due_ms())
+            as_printed.logs(sensed)
+            owed.append(as_printed.thinks(sensed))
+        as_printed.round_begins(as_printed.due_ms())
+        for outputs in owed[:-1]:
+            for kind, payload in outputs:
+                as_printed.logs(as_printed.chained(kind, as_printed.due_ms(as_printed.step - 1), payload))
+        assert as_printed.verdict(as_printed.asks()) == Refusal.OUTPUT_MISSING
 
 
 class TestParts:
