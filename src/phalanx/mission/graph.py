@@ -15,6 +15,7 @@ from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
 
 from .file.canonical import action_bytes, shape_of
+from .misplaced import Misplaced, under
 from .observable import Action, Landmark, Observable, Position
 
 NODE_LIMIT = 1 << 20
@@ -79,27 +80,30 @@ class Mission:
 
     def __post_init__(self) -> None:
         if not 0 < len(self.nodes) <= NODE_LIMIT:
-            raise UsageError(f"a mission of {len(self.nodes)} nodes", f"1 to {NODE_LIMIT}")
+            raise Misplaced(UsageError(f"a mission of {len(self.nodes)} nodes", f"1 to {NODE_LIMIT}"), "nodes")
         names = {node.name: node for node in self.nodes}
         if len(names) < len(self.nodes):
             twice = next(node.name for i, node in enumerate(self.nodes) if names[node.name] is not self.nodes[i])
-            raise UsageError(f"two nodes are called {twice!r}", "a name belongs to one node")
-        for node in self.nodes:
-            _check_node(node)
+            raise Misplaced(UsageError(f"two nodes are called {twice!r}", "a name belongs to one node"), "nodes", twice)
+        for i, node in enumerate(self.nodes):
+            with under("nodes", i):
+                _check_node(node)
         for part in self.parts:
             if not any(node.start for node in self.nodes if node.part == part):
-                raise UsageError(
-                    f"no node{f' of part {part!r}' if part else ''} is marked as a start", "start: true on one node"
-                )
+                its_own = next(i for i, node in enumerate(self.nodes) if node.part == part)
+                of_part = f" of part {part!r}" if part else ""
+                told = UsageError(f"no node{of_part} is marked as a start", "start: true on one node")
+                raise Misplaced(told, "nodes", *([its_own] if part else []))
         _check_ways(self.ways, names)
         self._check_messages()
 
     def _check_messages(self) -> None:
         senders: dict[str, str] = {}
-        for node in self.nodes:
+        for i, node in enumerate(self.nodes):
             for name in node.send:
                 if name in senders:
-                    raise UsageError(f"message {name!r} is sent twice", "one node releases a message")
+                    told = UsageError(f"message {name!r} is sent twice", "one node releases a message")
+                    raise Misplaced(told, "nodes", i, "send")
                 senders[name] = node.name
         sorter: TopologicalSorter[str] = TopologicalSorter()
         for node in self.nodes:
@@ -107,9 +111,9 @@ class Mission:
         try:
             sorter.prepare()
         except CycleError as error:
-            raise UsageError(
-                f"nodes wait for each other's messages: {', '.join(error.args[1])}", "somebody has to be first"
-            ) from error
+            names = error.args[1]
+            told = UsageError(f"nodes wait for each other's messages: {', '.join(names)}", "somebody has to be first")
+            raise Misplaced(told, "nodes", names[0], "wait") from error
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -132,40 +136,51 @@ def _check_node(node: Node) -> None:  # noqa: C901  # one limit after the other
     if not 0 < len(node.see) <= ALIAS_LIMIT:
         raise UsageError(f"node {node.name!r} can be experienced in {len(node.see)} ways", f"1 to {ALIAS_LIMIT}")
     for alias in node.see:
-        if not alias and not node.wait:
-            raise UsageError(f"node {node.name!r} has nothing to experience", "see: a landmark, a position, ...")
-        shape = shape_of(alias)
+        with under("see"):
+            if not alias and not node.wait:
+                raise UsageError(f"node {node.name!r} has nothing to experience", "see: a landmark, a position, ...")
+            shape = shape_of(alias)
         if len(node.wait) + shape.messages > 3:
-            raise UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "at most 3")
+            raise Misplaced(UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "at most 3"), "wait")
         if node.do is not None and shape.action:
-            raise UsageError(f"node {node.name!r} sees one action and does another", "one of the two")
+            raise Misplaced(UsageError(f"node {node.name!r} sees one action and does another", "one of the two"), "do")
     if node.do is not None:
-        action_bytes(node.do)
-    if not 0 <= node.within_m <= REACH_LIMIT_M:
-        raise UsageError(f"node {node.name!r} counts within {node.within_m} m", f"0 to {REACH_LIMIT_M}")
-    if not 0 <= node.timeout_s <= TIMEOUT_LIMIT_S:
-        raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"0 to {TIMEOUT_LIMIT_S}")
-    if len(node.send) > SEND_LIMIT:
-        raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"at most {SEND_LIMIT}")
+        with under("do"):
+            action_bytes(node.do)
+    with under("within_m"):
+        if not 0 <= node.within_m <= REACH_LIMIT_M:
+            raise UsageError(f"node {node.name!r} counts within {node.within_m} m", f"0 to {REACH_LIMIT_M}")
+    with under("timeout_s"):
+        if not 0 <= node.timeout_s <= TIMEOUT_LIMIT_S:
+            raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"0 to {TIMEOUT_LIMIT_S}")
+    with under("send"):
+        if len(node.send) > SEND_LIMIT:
+            raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"at most {SEND_LIMIT}")
 
 
 def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
     seen: set[tuple[str, str]] = set()
     out: dict[str, int] = {}
-    for way in ways:
-        for end in (way.source, way.target):
-            if end not in names:
-                raise UsageError(f"a way leads to {end!r}, which is no node", "check the names under ways")
-        if (way.source, way.target) in seen or way.source == way.target:
-            raise UsageError(f"a second way, or one in place, from {way.source!r} to {way.target!r}", "leave it out")
-        if names[way.source].part != names[way.target].part:
-            raise UsageError(f"the way from {way.source!r} to {way.target!r} joins two parts", "send a message instead")
-        if way.direction_rad is not None and not math.isfinite(way.direction_rad):
-            raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "degrees or radians")
-        seen.add((way.source, way.target))
-        out[way.source] = out.get(way.source, 0) + 1
-        if out[way.source] > WAY_LIMIT:
-            raise UsageError(f"more than {WAY_LIMIT} ways lead out of {way.source!r}", "divide the node")
+    for i, way in enumerate(ways):
+        with under("ways", i):
+            _check_way(way, names)
+            if (way.source, way.target) in seen or way.source == way.target:
+                between = f"from {way.source!r} to {way.target!r}"
+                raise UsageError(f"a second way, or one in place, {between}", "leave it out")
+            seen.add((way.source, way.target))
+            out[way.source] = out.get(way.source, 0) + 1
+            if out[way.source] > WAY_LIMIT:
+                raise UsageError(f"more than {WAY_LIMIT} ways lead out of {way.source!r}", "divide the node")
+
+
+def _check_way(way: PlainWay, names: dict[str, Node]) -> None:
+    for end in (way.source, way.target):
+        if end not in names:
+            raise UsageError(f"a way leads to {end!r}, which is no node", "check the names under ways")
+    if names[way.source].part != names[way.target].part:
+        raise UsageError(f"the way from {way.source!r} to {way.target!r} joins two parts", "send a message instead")
+    if way.direction_rad is not None and not math.isfinite(way.direction_rad):
+        raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "degrees or radians")
 
 
 @dataclass(slots=True)

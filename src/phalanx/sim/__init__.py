@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["AttackSpec", "Dotbots", "Result", "Scenario", "find_scenario", "simulate"]
 
 _FOUND_IN = {
-    "AttackSpec": "scenarios.scenario",
+    "AttackSpec": "scenarios.attack_spec",
     "Dotbots": "swarms.dotbots",
     "Result": "scenarios.result",
     "Scenario": "scenarios.scenario",

@@ -15,6 +15,7 @@ from typing import Any
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.mission.graph import Draft, Mission
+from phalanx.mission.misplaced import Misplaced, under
 from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, Observable, Position, Sensor, Time
 
 TOP = {"mission", "map", "area", "roam", "repeatable", "coding", "nodes", "ways"}
@@ -36,19 +37,30 @@ def plain_mission(words: Any) -> Mission:
     """
     top = _mapping(words, "the file", TOP)
     area = None if "area" not in top else _numbers(top["area"], "area", 4)
+    with under("coding"):
+        coding = _coding(top["coding"]) if "coding" in top else None
     draft = Draft(
         _text(top.get("mission"), "mission"),
-        coding=_coding(top["coding"]) if "coding" in top else None,
+        coding=coding,
         area_m=None if area is None else (area[0], area[1], area[2], area[3]),
         roam=_flag(top, "roam", "the file"),
         repeatable=_flag(top, "repeatable", "the file"),
         floor_plan=_text(top["map"], "map") if "map" in top else "",
     )
-    for name, node in _mapping(top.get("nodes"), "nodes", None).items():
-        _node(draft, _name(name, "nodes"), _mapping(node, f"node {name}", NODE))
+    for i, (name, node) in enumerate(_mapping(top.get("nodes"), "nodes", None).items()):
+        with under("nodes", i):
+            _node(draft, _name(name, "nodes"), _mapping(node, f"node {name}", NODE))
+    written: list[int] = []  # of each way of the draft, the number of that in the file
     for i, way in enumerate(_list(top.get("ways", []), "ways")):
-        _way(draft, way, f"way {i + 1}")
-    return draft.mission()
+        with under("ways", i):
+            _way(draft, way, f"way {i + 1}")
+        written += [i] * (len(draft.ways) - len(written))
+    try:
+        return draft.mission()
+    except Misplaced as error:
+        if error.place[0] == "ways" and isinstance(error.place[1], int):
+            error.place = ("ways", written[error.place[1]])
+        raise
 
 
 def _coding(words: Any) -> CodingConfig:
@@ -68,10 +80,12 @@ def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
     within_m = AT_NODE_M if acts and not (words.get("start") or words.get("wait")) else 0.0
     see = words.get("see", [])
     aliases = [_alias(alias, where) for alias in (see if isinstance(see, list) else [see])]
+    with under("do"):
+        do = _action(words["do"], where) if "do" in words else None
     draft.node(
         name,
         *aliases,
-        do=_action(words["do"], where) if "do" in words else None,
+        do=do,
         start=_flag(words, "start", where),
         final=_flag(words, "final", where),
         join=_flag(words, "join", where),

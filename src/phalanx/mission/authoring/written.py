@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
-
 import yaml
 
-from phalanx.config.written import Pair, compose, line_of, named, words_of
+from phalanx.config.written import compose, line_of, named, words_of
 from phalanx.errors import UsageError
 from phalanx.mission.graph import Mission
+from phalanx.mission.misplaced import Misplaced
 
 from .document import plain_mission
 
@@ -32,47 +30,41 @@ class WrittenMission:
         try:
             return plain_mission(self.words)
         except UsageError as error:
-            line = line_of(_about(self._root, str(error))) if self._root else 1
-            raise UsageError(f"{self._source}:{line}: {error}", error.hint) from error
+            about = _about(self._root, str(error), error.place if isinstance(error, Misplaced) else ())
+            where = f"{self._source}:{line_of(about)}" if about else self._source
+            raise UsageError(f"{where}: {error}", error.hint) from error
 
 
-def _about(root: yaml.Node, complaint: str) -> yaml.Node:
-    """What a complaint of document.py or graph.py is about: the key or the item that it names, as deep as it can be."""
-    about, inside = _named_by(root, complaint) or (root, root)
-    return _within(inside, complaint, set()) or about
+def _about(root: yaml.Node | None, complaint: str, place: tuple[str | int, ...]) -> yaml.Node | None:
+    """What a complaint is about: what stands at its place, or the key in there that it names; None: the whole file."""
+    about, inside = None, root
+    for step in place:
+        if not isinstance(inside, yaml.MappingNode | yaml.SequenceNode):
+            break
+        parts = [part if isinstance(part, tuple) else (part, part) for part in inside.value]
+        if isinstance(step, str):
+            parts = [part for part in parts if isinstance(part[0], yaml.ScalarNode) and part[0].value == step]
+        # A name may be there twice, as a number and as a text: it is the second that is one too many.
+        nth = step if isinstance(step, int) else -1
+        if not -len(parts) <= nth < len(parts):
+            break
+        about, inside = parts[nth]
+    if about is None:  # a key of the file itself, or no key at all
+        pair = named(root.value, complaint) if isinstance(root, yaml.MappingNode) else None
+        return pair[0] if pair else None
+    called = about.value if isinstance(about, yaml.ScalarNode) else ""
+    rest = complaint.removeprefix(f"node {called}: ").removeprefix(f"node {called!r} ")
+    # Not below all nodes: one may be called as what none of them has.
+    deeper = None if place == ("nodes",) else _within(inside, rest, set())
+    return deeper or about
 
 
-def _within(node: yaml.Node, complaint: str, seen: set[int]) -> yaml.Node | None:
-    if id(node) in seen or isinstance(node, yaml.ScalarNode):  # in a few lines a list can name itself without end
+def _within(node: yaml.Node | None, complaint: str, seen: set[int]) -> yaml.Node | None:
+    """The key that it names, as deep as can be."""
+    if id(node) in seen or node is None or isinstance(node, yaml.ScalarNode):  # a list can name itself without end
         return None
     seen.add(id(node))
     if isinstance(node, yaml.MappingNode) and (pair := named(node.value, complaint)):
         return _within(pair[1], complaint, seen) or pair[0]
     parts = (part[1] if isinstance(part, tuple) else part for part in node.value)
     return next((found for part in parts if (found := _within(part, complaint, seen))), None)
-
-
-def _named_by(root: yaml.Node, complaint: str) -> Pair | None:
-    """The way or the node that a complaint names, as a key and a value."""
-    parts = {key.value: value for key, value in root.value} if isinstance(root, yaml.MappingNode) else {}
-    ways = parts["ways"].value if isinstance(parts.get("ways"), yaml.SequenceNode) else []
-    nodes = parts["nodes"].value if isinstance(parts.get("nodes"), yaml.MappingNode) else []
-    if (number := re.match(r"way (\d+)\b", complaint)) and int(number[1]) <= len(ways):
-        return ways[int(number[1]) - 1], ways[int(number[1]) - 1]
-    if re.search(r"\bways?\b", complaint):
-        quoted = set(re.findall(r"'([^']*)'", complaint))
-        for way in reversed(ways):
-            if quoted and quoted <= set(_texts(way, 3)):
-                return way, way
-    said = (rf"\bnode {re.escape(str(key.value))}\b|{re.escape(repr(key.value))}" for key, _ in nodes)
-    return next((pair for pair, it in zip(nodes, said, strict=True) if re.search(it, complaint)), None)
-
-
-def _texts(node: yaml.Node, depth: int) -> Iterator[str]:
-    """What is written in a way: its ends, however they are told."""
-    if isinstance(node, yaml.ScalarNode):
-        yield node.value
-    elif depth:
-        for each in node.value:
-            for part in each if isinstance(each, tuple) else (each,):
-                yield from _texts(part, depth - 1)

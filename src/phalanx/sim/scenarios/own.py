@@ -121,10 +121,10 @@ def find_class(words: str, kind: type[Any]) -> Any:
         name = next(iter(own))
     found = getattr(module, name, None)
     if found is None:
-        known = f"it has {', '.join(own)}" if own else f"derive one from {kind.__module__}.{kind.__name__}"
+        known = f"it has {', '.join(own)}" if own else f"derive one from phalanx.robot.{kind.__name__}"
         raise UsageError(f"{path} has no {name}", did_you_mean(name, own) + known)
     if not issubclass(found if isinstance(found, type) else kind, kind):
-        raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from {kind.__module__}.{kind.__name__}")
+        raise UsageError(f"{name} in {path} is no {kind.__name__}", f"derive it from phalanx.robot.{kind.__name__}")
     if not callable(found) and not (kind is Liar and isinstance(found, Attack)):
         raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
     if left := sorted(getattr(found, "__abstractmethods__", ())):
