@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import random
+import time
 from types import SimpleNamespace
 
 import pytest
 
-from phalanx.io import connection
-from phalanx.io.connection import BACKLOG, STALE_S, Incoming
+from phalanx.io import incoming as where
+from phalanx.io.broker_packets import Arrived
+from phalanx.io.incoming import BACKLOG, LONG_BYTES, STALE_S, Incoming
 
 ARRIVE, READ_MS, SECONDS = 2, 1, 10  # twice as many come as can be read
 
@@ -25,7 +27,7 @@ def flooded(monkeypatch, stale_s: float) -> tuple[list[float], float, int]:
     """For how long each message that was read had waited, the share of honest ones that was
     read in time, and how many were dropped unread."""
     clock = Clock()
-    monkeypatch.setattr(connection, "time", clock)
+    monkeypatch.setattr(where, "time", clock)
     emptied = SimpleNamespace(at_s=clock.now_s)
     dropped, waited, read = [], [], []
     incoming = Incoming(lambda: dropped.append(1), emptied, waited.append, 2000, stale_s=stale_s)
@@ -37,7 +39,7 @@ def flooded(monkeypatch, stale_s: float) -> tuple[list[float], float, int]:
             honest = chance.random() < 0.01
             said += honest
             payload = b"honest" if honest else b"flood"
-            incoming.put_nowait(SimpleNamespace(topic=SimpleNamespace(value="a"), payload=payload))
+            incoming.put_nowait(Arrived("a", payload))
         read.append(incoming.get_nowait())
     fresh = [message for message, waited_s in zip(read, waited, strict=True) if waited_s <= 0.3]
     return waited, sum(message.payload == b"honest" for message in fresh) / said, len(dropped)
@@ -58,12 +60,27 @@ def test_in_the_order_in_which_they_came_all_that_is_read_would_be_late(monkeypa
 
 def test_a_hiccup_costs_nothing(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr(connection, "time", clock)
+    monkeypatch.setattr(where, "time", clock)
     waited, dropped = [], []
     incoming = Incoming(lambda: dropped.append(1), SimpleNamespace(at_s=clock.now_s), waited.append, stale_s=STALE_S)
     for _ in range(BACKLOG):
-        incoming.put_nowait(SimpleNamespace(topic=SimpleNamespace(value="a"), payload=b""))
+        incoming.put_nowait(Arrived("a", b""))
     clock.now_s += 0.8
     for _ in range(BACKLOG):
         incoming.get_nowait()
     assert (len(waited), dropped) == (BACKLOG, [])
+
+
+def test_long_messages_wait_until_no_others_do_and_take_no_room_of_them():
+    waited, dropped, long = [], [], bytes(LONG_BYTES)
+    emptied = SimpleNamespace(at_s=time.monotonic())
+    incoming = Incoming(lambda: dropped.append(1), emptied, waited.append, 10, 100_000, math.inf, LONG_BYTES)
+    for n in range(20):
+        incoming.put_nowait(Arrived("long", long))
+        incoming.put_nowait(Arrived("short", bytes([n])))
+    assert incoming.qsize() == 20
+    assert len(dropped) == 20
+    read = [incoming.get_nowait() for _ in range(20)]
+    assert [message.topic for message in read] == ["short"] * 10 + ["long"] * 10
+    assert [message.payload[0] for message in read[:10]] == list(range(10))
+    assert incoming.empty()

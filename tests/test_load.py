@@ -50,7 +50,7 @@ async def test_no_command_of_fifty_visitors_is_lost(broker, for_s):
         await eventually(lambda: arrived(state_of(ready)) == sent, 20, 0.5)
         state = state_of(ready)
         # On a busy machine a command may lie unread for longer than a joystick's word is good for: counted, not obeyed.
-        # How many is a matter of the machine, all the more with amqtt, which runs in the gateway's own time.
+        # How many is a matter of the machine.
         assert set(state["rejected"]) <= {"late"}
         assert state["counters"]["commands"]
         assert len(state["visitors"]) == CLIENTS

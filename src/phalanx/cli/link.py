@@ -255,7 +255,7 @@ def _echo(server: Server) -> None:
 def _tell(said: Happening, url: str, events: bool, *, ready: bool = False) -> None:
     from phalanx.gateway.events import tell_event  # noqa: PLC0415  # as in serve
 
-    told = tell_event(said, url)
+    told = tell_event(said, lambda: url)
     if told is None:
         return
     if ready:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from phalanx.io.server import Happening
@@ -9,10 +10,10 @@ from phalanx.link import Command, Epoch, Request
 from phalanx.link.messages import Rejected
 
 
-def tell_event(said: Happening, qr_url: str) -> dict[str, Any] | None:
+def tell_event(said: Happening, qr_url: Callable[[], str]) -> dict[str, Any] | None:
     """The event in JSON's types; None for what is no event. A rotation has the pin in it."""
     if isinstance(said, Epoch):
-        return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": qr_url}
+        return {"event": "rotation", "pin": said.pin.digits, "topic": said.topic, "qr_url": qr_url()}
     if isinstance(said, Command):
         return {"event": "command", "address": said.address, "name": said.name, "payload": said.payload}
     if isinstance(said, Request):

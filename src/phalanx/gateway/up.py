@@ -281,16 +281,15 @@ class Running:
                 self._say({"event": "broker", "connected": connected, "trouble": self._server.trouble})
 
     def _on_event(self, said: Happening) -> None:
-        event = tell_event(said, self.qr_url)
+        # Of refusals the first of its kind at once; the others are added up, for they may come in thousands.
+        if isinstance(said, Rejected) and said.reason in self._told:
+            return
+        event = tell_event(said, lambda: self.qr_url)
         # Pages ask all the time; and what we say ourselves is nobody's business.
         if event is None or isinstance(said, Request) or (self._door and self._door.is_knocking(said)):
             return
         if isinstance(said, Rejected):
-            # The first of its kind at once; the others are added up, for they may come in thousands.
-            if said.reason in self._told:
-                return
-            self._told[said.reason] = self._server.rejected[said.reason]
-            event["count"] = self._told[said.reason]
+            self._told[said.reason] = event["count"] = self._server.rejected[said.reason]
         self._say(event)
 
 

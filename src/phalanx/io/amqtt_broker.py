@@ -1,16 +1,22 @@
-"""amqtt in this process, an extra: the broker for machines without mosquitto. Slower, and MQTT 3.1.1 only.
+"""amqtt in a process of its own, an extra: the broker for machines without mosquitto. Slower, and MQTT 3.1.1 only.
 
-Visitors come by way of the guard, as to mosquitto.
+Visitors come by way of the guard, as to mosquitto. Started as `python -m phalanx.io.amqtt_broker PARENT FOLDER`: whose
+child it is, and where it reads how to listen.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import hmac
+import json
 import logging
+import os
+import sys
 from collections.abc import AsyncIterator
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from amqtt.adapters import StreamReaderAdapter, StreamWriterAdapter
@@ -18,17 +24,20 @@ from amqtt.broker import Broker
 from amqtt.contexts import Action, BrokerConfig, ListenerConfig, ListenerType
 from amqtt.errors import BrokerError
 
-from phalanx.errors import Unavailable
+from phalanx.link.qrurl import Login
 
+from .children import a_python_child, end_with, kept
 from .files import a_share
 from .guarding import guarded
 from .heard import Heard
 from .listeners import Listeners
-from .ports import LOOPBACK, PortTaken
+from .mosquitto import serves, until_it_serves
+from .ports import LOOPBACK
 from .private_folder import private_folder
 
 VISITORS, GUARD = "visitors", "the guard"  # the listener for whom the guard lets in, and the address that all have
 PROGRAMS = 200  # connections at the gateway's own door
+HOW = "listeners.json"  # the gateway's login is in it
 
 
 class _CappedBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
@@ -80,9 +89,24 @@ async def amqtt(at: Listeners) -> AsyncIterator[Heard]:
 
     Raises: Unavailable: it does not start (a port taken, say).
     """
-    # It reports every packet as information, and every client that leaves as a warning with a trace.
-    for name in ("amqtt", "transitions"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    with private_folder() as folder:
+        (folder / HOW).touch(mode=0o600)
+        (folder / HOW).write_text(json.dumps(asdict(at)))
+        child = partial(a_python_child, "phalanx.io.amqtt_broker", str(folder))
+        async with (
+            guarded(
+                at, folder / VISITORS, folder
+            ) as heard,  # first: where a port is taken, amqtt is started for nothing
+            kept("amqtt", child, partial(serves, at.gateway), partial(until_it_serves, "amqtt", at.gateway)),
+        ):
+            yield heard
+
+
+async def serve(at: Listeners, folder: Path) -> None:
+    """Be the broker, until cancelled.
+
+    Raises: BrokerError, OSError: it cannot listen there.
+    """
     door = {"bind": f"{LOOPBACK}:{at.gateway_port}", "max_connections": a_share(PROGRAMS, 2)}
     listeners = {
         "default": ListenerConfig(type=ListenerType.TCP, **door),  # a name that amqtt insists on
@@ -90,27 +114,29 @@ async def amqtt(at: Listeners) -> AsyncIterator[Heard]:
     }
     plugins = {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
     broker = _CappedBroker(BrokerConfig(listeners=listeners, plugins=plugins), at)
-    try:
-        await broker.start()
-    except (BrokerError, OSError) as error:
-        for server in broker._servers.values():  # noqa: SLF001  # the listeners that it had opened by then
-            await server.close_instance()
-        cause = error.__cause__ or error
-        taken = isinstance(cause, OSError) and cause.errno == errno.EADDRINUSE
-        failure = PortTaken if taken else Unavailable
-        raise failure(f"amqtt does not start: {error}", "phalanx doctor") from error
 
     async def come(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(ConnectionError):  # gone before its answer: asyncio would print a trace
             await broker.external_connected(StreamReaderAdapter(reader), _Unnamed(writer), VISITORS)
 
+    await broker.start()
+    async with await asyncio.start_unix_server(come, folder / VISITORS):
+        await asyncio.Event().wait()
+
+
+def _main() -> None:
+    parent, folder = sys.argv[1:]
+    end_with(int(parent))
+    # It reports every packet as information, and every client that leaves as a warning with a trace.
+    for name in ("amqtt", "transitions"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    words = json.loads((Path(folder) / HOW).read_text())
     try:
-        with private_folder() as folder:
-            async with (
-                await asyncio.start_unix_server(come, folder / VISITORS),
-                guarded(at, folder / VISITORS, folder) as heard,
-            ):
-                yield heard
-    finally:
-        with contextlib.suppress(asyncio.TimeoutError, asyncio.CancelledError, BrokerError):
-            await asyncio.wait_for(broker.shutdown(), 1.0)
+        asyncio.run(serve(Listeners(**words | {"login": Login(**words["login"])}), Path(folder)))
+    except (BrokerError, OSError) as error:
+        cause = error.__cause__ or error
+        sys.exit(os.strerror(cause.errno) if isinstance(cause, OSError) and cause.errno else str(error))
+
+
+if __name__ == "__main__":
+    _main()

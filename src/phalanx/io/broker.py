@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 EMBEDDED = ("auto", "mosquitto", "amqtt")
 BROKER_HINT = "apt-get install mosquitto, or pip install 'phalanx-swarm[amqtt]'"
-AMQTT_LACKS = "which is slower, and works in the gateway's own time: of fifty who drive at once some come late"
+AMQTT_LACKS = "which is slower, and speaks MQTT 3.1.1 only"
 
 
 @dataclass(frozen=True, slots=True)

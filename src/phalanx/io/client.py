@@ -8,6 +8,7 @@ import logging
 import os
 import random
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from types import TracebackType
 from typing import Any, Self
@@ -78,7 +79,7 @@ class Client:
     @property
     def rejected(self) -> dict[str, int]:
         """Refused messages by reason."""
-        return dict(self._side.rejected)
+        return dict(self._side.rejected + Counter(overrun=self._link.overruns if self._link else 0))
 
     @property
     def client_id(self) -> str:

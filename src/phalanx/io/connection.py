@@ -14,7 +14,6 @@ import random
 import re
 import ssl
 import time
-from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from typing import cast
 
@@ -23,11 +22,13 @@ from aiomqtt.client import ProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from phalanx.errors import Overrun, PeerError, Unavailable
+from phalanx.errors import PeerError, Unavailable
 from phalanx.link.messages import Ask, Publish, Subscribe
 
+from .broker_packets import MAX_PACKET_BYTES, Arrived
 from .broker_url import BrokerUrl
-from .packets import MAX_PACKET_BYTES, READ_FOR_S, CheckedClient, Emptied
+from .incoming import INCOMING_MESSAGES, LONG_BYTES, Incoming
+from .packets import READ_FOR_S, CheckedClient, Emptied
 
 log = logging.getLogger(__name__)
 _SILENT = logging.getLogger(f"{__name__}.paho")
@@ -37,12 +38,6 @@ KEEPALIVE_S = 60
 # From a broker's return to the first retry: the last wait before it, 1.5 s with jitter, well below the 5 s we promise.
 FIRST_RETRY_S, LAST_RETRY_S = 0.2, 1.0
 CONNECT_TIMEOUT_S = 5.0
-# What may wait to be read: room for a burst of small messages, and no more memory than a small machine has.
-INCOMING_MESSAGES = 2000  # under a second of work: what waits longer is stale news and late commands
-# A server that has so many behind a message leaves what has waited so long unopened. Opened, it would be refused as
-# late, and so would all behind it: a server that works through a backlog in its order obeys nobody.
-BACKLOG, STALE_S = 50, 0.2
-INCOMING_BYTES = 64 * 1024 * 1024
 # CONNACK codes of MQTT 3.1.1 and 5: bad credentials, not authorized; unacceptable protocol version.
 REFUSED_LOGIN = frozenset({4, 5, 134, 135})
 REFUSED_VERSION = frozenset({1, 132})
@@ -67,64 +62,6 @@ class _DeniedError(aiomqtt.MqttError):
     """The broker answered a subscription, and did not grant it."""
 
 
-class Incoming(asyncio.Queue[aiomqtt.Message]):
-    """Messages that wait to be read, bounded in number and in bytes of topic and payload; the newest are dropped.
-
-    Of more than a few those that have waited longer than `stale_s` are dropped as well, whosesoever they are.
-
-    `on_overrun` is called for every message that is dropped, `on_read` for every one that is read, with the seconds it
-    has waited here; `emptied` tells since when a message that comes now may have waited.
-    """
-
-    def __init__(
-        self,
-        on_overrun: Callable[[], None],
-        emptied: Emptied,
-        on_read: Callable[[float], None],
-        maxsize: int = INCOMING_MESSAGES,
-        max_bytes: int = INCOMING_BYTES,
-        stale_s: float = math.inf,
-    ) -> None:
-        super().__init__(maxsize)
-        self._stale_s = stale_s
-        self._emptied = emptied
-        self._on_read = on_read
-        self._since_s: deque[float] = deque()
-        self._on_overrun = on_overrun
-        self._room_bytes = max_bytes
-
-    def put_nowait(self, message: aiomqtt.Message) -> None:
-        """Take the message or drop it; never `QueueFull`, which aiomqtt would log once a message."""
-        if self.full() or _size_bytes(message) > self._room_bytes:
-            self._on_overrun()
-        else:
-            super().put_nowait(message)
-
-    def _put(self, message: aiomqtt.Message) -> None:
-        self._room_bytes -= _size_bytes(message)
-        self._since_s.append(self._emptied.at_s)
-        super()._put(message)
-
-    @property
-    def since_s(self) -> float | None:
-        """Since when the next one to be read may have waited, if there is one."""
-        return self._since_s[0] if self._since_s else None
-
-    def _get(self) -> aiomqtt.Message:
-        while True:
-            message = super()._get()
-            self._room_bytes += _size_bytes(message)
-            waited_s = time.monotonic() - self._since_s.popleft()
-            if waited_s <= self._stale_s or self.qsize() < BACKLOG:
-                self._on_read(waited_s)
-                return message
-            self._on_overrun()
-
-
-def _size_bytes(message: aiomqtt.Message) -> int:
-    return len(message.topic.value) + (len(message.payload) if isinstance(message.payload, bytes) else 0)
-
-
 class Connection:
     """One MQTT client.
 
@@ -135,8 +72,8 @@ class Connection:
         on_message: awaited with each message's topic and payload, in order.
         on_connect: called after each connect and subscribe; true for a reconnect.
         mqtt: protocol version to begin with, 5 or 4; the other is tried if the broker refuses it.
-        on_dropped: called for every message that was dropped unread: too large, or come faster than they were read.
-        stale_s: what waits longer, with many behind it, is dropped.
+        on_dropped: called for every message that was dropped unread, for it is too large, say; overruns are counted.
+        stale_s: what waits longer, with many behind it, is dropped; then short messages are read before long ones.
     """
 
     def __init__(
@@ -155,6 +92,7 @@ class Connection:
         self.mqtt = mqtt
         self.connected = asyncio.Event()
         self.reconnects = 0
+        self.overruns = 0  # messages that came faster than they were read: only counted, for they come in thousands
         self.trouble = ""
         self.waited_s = 0.0  # how long the message being handled lay here unread
         self._name = name
@@ -253,7 +191,10 @@ class Connection:
 
     async def _live(self) -> None:
         emptied = Emptied()
-        incoming = Incoming(self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s)
+        long_bytes = math.inf if math.isinf(self._stale_s) else LONG_BYTES
+        incoming = Incoming(
+            self._overrun, emptied, self._note_wait, INCOMING_MESSAGES, stale_s=self._stale_s, long_bytes=long_bytes
+        )
         client = CheckedClient(
             self.broker.host,
             self.broker.port,
@@ -266,10 +207,10 @@ class Connection:
             tls_context=ssl.create_default_context() if self.broker.tls else None,
             keepalive=KEEPALIVE_S,
             timeout=CONNECT_TIMEOUT_S,
-            max_queued_incoming_messages=INCOMING_MESSAGES,
             queue_type=cast("type[asyncio.Queue[aiomqtt.Message]]", lambda maxsize: incoming),  # noqa: ARG005
             properties=_connect_properties() if self.mqtt == 5 else None,
             logger=_SILENT,
+            arrived=incoming.put_nowait,
             on_dropped=self._on_dropped,
             emptied=emptied,
         )
@@ -290,22 +231,18 @@ class Connection:
             watching = asyncio.create_task(emptied.watch())
             try:
                 await self._on_connect(again)
-                async for message in client.messages:
-                    until_s = time.monotonic() + READ_FOR_S
-                    await self._hear(message)
+                async for first in client.messages:
+                    until_s, message = time.monotonic() + READ_FOR_S, cast("Arrived", first)
+                    await self._on_message(*message)
                     # aiomqtt takes some turns of the loop for each; as many more may have come in each.
                     while not incoming.empty() and time.monotonic() < until_s:
-                        await self._hear(incoming.get_nowait())
+                        await self._on_message(*incoming.get_nowait())
             finally:
                 watching.cancel()
                 self._client = self._incoming = None
 
-    async def _hear(self, message: aiomqtt.Message) -> None:
-        payload = message.payload
-        await self._on_message(str(message.topic), payload if isinstance(payload, bytes) else b"")
-
     def _overrun(self) -> None:
-        self._on_dropped(Overrun("arrived faster than they were read; dropped unread"))
+        self.overruns += 1
 
     def _note_wait(self, waited_s: float) -> None:
         self.waited_s = waited_s

@@ -35,7 +35,7 @@ QUEUED_MESSAGES = 500  # a thousand robots' list is 167 parts, twice in an overl
 ROUNDS = 101
 SOCKET = "run/visitors"
 PROBE_BYTES = 64 * 1024
-START_TIMEOUT_S = 5.0
+START_TIMEOUT_S = 20.0  # one that fails ends by itself; amqtt takes a second of processor time
 
 
 def find_mosquitto() -> str | None:
@@ -111,7 +111,7 @@ async def mosquitto(at: Listeners) -> AsyncIterator[Heard]:
     with private_folder() as folder:
         user = _write(folder, at)
         child = partial(a_child, program, "-c", str(folder / CONFIG), user=user, most_bytes=MEMORY_BYTES)
-        begins = partial(_until_it_serves, url=at.gateway)
+        begins = partial(until_it_serves, "mosquitto", at.gateway)
         async with (
             kept("mosquitto", child, partial(serves, at.gateway), begins),
             guarded(at, folder / SOCKET, folder) as heard,
@@ -167,8 +167,11 @@ def _packet(kind: int, body: bytes) -> bytes:
     return bytes((*head, left)) + body
 
 
-async def _until_it_serves(process: asyncio.subprocess.Process, url: BrokerUrl) -> None:
-    """Listening is not enough: it listens at one port, finds the next one taken, and ends."""
+async def until_it_serves(name: str, url: BrokerUrl, process: asyncio.subprocess.Process) -> None:
+    """Listening is not enough: it listens at one port, finds the next one taken, and ends.
+
+    Raises: PortTaken. Unavailable: it does not start.
+    """
     deadline, does = asyncio.get_running_loop().time() + START_TIMEOUT_S, None
     while process.returncode is None and asyncio.get_running_loop().time() < deadline:
         if does := await serves(url):
@@ -181,4 +184,4 @@ async def _until_it_serves(process: asyncio.subprocess.Process, url: BrokerUrl) 
     assert process.stderr is not None
     said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
     failure = PortTaken if said and said[-1].endswith(os.strerror(errno.EADDRINUSE)) else Unavailable
-    raise failure(f"mosquitto does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")
+    raise failure(f"{name} does not start: {said[-1] if said else 'no reason given'}", "phalanx doctor")

@@ -16,56 +16,17 @@ from typing import Any, Self
 
 import aiomqtt
 from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.exception import MalformedPacket
 
-from phalanx.errors import PeerError, TooLarge
+from phalanx.errors import PeerError, TooLarge, WrongTopic
 
+from .broker_packets import Answer, Arrived, BrokerFaultError, BrokerPackets
 from .websocket import Websocket
 
-MAX_PACKET_BYTES = 2 * 1024 * 1024  # above the largest message a client reads: 1 MiB of plaintext, 4/3 of that sealed
-MAX_TOPIC_BYTES = 1024  # above the longest topic of ours, under the longest root
-MAX_PROPERTIES_BYTES = 256  # nobody here reads any
-MAX_ANSWER_BYTES = 512  # of a broker to what we asked of it: paho reads properties in a time that grows with its square
 # Other work of this loop waits no longer for packets that come without end; more than enough to empty a socket.
 READ_FOR_S = 0.005
 READ_BYTES = 64 * 1024
 BEAT_S = 0.05
-PUBLISH, QOS = 0x30, 0x06
-
-
-class BrokerFaultError(aiomqtt.MqttError):
-    """The broker sent what no broker sends: it is left."""
-
-
-def check_packet(first: int, length: int, packet: bytes | bytearray, mqtt: int) -> None:
-    """Nothing, if a packet of this first byte and this length after it is cheap to parse.
-
-    `packet` is what follows the length, or only its end if it is longer than `MAX_PACKET_BYTES`.
-
-    Raises: TooLarge: a message that is to be dropped. BrokerFaultError.
-    Source: MQTT 5.0 §2, §3.3.
-    """
-    if first & 0xF0 != PUBLISH:
-        if length > MAX_ANSWER_BYTES:
-            raise BrokerFaultError("an answer of absurd length")
-        return
-    if length > MAX_PACKET_BYTES:
-        raise TooLarge(f"packet of {length} bytes")
-    after_topic = 2 + int.from_bytes(packet[:2], "big")
-    if first & QOS or after_topic > length:  # nothing but QoS 0 is subscribed to; more would be kept until it ends
-        raise BrokerFaultError("not what was subscribed to")
-    if after_topic > MAX_TOPIC_BYTES:
-        raise TooLarge(f"topic of {after_topic} bytes")
-    if mqtt == 5 and _varint(packet[after_topic : after_topic + 4]) > MAX_PROPERTIES_BYTES:
-        raise TooLarge("properties that nobody reads")
-
-
-def _varint(encoded: bytes | bytearray) -> int:
-    value = 0
-    for i, byte in enumerate(encoded):
-        value |= (byte & 127) << 7 * i
-        if byte < 128:
-            return value
-    raise BrokerFaultError("a length without an end")
 
 
 class Emptied:
@@ -151,28 +112,33 @@ class Frames:
 
 
 class CheckedClient(aiomqtt.Client):
-    """aiomqtt's client, but every packet is checked first.
+    """aiomqtt's client, but it reads by itself: a message never comes to paho, and what does is cheap to parse.
 
-    `on_dropped` is called for every message that is dropped unparsed; `emptied` is told when the socket is empty.
+    paho asks the system three times for each packet, and takes 60 µs for it; other threads have their turn at each.
+
+    `arrived` takes the messages, `on_dropped` is told of every one that is dropped, `emptied` when the socket is empty.
     """
 
-    def __init__(self, *where: Any, on_dropped: Callable[[PeerError], None], emptied: Emptied, **more: Any) -> None:
+    def __init__(
+        self,
+        *where: Any,
+        arrived: Callable[[Arrived], None],
+        on_dropped: Callable[[PeerError], None],
+        emptied: Emptied,
+        **more: Any,
+    ) -> None:
         super().__init__(*where, **more)
         self._is_websocket = more.get("transport") == "websockets"
-        self._on_dropped = on_dropped
+        self._arrived, self._on_dropped = arrived, on_dropped
         self._emptied = emptied
         self._again: asyncio.Handle | None = None
         self._frames: Frames | None = None
         paho: Any = self._client
-        # A broker can send a topic that aiomqtt raises on. Unsuppressed, paho would read the same packet again for
-        # ever, and log it each time, escape sequences included.
+        self._packets = BrokerPackets(5 if paho._protocol == aiomqtt.ProtocolVersion.V5 else 4)  # noqa: SLF001
+        # Or what aiomqtt raises on would end this loop.
         paho.suppress_exceptions = True
-        self._parse, paho._packet_handle = paho._packet_handle, self._check_and_parse  # noqa: SLF001
         self._dial, paho._create_socket_connection = paho._create_socket_connection, self._dialled  # noqa: SLF001
         self._way: socket.socket | None = None
-        # It asks for all that is missing of a packet at once, a hundred times a turn: tens of megabytes.
-        receive = paho._sock_recv  # noqa: SLF001
-        paho._sock_recv = lambda length: receive(min(length, READ_BYTES))  # noqa: SLF001
 
     async def __aenter__(self) -> Self:
         # paho connects in a thread that nothing can stop, and waits anew for each byte of a websocket's answer:
@@ -194,19 +160,6 @@ class CheckedClient(aiomqtt.Client):
         self._way = way.dup()  # TLS takes the other one over
         return way
 
-    def _check_and_parse(self) -> MQTTErrorCode:
-        paho: Any = self._client
-        said, version = paho._in_packet, 5 if paho._protocol == aiomqtt.ProtocolVersion.V5 else 4  # noqa: SLF001
-        try:
-            check_packet(said["command"], said["remaining_length"], said["packet"], version)
-        except TooLarge as error:
-            self._on_dropped(error)
-            return MQTTErrorCode.MQTT_ERR_SUCCESS
-        except BrokerFaultError:
-            return MQTTErrorCode.MQTT_ERR_PROTOCOL
-        code: MQTTErrorCode = self._parse()
-        return code
-
     def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
         # Called from the thread that connects. aiomqtt's own reader does not end under TLS while packets come.
         if self._is_websocket:
@@ -224,24 +177,61 @@ class CheckedClient(aiomqtt.Client):
             while time.monotonic() < until_s:
                 if paho._sock is None:  # noqa: SLF001
                     return
-                code = paho._packet_read()  # noqa: SLF001
-                if code == MQTTErrorCode.MQTT_ERR_AGAIN:
-                    if paho._in_packet["remaining_length"] > MAX_PACKET_BYTES:  # noqa: SLF001
-                        paho._in_packet["packet"].clear()  # noqa: SLF001  # will be dropped: nothing of it is kept
-                    self._emptied.read(empty=self._frames is None or self._frames.is_dry)
-                    self._read_again()
-                    return
+                code = self._read_one(paho)
                 if code > 0:
                     paho._loop_rc_handle(code)  # noqa: SLF001
                     return
             self._emptied.read(empty=False)
-            self._read_again()
+            self._again = self._loop.call_soon(self._read)
+        except BlockingIOError:
+            self._emptied.read(empty=self._frames is None or self._frames.is_dry)
+            if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
+                # Decrypted already, or read already: the loop does not see it on the socket.
+                self._again = self._loop.call_soon(self._read)
         except Exception as error:  # noqa: BLE001  # as in aiomqtt: the connection broke
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
 
-    def _read_again(self) -> None:
-        paho: Any = self._client
-        if getattr(paho._sock, "pending", lambda: 0)():  # noqa: SLF001
-            # Decrypted already, or read already: the loop does not see it on the socket.
-            self._again = self._loop.call_soon(self._read)
+    def _read_one(self, paho: Any) -> MQTTErrorCode:
+        """A packet that has come, or more of the stream. Raises: BlockingIOError: there is none now."""
+        try:
+            packet = self._packets.next()
+        except (TooLarge, WrongTopic) as error:
+            self._on_dropped(error)
+        except BrokerFaultError:
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+        else:
+            if isinstance(packet, Arrived):
+                self._arrived(packet)
+            elif packet is not None:
+                return _parsed(paho, packet)
+            else:
+                try:
+                    data = paho._sock_recv(READ_BYTES)  # noqa: SLF001
+                except BlockingIOError:
+                    raise
+                except OSError:
+                    data = b""
+                if not data:
+                    return MQTTErrorCode.MQTT_ERR_CONN_LOST
+                paho._last_bytes_received = time.monotonic()  # noqa: SLF001  # or it would ask whether we are there
+                self._packets.add(data)
+        return MQTTErrorCode.MQTT_ERR_SUCCESS
+
+
+def _parsed(paho: Any, packet: Answer) -> MQTTErrorCode:
+    """Paho has what it keeps while it reads one, and gets it back as it was."""
+    empty = paho._in_packet  # noqa: SLF001
+    try:
+        paho._in_packet = empty | {  # noqa: SLF001
+            "command": packet.first,
+            "have_remaining": 1,
+            "remaining_length": len(packet.body),
+            "packet": packet.body,
+        }
+        code: MQTTErrorCode = paho._packet_handle()  # noqa: SLF001
+    except MalformedPacket:
+        return MQTTErrorCode.MQTT_ERR_PROTOCOL
+    finally:
+        paho._in_packet = empty  # noqa: SLF001
+    return code

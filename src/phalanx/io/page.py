@@ -1,7 +1,7 @@
 """A page that strangers reach, in a process of its own: what they ask for takes nothing of the gateway's time.
 
-It is started when somebody comes first, and again when it ends or serves no longer. We listen, not it: who comes while
-it starts waits for a moment. Started as `python -m phalanx.io.page PARENT FOLDER POLICY CONNECTIONS DOOR…`: whose
+It is started again when it ends or serves no longer. We listen, not it: who comes while it starts waits for a moment.
+Started as `python -m phalanx.io.page PARENT FOLDER POLICY CONNECTIONS DOOR…`: whose
 child it is, and last the numbers of sockets that listen.
 """
 
@@ -12,11 +12,11 @@ import contextlib
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
 
-from .children import Child, Probe, a_python_child, answer, end_with, kept
+from .children import a_python_child, answer, end_with, kept
 from .files import allow_files
 from .ports import listen, listening_to_us
 from .private_folder import private_folder
@@ -37,24 +37,8 @@ async def page_apart(
         numbers = (door.fileno(), us.fileno())
         words = ("phalanx.io.page", str(folder), policy, str(connections), *map(str, numbers))
         child, serves = partial(a_python_child, *words, pass_fds=numbers), partial(_serves, ours / "watched")
-        serving = asyncio.create_task(_serve(door, child, serves))
-        try:
+        async with kept("the page", child, serves):
             yield int(door.getsockname()[1])
-        finally:
-            serving.cancel()
-            await asyncio.gather(serving, return_exceptions=True)
-
-
-async def _serve(door: socket.socket, child: Callable[[], Child], serves: Probe) -> None:
-    """From when somebody comes first: for a swarm that nobody visits there is no process."""
-    loop, came = asyncio.get_running_loop(), asyncio.Event()
-    loop.add_reader(door, came.set)
-    try:
-        await came.wait()
-    finally:
-        loop.remove_reader(door)
-    async with kept("the page", child, serves):
-        await asyncio.Event().wait()
 
 
 async def _serves(watched: Path) -> bool | None:

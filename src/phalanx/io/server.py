@@ -28,8 +28,9 @@ from phalanx.link.server_side import ServerSide
 
 from .answers import Answers
 from .broker_url import BrokerUrl, parse_broker_url, websocket_of
-from .connection import STALE_S, Connection
+from .connection import Connection
 from .heard import TELL_S, Heard
+from .incoming import STALE_S
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +136,8 @@ class Server:
     @property
     def rejected(self) -> Counter[str]:
         """Refused messages by reason; what the guard dropped, as we were behind, was an overrun."""
-        return self._side.rejected + Counter(overrun=self._heard.dropped if self._heard else 0)
+        overruns = (self._heard.dropped if self._heard else 0) + (self._link.overruns if self._link else 0)
+        return self._side.rejected + Counter(overrun=overruns)
 
     @property
     def connected(self) -> bool:
