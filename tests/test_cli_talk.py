@@ -16,7 +16,7 @@ import pytest
 
 from conftest import ROOT
 from phalanx.cli import link, reproduce, sim, terminal
-from phalanx.cli.main import ABOUT, phalanx, run_command
+from phalanx.cli.main import ABOUT, main, phalanx, run_command
 from phalanx.errors import Unavailable
 from phalanx.sim import compiling
 
@@ -356,3 +356,17 @@ def test_a_file_of_nearly_that_name_is_offered(words, there, tmp_path, capsys):
     assert str(meant) in error
     assert f"did you mean {there}? " in hint
     assert not list(tmp_path.glob("*.lock")), "nothing is left beside what is not there"
+
+
+def test_what_ctrl_c_left_half_made_goes_without_a_traceback(monkeypatch, capsys):
+    class HalfMade:
+        def __del__(self):
+            raise AttributeError("expr")
+
+    monkeypatch.setattr(sys, "argv", ["phalanx", "--version"])
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)  # as it was afterwards
+    monkeypatch.setattr("gc.set_threshold", lambda _: None)
+    with pytest.raises(SystemExit):
+        main()
+    HalfMade()
+    assert "expr" not in capsys.readouterr().err

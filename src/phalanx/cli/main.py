@@ -105,6 +105,7 @@ def main() -> None:
     # What is imported stays: looking again and again for what of it could go takes a fifth of a command's start.
     gc.set_threshold(100_000)
     _mend_streams()
+    sys.unraisablehook = _log_unraisable
     sys.exit(run_command(sys.argv[1:]))
 
 
@@ -116,6 +117,12 @@ def _mend_streams() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "w" if number else "r"))
         elif number and stream.errors == "strict":
             stream.reconfigure(errors="replace")
+
+
+def _log_unraisable(said: sys.UnraisableHookArgs) -> None:
+    # What Ctrl-C left half made, as a parser of pyparsing, complains when it goes; Python would print a traceback.
+    traceback = (said.exc_type, said.exc_value, said.exc_traceback)
+    logging.getLogger(__name__).debug("ignored in %r", said.object, exc_info=traceback)  # type: ignore[arg-type]
 
 
 def run_command(arguments: list[str]) -> int:
