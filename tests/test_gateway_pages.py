@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
+import re
 import resource
 import socket
 import subprocess
@@ -71,6 +72,18 @@ class TestPages:
             for path in ("/api/state", "/../pyproject.toml", "/assets/../../../up.py", "/assets/", "/%2e%2e/up.py"):
                 async with http.get(f"http://127.0.0.1:{pages.port}{path}") as answer:
                     assert answer.status in (403, 404), path
+
+    async def test_a_phone_on_a_slow_network_gets_the_script_packed_and_who_cannot_unpack_gets_it_plain(self):
+        async with a_page() as pages, aiohttp.ClientSession(auto_decompress=False) as http:
+            page = f"http://127.0.0.1:{pages.port}/"
+            async with http.get(page) as answer:
+                script = re.search(r'src="\./(assets/[^"]+\.js)"', await answer.text())[1]
+            sizes = {}
+            for taken in ("gzip, deflate, br", "identity"):
+                async with http.get(page + script, headers={"Accept-Encoding": taken}) as answer:
+                    assert "javascript" in answer.headers["Content-Type"]
+                    sizes[answer.headers.get("Content-Encoding")] = len(await answer.read())
+            assert sizes["gzip"] < 0.4 * sizes[None]
 
     @pytest.mark.parametrize(
         "headers",
