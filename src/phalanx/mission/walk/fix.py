@@ -155,18 +155,15 @@ def _most(match: Sighting) -> float:
     return MISFIT_2 if math.isnan(match.turn_rad) else MISFIT_3
 
 
-def is_alone(config: MissionConfig, seen: Experience, pair: Match, known: Sequence[Match] = ()) -> bool:
+def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> bool:
     """Whether nothing else that looks the same can be meant: the robot's doubt does not reach to the next such thing.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
 
     Args:
-        known: what is certain, and corrects the pose first.
+        mean, spread: of the robot's pose, as `told_by` has it.
     """
-    if config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
-        return False
     observed, truth = pair
-    mean, spread, _ = told_by(config, seen, known)
     x, y = as_known(seen, observed, mean)
     doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
     return math.hypot(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
@@ -174,8 +171,13 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, known: Sequen
 
 def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
     """Those of matches that agree which can mean nothing else: each alone, or with a pose that those correct."""
-    certain = [pair for pair in matches if is_alone(config, seen, pair)]
-    return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, certain))]
+    if not matches or config.sigmas * math.sqrt(seen.spread[-1]) > LOST_RAD:
+        return []
+    mean, spread, _ = told_by(config, seen, ())
+    certain = [pair for pair in matches if is_alone(config, seen, pair, mean, spread)]
+    if certain:
+        mean, spread, _ = told_by(config, seen, certain)
+    return [pair for pair in matches if pair in certain or (certain and is_alone(config, seen, pair, mean, spread))]
 
 
 def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth: Landmark) -> bool:
