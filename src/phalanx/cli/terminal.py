@@ -22,6 +22,7 @@ import click
 from phalanx.experiments.figure import MATPLOTLIB_HINT
 
 EVERY_S = 5.0  # between two lines of progress where there is no terminal
+MOST_LINES = 10_000
 
 
 def status_line(text: str, *more: str) -> None:
@@ -123,10 +124,10 @@ class EventLines:
     So many lines may wait, and so many bytes of all of them.
     """
 
-    def __init__(self, limit: int = 10_000, limit_bytes: int = 16 * 1024 * 1024) -> None:
+    def __init__(self, limit_bytes: int = 16 * 1024 * 1024) -> None:
         self.lost = 0
         self._failure: OSError | None = None
-        self._waiting: queue.Queue[str | None] = queue.Queue(limit)
+        self._waiting: queue.Queue[str | None] = queue.Queue(MOST_LINES)
         self._limit_bytes = limit_bytes
         self._put_bytes = self._got_bytes = 0  # each changed by one thread only
         self._thread = threading.Thread(target=self._print, daemon=True)

@@ -42,8 +42,7 @@ ROUTE_POINTS_IN_ALL = 3000
 class Gateway:
     """Serves one swarm over one link, whose handlers are registered here.
 
-    `say` is told what happens to shields and on missions (see ShieldWatch, MissionWatch); the clock is seconds since
-    1970.
+    `say` is told what happens to shields and on missions (see ShieldWatch, MissionWatch).
     """
 
     def __init__(
@@ -51,13 +50,11 @@ class Gateway:
         swarm: Swarm,
         server: Server,
         say: Callable[[dict[str, Any]], None] = lambda _: None,
-        clock: Callable[[], float] = time.time,
     ) -> None:
         self.server = server
         self.visitors = Visitors()
         self.drivers = Drivers()
         self._watchers: list[Callable[[dict[str, Any]], None]] = []
-        self._clock = clock
         self._told = Told()
         self._frames = Frames(server.config.part_plaintext_bytes)
         self._say = say
@@ -172,7 +169,7 @@ class Gateway:
         return told
 
     def _list(self, reads_frames: bool) -> list[dict[str, Any]]:
-        robots, now_s = self.swarm.robots(), self._clock()
+        robots, now_s = self.swarm.robots(), time.time()
         if not reads_frames:
             limit = self.server.config.max_to_client_bytes - 1024
             return vocabulary.tell_robots(robots, now_s, OLDER_ANSWER_BYTES, limit)
@@ -236,7 +233,7 @@ class Gateway:
         robots = self.swarm.robots()
         watches = [watch for watch in (self.shields, self.missions, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
-        tick = self._frames.next(robots, self._clock(), time.monotonic(), more, held=self.brakes.held)
+        tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
         for frame in tick.frames if tick else ():
             for tell in self._watchers:
                 tell(frame)
@@ -246,7 +243,7 @@ class Gateway:
             await self._tell_older_pages(robots, tick)
 
     async def _tell_older_pages(self, robots: Sequence[Robot], tick: Tick | None) -> None:
-        now_s, uptime_s = self._clock(), time.monotonic()
+        now_s, uptime_s = time.time(), time.monotonic()
         for robot in tick.joined if tick else ():
             await self._tell_one(Notice.NEW_ROBOT, vocabulary.tell_robot(robot, now_s, 0))
         stale_s = uptime_s - self._reloaded_at_s

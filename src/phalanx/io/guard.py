@@ -2,9 +2,9 @@
 
 mosquitto keeps what it is given: sessions that sleep, subscriptions, news for readers that stall, connections that say
 nothing. Here each visitor may have a little of everything, and all of them together a fixed amount. What they want of
-us they get in turns (`turns.py`), head by head who has proved the pin and place by place the others, and so much at
-once that this loop is never late; whoever is not to be contented is hung up on. The control loop lives in another
-process, and is held up by nothing of it.
+us they get in turns (`turns.py`): head by head who has proved the pin, place by place the others. A turn is so short
+that this loop is never late. Whoever is not to be contented is hung up on. The control loop lives in another process,
+and is held up by nothing of it.
 
 Started by `guarding.py`: `python -m phalanx.io.guard PARENT SOCKET HEARD DOOR…`: whose child it is, the paths of the
 broker's socket and of what the gateway tells (`heard.py`), and the numbers of sockets that listen: for whoever watches

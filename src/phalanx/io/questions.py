@@ -2,9 +2,9 @@
 nobody waiting who asks a little.
 
 The gateway cannot tell visitors apart, for whoever has the pin asks as ever-new clients; here they are connections. An
-answer is dear, the list of a thousand robots 20 ms of the gateway's time: so its queue is kept short, and who is next
-is decided here: first who has asked next to nothing yet, or has proved the pin and asks little; in both, and then among
-the others, head by head and place by place.
+answer is dear: the list of a thousand robots takes 20 ms of the gateway's time. So its queue is kept short, and who is
+next is decided here. First comes who has asked next to nothing yet, or has proved the pin and asks little; the others
+come after. In each row it goes head by head and place by place.
 """
 
 from __future__ import annotations

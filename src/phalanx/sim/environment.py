@@ -73,11 +73,11 @@ class _Flown(Controller):
 class SwarmEnv(ParallelEnv[str, Vector, Vector]):  # type: ignore[misc]
     """A scenario whose correct robots are agents, "robot_1" and so on. A step is 0.25 s.
 
-    An observation is float32, (4 + 5 `heard`,): the way to the goal (m, two) and the own velocity (m/s, two); then of
-    each of the nearest robots that were heard in the last 5 s 1.0, its place and its velocity, both seen from the own;
-    zeros where there is none. Places are what robots said: of a liar, a lie. An action is float32, (2,): the
-    acceleration, m/s², -5 to 5; more is cut. The reward is by how many metres the robot came nearer to the goal, less
-    1 for each robot that it touches. All agents are truncated at the scenario's end.
+    An observation is float32, (4 + 5 `heard`,). It begins with the way to the goal (m, two) and the own velocity (m/s,
+    two). Then come the nearest robots that were heard in the last 5 s: of each 1.0, its place and its velocity, both
+    seen from the own; zeros where there is none. Places are what robots said: of a liar, a lie. An action is float32,
+    (2,): the acceleration, m/s², -5 to 5; more is cut. The reward is by how many metres the robot came nearer to the
+    goal, less 1 for each robot that it touches. All agents are truncated at the scenario's end.
 
     Args:
         scenario: itself, the name of a built-in one, or a YAML file; its defence is none.

@@ -12,7 +12,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractAsyncContextManager
 from types import TracebackType
 from typing import Self
@@ -48,15 +48,14 @@ class Line:
     or None. `orders` are sent as they come, `trails` are addresses whose trail is to be forgotten.
     """
 
-    def __init__(self, url: DotbotUrl, clock: Callable[[], float]) -> None:
+    def __init__(self, url: DotbotUrl) -> None:
         self.url = url
         self.orders = Orders()
         self.trails = Orders()
         self.robots: Mapping[str, Dotbot] = {}
         self.area_mm = ANY_AREA_MM
-        self.lost_at_s: float | None = clock()
+        self.lost_at_s: float | None = time.time()
         self.trouble = ""
-        self._clock = clock
         self._reached = threading.Event()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="dotbots", daemon=True)
@@ -143,7 +142,7 @@ class Line:
     async def _hear(self, stream: aiohttp.ClientWebSocketResponse) -> None:
         fleet = Fleet()
         while True:
-            number = fleet.hear(await _text(stream), self._clock())
+            number = fleet.hear(await _text(stream), time.time())
             if fleet.robots is not None:
                 self.robots = fleet.robots
                 if self.lost_at_s is not None:
@@ -178,7 +177,7 @@ class Line:
 
     def _down(self, words: str) -> None:
         if self.lost_at_s is None:
-            self.lost_at_s = self._clock()
+            self.lost_at_s = time.time()
             log.warning("lost the controller of the DotBots at %s (%s); trying again", self.url, words)
         self.trouble = words
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -26,7 +26,7 @@ class DotbotSwarm:
     that are still under way by our word are stopped.
 
     While the controller is away robots are told where they were last, and refuse orders as unknown; a stop that was
-    said meanwhile is said to them as soon as it is back. The clock says seconds since 1970.
+    said meanwhile is said to them as soon as it is back.
 
     Raises: Unavailable: no controller within `wait_s`.
     Source: PyDotBot 0.33, dotbot/server.py.
@@ -35,10 +35,9 @@ class DotbotSwarm:
     longest_route = LONGEST_ROUTE
     unprotected = "DotBots do not audit each other: nothing stops one that lies"
 
-    def __init__(self, url: DotbotUrl, wait_s: float, clock: Callable[[], float] = time.time) -> None:
-        self._line = Line(url, clock)
+    def __init__(self, url: DotbotUrl, wait_s: float) -> None:
+        self._line = Line(url)
         self._wait_s = wait_s
-        self._clock = clock
         self._lock = threading.Lock()  # held for no longer than it takes to note an order
         self._held_at_s: float | None = None
         self._under_way: set[str] = set()
@@ -67,7 +66,7 @@ class DotbotSwarm:
 
     def robots(self) -> Sequence[Robot]:
         """Every DotBot that the controller tells of."""
-        heard_at_s = self._clock() if self._line.lost_at_s is None else self._line.lost_at_s
+        heard_at_s = time.time() if self._line.lost_at_s is None else self._line.lost_at_s
         told = self._line.robots.values()
         return [bot.robot._replace(heard_at_s=heard_at_s) if bot.active else bot.robot for bot in told]
 

@@ -1,8 +1,8 @@
 """What patrols and explorers have in common: places to be at, each taken on by one robot, and who was where when.
 
-A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. That somebody was
-at a place is believed of whoever says so, and no longer believed if that robot has fallen silent so soon after that it
-may have been stopped for this very lie: by P1 a liar is silent within `doubt_ms`.
+A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. Whoever says that
+it was at a place is believed. It is no longer believed if it falls silent so soon after that it may have been stopped
+for this very lie: by P1 a liar is silent within `doubt_ms`.
 
 Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
 """

@@ -43,15 +43,14 @@ class Orders:
         return MissionRun(**{"robots": len(self.parts), **given, **how})
 
 
-def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan, start: Pose | None = None) -> Orders:
+def orders_of(plain: Mission, built: Sequence[Built], plan: FloorPlan) -> Orders:
     """What robots are given of a mission whose author is asked.
 
     Args:
         built: a file and a key for each of its parts, in their order.
-        start: where all robots are put; None is where each part begins.
     Raises: UsageError: robots cannot be put where a part begins, or lack a sensor that it wants.
     """
-    return orders_of_files(plain.name, [(each.mission, each.key) for each in built], plan, plain, start)
+    return orders_of_files(plain.name, [(each.mission, each.key) for each in built], plan, plain)
 
 
 def orders_of_files(
