@@ -36,6 +36,7 @@ class Incoming(asyncio.Queue[Arrived]):
         emptied: Emptied,
         on_read: Callable[[float], None],
         maxsize: int = INCOMING_MESSAGES,
+        max_bytes: int = INCOMING_BYTES,
         stale_s: float = math.inf,
         long_bytes: float = math.inf,
     ) -> None:
@@ -44,7 +45,7 @@ class Incoming(asyncio.Queue[Arrived]):
         self._emptied = emptied
         self._on_read = on_read
         self._on_overrun = on_overrun
-        self._room_bytes = INCOMING_BYTES
+        self._room_bytes = max_bytes
         # Since when they may have waited, and they; whoever says long ones takes no room of others.
         self._rows: tuple[deque[tuple[float, Arrived]], ...] = (deque(), deque())
 
