@@ -42,7 +42,7 @@ KERNELS = {
 }
 MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
-CPU_S = 40  # a mistake may be a loop without an end
+CPU_S = 20  # a mistake may be a loop without an end
 OTHER_COMPARISON = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
@@ -169,12 +169,12 @@ def _put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
         getattr(parent, field)[index] = node
 
 
-def _in_a_child(work: Callable[[], Any]) -> Any:
-    """What `work` returns, done in a process of its own; None if that does not end, or ends by itself."""
+def _in_a_child(work: Callable[[], Any], most_s: int = resource.RLIM_INFINITY) -> Any:
+    """What `work` returns, done in a process of its own; None if that takes longer, or ends by itself."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+        resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s))
         sys.stdout = sys.stderr = Path(os.devnull).open("w")
         os.close(reading)
         with os.fdopen(writing, "w") as saying:
@@ -213,7 +213,9 @@ class Bench:
             file = str(SOURCES / f"{mutant.module}.py")
             at = {(file, line) for line in mutant.lines}
             items = [session.items[k] for k in order if not traced or ran[k] & at]
-            self.found[mutant] = _in_a_child(lambda mutant=mutant, items=items: self._first_failure(items, mutant))
+            self.found[mutant] = _in_a_child(
+                lambda mutant=mutant, items=items: self._first_failure(items, mutant), CPU_S
+            )
             if self.found[mutant] == "" and mutant.name not in self.known:
                 print(f"not found: {mutant.name} ({mutant.module}.py:{mutant.line})", flush=True)
         return True
