@@ -260,7 +260,7 @@ class TestUp:
     @pytest.mark.parametrize("broker", ["mosquitto", "amqtt"])
     def test_unless_asked_nothing_is_open_to_other_machines(self, broker):
         with a_gateway("--broker", broker) as (up, ready):
-            assert len(children_of(up.process.pid)) == (2 if broker == "mosquitto" else 1), "and the guard"
+            assert len(children_of(up.process.pid)) == 3, "the broker, the guard, the page"
             assert not open_to_all(up.process.pid)
             listed = called("link", "connect", ready["qr_url"], "--json")
             assert len(json.loads(listed.stdout)["robots"]) == 12

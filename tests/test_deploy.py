@@ -77,6 +77,16 @@ class TestContainerfile:
                 assert used in made
         assert len(made) == 2
 
+    def test_of_a_checkout_it_has_what_it_is_built_from_and_no_key_of_ones_own(self):
+        first, *others = re.sub(r"^#.*\n", "", (ROOT / ".dockerignore").read_text(), flags=re.MULTILINE).split()
+        assert first == "*", "nothing, but for what follows"
+        taken = {line[1:] for line in others if line.startswith("!")}
+        kept = set(subprocess.check_output(["git", "ls-files"], cwd=ROOT, text=True).splitlines())
+        assert taken <= kept | {path.split("/")[0] for path in kept}
+        needed = {"LICENSE", "README.md", "firmware", "pyproject.toml", "release", "setup.py", "src", "web"}
+        assert needed | set(re.findall(r"\S+\.lock", " ".join(told("RUN")))) <= taken
+        assert {"**/.*", "**/*.key", "**/node_modules", "**/*.so", "src/phalanx/gateway/pages"} <= set(others)
+
     def test_a_new_wheel_makes_a_new_layer(self):
         before, last = steps()[: [name for name, _ in steps()].index("USER")][-2:]
         assert (before[0], before[1].split()[0]) == ("COPY", "--from=wheels")
