@@ -303,6 +303,7 @@ def test_what_setup_installs_can_draw():
         ("sim run flock-12 --attack spoof:robt=3", "have no 'robt'", "did you mean robot?"),
         ("robot arena --on-air repaly:robot=1", "no such attack or option", "did you mean replay?"),
         ("robot arena --on-air replay:robt=1", "no such attack or option", "did you mean robot?"),
+        ("mission run office --record /nowhere/x.mcap", "no folder /nowhere", "make it first"),
         ("mission run office --start 100,100", "no robot can stand at (100, 100) in ", "x 0 to 40, y 0 to 40 m"),
         ("mission run office --start 0,0", "no robot can stand at (0, 0) in ", "away from walls"),
     ],

@@ -19,7 +19,7 @@ from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.files import read_plain
 from phalanx.cli.mission.run import _show
 from phalanx.config.mission import CodingConfig
-from phalanx.errors import PeerError, UsageError
+from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.mission import BuildOptions, Draft, Landmark, Mission, Phase, Position, Profile, build
 from phalanx.mission.landmarks import floorplan_of_yaml
 from phalanx.mission.refused import NotForUs
@@ -314,6 +314,9 @@ def test_a_recording_has_the_walls_and_what_was_decoded_and_is_the_same_again(tm
     assert json.loads(out)["drift"] == [last[1], last[2]]
     assert any(line.startswith("its wheels err by   way ") for line in said)
     assert isinstance(_command("inspection", "--profile", "paper", "--record", "no/where/x.mcap")[2], UsageError)
+    _, out, error = _command("inspection", "--profile", "paper", "--record", "/dev/full", "--duration", "1", "--json")
+    assert isinstance(error, Unavailable)
+    assert json.loads(out)["robots"] == 2, "what robots did is not lost with the recording"
 
 
 def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:

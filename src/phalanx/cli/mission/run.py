@@ -13,7 +13,7 @@ import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
 from phalanx.config.lidar import LidarConfig
-from phalanx.errors import UsageError
+from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
@@ -26,7 +26,7 @@ from phalanx.sim.missions.report import Report, drift_words
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import check_count
 
-from .files import Wanted, building, parse_robots
+from .files import Wanted, building, check_folder, parse_robots
 
 
 def run(
@@ -48,6 +48,8 @@ def run(
     **how: Any,
 ) -> int:
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
+    if record is not None:
+        check_folder(record)
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     ids, count = _fleet(named, robots, len(files or (plain.parts if plain else ())))
     if how["defence"] != "none":  # before anything is encoded
@@ -77,17 +79,25 @@ def run(
         click.echo("stopped", err=True)
         return 1
     end_status_line()
-    if record is not None:
-        write_recording(record, orders.plan, reports)
-        click.echo(f"recorded: {record}", err=True)
+    unwritten = _unwritten(record, orders.plan, reports)
     for line in _lacking(reports):
         talk(line)
     told = summary(setting, reports)
-    if as_json:
-        print_json(told)
-    else:
-        _show(told)
+    (print_json if as_json else _show)(told)
+    if unwritten:  # what robots did is told all the same
+        raise unwritten
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _unwritten(record: Path | None, plan: FloorPlan, reports: list[Report]) -> Unavailable | None:
+    """What keeps a recording that was asked for from being written."""
+    if record is not None:
+        try:
+            write_recording(record, plan, reports)
+        except Unavailable as error:
+            return error
+        click.echo(f"recorded: {record}", err=True)
+    return None
 
 
 def _fleet(named: str, robots: int | None, parts: int) -> tuple[tuple[int, ...], int]:
