@@ -9,7 +9,6 @@ import pytest
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.config.lidar import LidarConfig
-from phalanx.errors import UsageError
 from phalanx.mission import Action, BuildOptions, Draft, Landmark, Position, Profile, Sensor, build
 from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.authoring.survey import survey
@@ -118,20 +117,30 @@ def test_missions_that_come_with_phalanx_are_feasible(name):
 
 
 @pytest.mark.parametrize(
-    ("range_m", "is_feasible"), [pytest.param(0.9, False, marks=pytest.mark.long), (1.5, False), (2.5, True)]
+    ("mission", "lidar", "is_feasible"),
+    [
+        pytest.param("delivery", "270,1080,0.9", False, marks=pytest.mark.long),
+        ("delivery", "270,1080,2", False),  # lived with two seeds: 3 and 1 of 8 nodes; else all, or none, complete
+        ("delivery", "270,1080,2.5", True),
+        ("delivery", "270,360,10", False),  # of half a metre beside the door too few beams hit on the straight way
+        ("delivery", "120,480,10", False),  # hands over within 1 m, where both jambs are out of sight
+        ("inspection", "180,720,10", False),  # likewise
+        ("inspection", "270,1080,2.5", True),
+    ],
 )
-def test_doors_whose_jambs_no_scan_shows_are_infeasible_though_their_middle_is_in_range(range_m, is_feasible):
-    """Lived, `delivery` ends after one node with the first two lidars, and is whole with the third."""
-    plain, lidar = read_plain("delivery"), LidarConfig(range_max_m=range_m)
-    outlook = look_ahead(plain, None, load_floorplan(plain.floor_plan), lidar)
+def test_what_no_scan_on_the_way_shows_is_infeasible_though_it_is_in_range(mission, lidar, is_feasible):
+    plain = read_plain(mission)
+    outlook = look_ahead(plain, None, load_floorplan(plain.floor_plan), LidarConfig.parse(lidar))
     assert outlook.completes(plain) == is_feasible
-    assert is_feasible or any("scans show it from" in reason for why in outlook.infeasible.values() for reason in why)
+    assert is_feasible or any("scans do not show it" in reason for why in outlook.infeasible.values() for reason in why)
 
 
-def test_a_drawn_building_in_which_robots_got_lost_at_once_is_no_mission_any_more_and_the_next_is_whole():
-    """Of drawn:22 robots decoded 1 of 31 nodes; nearly all that is to be seen there has its like beside it."""
-    with pytest.raises(UsageError, match="no way leads to a landmark"):
-        survey(load_floorplan("drawn:22"))
+def test_of_a_drawn_building_in_which_robots_get_lost_at_once_it_is_said():
+    """In drawn:22 robots turn by 150 degrees, and come through a door that scans show from its sides alone."""
+    plan = load_floorplan("drawn:22")
+    outlook = look_ahead(lost := survey(plan), None, plan)
+    assert not outlook.completes(lost)
+    assert any("scans do not show it" in why for whys in outlook.infeasible.values() for why in whys)
     whole = survey(load_floorplan("drawn:23"))
     assert look_ahead(whole, None, load_floorplan("drawn:23")).infeasible == {}
 
@@ -153,7 +162,7 @@ def test_what_is_farther_away_than_a_lidar_sees_is_infeasible():
     )
     plain = mission(plan, Landmark("corner_convex", 10.18, 0.6, 1.25 * math.pi))
     assert look_ahead(plain, None, plan, LidarConfig(range_max_m=5.0)).infeasible == {}
-    (why,) = look_ahead(plain, None, plan, LidarConfig(range_max_m=0.75)).infeasible["goal"]
+    (why,) = look_ahead(plain, None, plan, LidarConfig(range_max_m=0.55)).infeasible["goal"]
     assert "in sight from nowhere" in why
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.draw import draw_mission, lived
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
-from phalanx.mission import Profile
+from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M
 from phalanx.mission.authoring.survey import START, begun_at, roomiest, survey
 from phalanx.mission.landmarks import floorplan_of_yaml
@@ -58,6 +59,35 @@ def test_behind_a_shelf_where_no_robot_gets_through_no_way_leads_from_one_end_to
     ways = {(way.source, way.target) for way in mission.ways}
     assert (left, right) not in ways
     assert {(START, left), (START, right)} & ways, "to the end that is in sight of the start one does"
+
+
+def test_what_a_scan_shows_only_if_a_beam_is_aimed_at_it_is_no_landmark() -> None:
+    """The sides of a shelf, 0.35 m deep: no shorter wall is one, and their ends are seen in full by luck."""
+    shelf = b"[2.4,0.12,3.6,0.12],[3.6,0.12,3.6,0.47],[3.6,0.47,2.4,0.47],[2.4,0.47,2.4,0.12]"
+    room = b"size: [7, 6]\nstart_pose: [2, 4.5, 0]\nwalls: [[0,0,7,0],[7,0,7,6],[7,6,0,6],[0,6,0,0]," + shelf + b"]\n"
+    corners = [node.place for node in survey(floorplan_of_yaml(room)).nodes if node.name.startswith("corner")]
+    assert sorted((round(x, 1), round(y, 1)) for x, y in filter(None, corners)) == [(2.4, 0.5), (3.6, 0.5)]
+
+
+def _ahead_m(face: Landmark, x_m: float, y_m: float) -> float:
+    turn = face.orientation_rad or 0.0
+    return (x_m - face.x_m) * math.cos(turn) + (y_m - face.y_m) * math.sin(turn)
+
+
+def test_ways_lead_to_the_side_from_which_a_thing_is_seen() -> None:
+    mission = survey(load_floorplan("drawn:42"))
+    nodes = {node.name: node for node in mission.nodes}
+    ways = {(way.source, way.target) for way in mission.ways}
+    behind = set()
+    for source, target in ways:
+        (x, y), aliases = nodes[source].place or (0.0, 0.0), [thing for alias in nodes[target].see for thing in alias]
+        faces = [each for each in aliases if isinstance(each, Landmark) and each.type.startswith("concave")]
+        ahead = [_ahead_m(face, x, y) for face in faces]
+        if faces and max(ahead) < -0.1 * math.dist((x, y), nodes[target].place or (0.0, 0.0)):
+            behind.add((source, target))
+    assert any((target, source) not in ways for source, target in ways), "some lead one way"
+    assert all((target, source) in ways for source, target in behind), "the way back, where no other leads"
+    assert len(behind) < len(ways) / 10
 
 
 @pytest.mark.parametrize("path", sorted(OTHERS.glob("*.yaml")), ids=lambda path: path.stem)

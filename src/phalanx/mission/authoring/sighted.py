@@ -7,8 +7,8 @@ each landmark is looked at from places around it, with the lidar and the extract
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Container, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import product
 
@@ -22,12 +22,14 @@ from phalanx.mission.observable import HALF_TURN_TYPES, Landmark
 # A landmark is looked at from places so far away, in so many directions, and from no more than so many of them.
 AWAY_M = (0.8, 1.5, 2.5, 4.0, 6.0)
 DIRECTIONS, LOOKS = 12, 24
+# It is not aimed at: a beam that goes just there shows a corner, or the last of a wall, that robots do not see.
+BESIDE_RAD = 0.054
 ROOM_M = 0.3  # that a robot needs around such a place
 # So far from where the map has it, and so much turned, it is still itself.
 NEAR_M, TURNED_RAD = 0.2, math.radians(10)
 OTHER_M = 0.5
 # Seen from so many of those places, and from so many of these within so much of its middle place, it is a landmark.
-SEEN_SHARE, STEADY_SHARE, STEADY_M = 0.3, 0.85, 0.1
+SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 Pose = tuple[float, float, float]
 
 
@@ -48,26 +50,35 @@ class Looks:
         return landmark.text is not None or any(_is(found, landmark) for found in self.from_pose(pose))
 
 
+@dataclass(frozen=True, slots=True)
+class Sighted:
+    """A site where it is seen, and what is to be seen from the places from which it was looked at."""
+
+    site: Site
+    looks: tuple[tuple[Landmark, ...], ...]  # none of a code: a lidar does not show it
+
+    def left(self, aliases: Container[Landmark]) -> Site | None:
+        """The site with no other aliases than these; None if they are seen too seldom."""
+        kept = tuple(alias for alias in self.site.aliases if alias in aliases)
+        seen = sum(any(_is(found, alias) for alias in kept for found in look) for look in self.looks)
+        enough = self.site.type == "qr" or seen >= max(SEEN_LEAST, SEEN_SHARE * len(self.looks))
+        return replace(self.site, aliases=kept) if kept and enough else None
+
+
 def sighted(
     plan: FloorPlan, sites: Sequence[Site], lidar: LidarConfig | None = None
-) -> tuple[list[Site], list[Landmark]]:
-    """(sites that are seen, where they are seen; all that was seen beside them).
-
-    Codes are left as they are: a lidar does not show them.
-    """
+) -> tuple[list[Sighted], list[Landmark]]:
+    """(sites of which anything is seen, where it is seen; all that was seen beside them)."""
     from_pose = _looks(plan, lidar or LidarConfig())
     kept, beside = [], []
     for site in sites:
         if site.type == "qr":
-            kept.append(site)
+            kept.append(Sighted(site, ()))
             continue
-        places = _places(plan, site)
-        looks = [from_pose(pose) for pose in places]
-        aliases = [_as_seen(alias, looks) for alias in site.aliases]
-        seen = sum(any(_is(found, alias) for alias in site.aliases for found in look) for look in looks)
-        found = tuple(alias for alias in aliases if alias is not None)
-        if found and seen >= SEEN_SHARE * len(looks):
-            kept.append(replace(site, aliases=found))
+        looks = tuple(from_pose(pose) for pose in _places(plan, site))
+        found = tuple(alias for alias in (_as_seen(alias, looks) for alias in site.aliases) if alias is not None)
+        if found:
+            kept.append(Sighted(replace(site, aliases=found), looks))
         beside += _beside(site, looks)
     return kept, beside
 
@@ -121,7 +132,7 @@ def _places(plan: FloorPlan, site: Site) -> list[Pose]:
         turn = math.tau * k / DIRECTIONS
         eye = x + away * math.cos(turn), y + away * math.sin(turn)
         if plan.clearance_m(*eye) >= ROOM_M and plan.inside(*eye) and plan.sees(eye, _before(eye, (x, y))):
-            poses.append((*eye, turn - math.pi))
+            poses.append((*eye, turn - math.pi + BESIDE_RAD))
     return [poses[i] for i in np.unique(np.linspace(0, len(poses) - 1, min(LOOKS, len(poses))).astype(int))]
 
 

@@ -15,7 +15,7 @@ from phalanx.errors import UsageError
 from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
-from phalanx.mission.observable import Position
+from phalanx.mission.observable import Landmark, Position
 
 from .apart import alone, told_apart
 from .free import STAND_M, Free
@@ -36,6 +36,8 @@ GRID_M = 0.05
 NORTH_RAD = math.pi / 2
 APART_M = 0.5  # of a landmark from the next thing that looks the same: a robot's doubt is not much less
 START = "start"
+TWO_SIDED = ("doorway", "room")
+BEHIND = -0.1  # cosine, from the normal: who comes along a wall is before it, and a little more
 SHORT = {"doorway": "door", "concave_left": "corner", "concave_right": "corner", "room": "room", "qr": "code"}
 
 log = logging.getLogger(__name__)
@@ -46,8 +48,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
 
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
     warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
-    something beside it that looks the same: no robot would know one from the other. Ways lead to the six nearest in
-    sight that a robot gets to.
+    something beside it that looks the same: no robot would know one from the other. Ways lead to each from the six
+    nearest in sight that a robot comes from, on the side from which it is seen, and back.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6.
@@ -56,11 +58,10 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         raise UsageError(f"{plan.name} does not say where robots begin", "start_pose: [x, y, heading] in the map")
     begun_at(plan, plan.start)
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
-    all_aliases = [alias for site in in_sight for alias in site.aliases]
+    all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
     told = set(alone(all_aliases, others, APART_M))
-    sites = [replace(site, aliases=tuple(filter(told.__contains__, site.aliases))) for site in in_sight]
-    sites = [site for site in sites if site.aliases]
+    sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
     x0, y0, x1, y1 = plan.bounds
@@ -74,8 +75,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
     places = {START: start, **{name: site.place_m for name, site in named.items()}}
-    pairs = _pairs(plan, Free(plan, [start]), places)
-    reached = _joined(START, pairs)
+    ways = _ways(plan, Free(plan, [start]), places, named)
+    reached = _reached(START, ways)
     if len(reached) == 1:
         raise UsageError(
             f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}", "another start"
@@ -86,9 +87,9 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     for name, site in named.items():
         if name in reached:
             draft.node(name, *site.aliases, width_m=site.width_m or None)
-    for source, target in sorted(pairs):
-        if source in reached:
-            draft.way(source, target, both=True)
+    for source, target in sorted(_with_ways_back(ways)):
+        if source in reached and target in reached:
+            draft.way(source, target)
     return told_apart(draft.mission(), (*all_aliases, *others))
 
 
@@ -144,23 +145,45 @@ def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
     return max(x0, left), max(y0, low), min(x1, right), min(y1, high)
 
 
-def _pairs(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]]) -> set[tuple[str, str]]:
-    """Each place with its nearest neighbours in sight."""
-    pairs: set[tuple[str, str]] = set()
+def _ways(
+    plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], sites: dict[str, Site]
+) -> set[tuple[str, str]]:
+    """(from, to): to each place from its nearest neighbours in sight, and back, where the end shows itself."""
+    ways: set[tuple[str, str]] = set()
     beside = {name: free.beside(_around(plan, place), place) for name, place in places.items()}
     for name, place in places.items():
         around = _around(plan, place)
         near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
-        ways = (
+        others = (
             other
             for away, other in near
             if away <= WAY_LIMIT_M
+            and _shows_itself(sites.get(name), places[other])
             and _is_way(around, places, name, other, away)
             and free.has_way(beside[name], beside[other], DETOUR * away + DETOUR_M)
         )
-        for other, _ in zip(ways, range(NEIGHBOURS), strict=False):
-            pairs.add((min(name, other), max(name, other)))
-    return pairs
+        for other, _ in zip(others, range(NEIGHBOURS), strict=False):
+            ways.add((other, name))
+            if _shows_itself(sites.get(other), place):
+                ways.add((name, other))
+    return ways
+
+
+def _shows_itself(site: Site | None, place: tuple[float, float]) -> bool:
+    """Whether who comes from a place comes to the side from which it is seen: walls and codes have one."""
+    if site is None or site.type in TWO_SIDED:
+        return True
+
+    def shows(alias: Landmark) -> bool:
+        dx, dy, turn = place[0] - alias.x_m, place[1] - alias.y_m, alias.orientation_rad or 0.0
+        return dx * math.cos(turn) + dy * math.sin(turn) > BEHIND * math.hypot(dx, dy)
+
+    return any(map(shows, site.aliases))
+
+
+def _with_ways_back(ways: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """The ways, and the way back where no other leads there: it is good enough for who knows the place."""
+    return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
 
 
 def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
@@ -171,15 +194,14 @@ def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, o
     return _is_clear(plan, a, b, away_m)
 
 
-def _joined(start: str, pairs: set[tuple[str, str]]) -> set[str]:
-    """The start, and what pairs lead to from it."""
-    beside: dict[str, list[str]] = {}
-    for one, other in pairs:
-        beside.setdefault(one, []).append(other)
-        beside.setdefault(other, []).append(one)
+def _reached(start: str, ways: set[tuple[str, str]]) -> set[str]:
+    """The start, and what ways lead to from it."""
+    after: dict[str, list[str]] = {}
+    for source, target in ways:
+        after.setdefault(source, []).append(target)
     reached, waiting = {start}, [start]
     while waiting:
-        new = [name for name in beside.get(waiting.pop(), []) if name not in reached]
+        new = [name for name in after.get(waiting.pop(), []) if name not in reached]
         reached.update(new)
         waiting += new
     return reached

@@ -17,7 +17,7 @@ from itertools import islice
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
-from phalanx.mission.authoring.free import GRID_M, Free
+from phalanx.mission.authoring.free import GRID_M, STAND_M, Free
 from phalanx.mission.authoring.making import direction_of
 from phalanx.mission.authoring.sighted import Looks
 from phalanx.mission.graph import Mission, Node, PlainWay
@@ -45,12 +45,17 @@ SLACK, NODE_S, LEAST_S = 3.0, 6.0, 120.0
 UNPLACED_M = 5.0
 # As the pilot drives: so fast at most, and along one direction for so much of its time-out.
 SPEED_MPS, LINE = 0.6, 0.75
-STEP_M = 0.5
+NORTH_RAD = math.pi / 2  # robots look there in a building that does not say
+STEP_M = 0.25
 # Landmarks lie in walls: a place so much before one is looked at.
 BEFORE_M = 0.1
 ROOM_M = 0.5  # a room's middle is told by its corners: it is seen from its midst too
 # Scans are to show a landmark from so much floor, or robots drive past it.
 SHOWN_M2 = 0.25
+# Ways end in walls, where landmarks lie: the rest of a straight one has room for a robot.
+END_M, LOOK_EVERY_M = 1.0, 0.1
+BEYOND_M = 3.0  # who drives through a door looks back for so long, and where a wall stops it to all sides
+TURNED_RAD, TURNS = math.radians(20), range(-8, 10)
 EVERY = 29  # places around it are looked from in this order: one, and so many further on the next
 Match = tuple[Landmark, Landmark]
 
@@ -186,7 +191,8 @@ class _Scout:
                     yield way
 
     def _begun(self, node: Node) -> _Stand:
-        return _Stand(None if node.place is None else begun_at(self.config, (*node.place, 0.0)))
+        heading = 0.0 if self.plan is None else self.plan.start[2] if self.plan.start else NORTH_RAD
+        return _Stand(None if node.place is None else begun_at(self.config, (*node.place, heading)))
 
     def _along(self, way: PlainWay, stand: _Stand) -> _Stand | str:
         """The robot at the end of a way, or why it does not get there."""
@@ -204,24 +210,45 @@ class _Scout:
         if way.direction_rad is not None or direction is None:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
         belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
-        whys, is_decoded, passed = ["in sight from nowhere that a robot can be"], False, list[Experience]()
-        steps = math.ceil(length_m / STEP_M)
-        for i in range(steps + 1):
+        end = self._driven(source, target, belief, length_m)
+        return end if isinstance(end, str) else _Stand(end, stand.length_m + length_m)
+
+    def _driven(self, source: Node, target: Node, belief: Belief, length_m: float) -> Belief | str:
+        """The belief of a robot that has driven from one node to the next, or why it has not seen that."""
+        whys, passed = ["in sight from nowhere that a robot can be"], list[Experience]()
+        is_decoded, there, through = False, belief, self._leads_through(source, target)
+        steps = max(1, math.ceil(length_m / STEP_M))
+        for i in range(steps + (round(BEYOND_M / STEP_M) if through else 0) + 1):
             seen = self._seen(belief)
+            if i > steps and not self._has_room((seen.x_m, seen.y_m)):
+                # A wall stops it, and it turns.
+                turned = (replace(passed[-1], heading_rad=seen.heading_rad + k * TURNED_RAD) for k in TURNS)
+                is_decoded = any(self._decodes(target, each, self._again(each), whys, shown=True) for each in turned)
+            if i > steps and (is_decoded or not self._has_room((seen.x_m, seen.y_m))):
+                break
             passed.append(seen)
             again = self._again(seen)
-            if not is_decoded:
-                is_decoded = self._decodes(target, seen, again, whys)
+            is_decoded = is_decoded or self._decodes(target, seen, again, whys, shown=through)
             if is_decoded:
                 again = [*again, *((thing, thing) for thing in self._in_sight(seen, target))]
             certain = [] if is_sure(self.config, seen) else told(self.config, seen, again)
             if certain:
                 belief = fixed(self.config, belief, fix_from(self.config, seen, certain))
-            if i < steps:
-                belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
-        is_found = is_decoded or (len(whys) == 1 and self._is_seen_beside(target))
-        why = self._why_not_shown(target, passed) if is_found else whys[-1]
-        return why or _Stand(belief, stand.length_m + length_m)
+            there = belief if i <= steps or is_decoded else there
+            belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
+        if not is_decoded and not (len(whys) == 1 and self._is_seen_beside(target)):
+            return whys[-1]
+        return there if through else self._why_not_shown(target, passed) or there
+
+    def _leads_through(self, source: Node, target: Node) -> bool:
+        """Whether a way leads straight through a door: robots see it as they drive, and nowhere else."""
+        if self.looks is None or not all(
+            isinstance(each, Landmark) and each.type == "doorway" for each in _things(target)
+        ):
+            return False
+        assert source.place is not None
+        assert target.place is not None, "asked where there is a way"
+        return self._is_straight(source.place, target.place)
 
     def _near_m(self, target: Node) -> float:
         """From where a node counts."""
@@ -229,14 +256,21 @@ class _Scout:
             return 0.0
         return min(target.within_m or math.inf, self.config.decode_m)
 
-    def _decodes(self, target: Node, seen: Experience, again: list[Match], whys: list[str]) -> bool:
-        """Whether a node is believed from here; if not, and it might have been, says why."""
+    def _decodes(self, target: Node, seen: Experience, again: list[Match], whys: list[str], *, shown: bool) -> bool:
+        """Whether a node is believed from here; if not, and it might have been, says why.
+
+        Args:
+            shown: a scan has to show it, from just here.
+        """
         if any(isinstance(thing, Position) for thing in _things(target)):
             doubt, most_m = pose_doubt_m(seen), self.config.place_m / ALONE_SIGMAS
             if doubt > most_m:
                 whys.append(f"unsure of its own place by {doubt:.2f} m, more than {most_m:.2f} m")
             return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
+            if shown and not (self.looks and self.looks.shows(_pose(seen), thing)):
+                whys[1:] = whys[1:] or ["scans do not show it on the straight way through it"]
+                continue
             doubt = doubt_m(self.config, seen, thing)
             if (thing, thing) not in told(self.config, seen, [(thing, thing), *again]):
                 whys.append(f"unsure by {doubt:.2f} m, and {thing.apart_m:.1f} m from it something looks the same")
@@ -291,10 +325,26 @@ class _Scout:
         if target.name not in self.shown_m2:
             self.shown_m2[target.name] = max(self._shown_m2(thing, self._near_m(target)) for thing in things)
         shown_m2 = self.shown_m2[target.name]
-        sights = ((seen, thing) for seen in passed for thing in self._in_sight(seen, target))
-        if shown_m2 >= SHOWN_M2 or any(self.looks.shows(_pose(seen), thing) for seen, thing in sights):
+        if shown_m2 >= SHOWN_M2 or any(self._shows(seen, target) for seen in passed):
             return ""
         return f"scans show it from {shown_m2:.1f} m2 of floor, and robots come by {SHOWN_M2:g} m2"
+
+    def _has_room(self, place: tuple[float, float]) -> bool:
+        assert self.plan is not None, "asked where there is a plan"
+        return self.plan.clearance_m(*place) >= STAND_M
+
+    def _shows(self, seen: Experience, target: Node) -> bool:
+        assert self.looks is not None, "asked where there is a plan"
+        return any(self.looks.shows(_pose(seen), thing) for thing in self._in_sight(seen, target))
+
+    def _is_straight(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
+        """Whether a robot has room on all of a way, but for its ends: they lie in walls."""
+        away_m = math.dist(a, b)
+        count = round((away_m - 2 * END_M) / LOOK_EVERY_M)
+        shares = [(END_M + i * LOOK_EVERY_M) / away_m for i in range(count + 1)]
+        return bool(shares) and all(
+            self._has_room((a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))) for share in shares
+        )
 
     def _shown_m2(self, thing: Landmark, near_m: float) -> float:
         """How large the floor is from which a scan shows a landmark; no more than is enough."""

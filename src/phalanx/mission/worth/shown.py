@@ -109,7 +109,8 @@ def shown_by(plan: FloorPlan, rounded_mm: int) -> Shown:
     Raises: UsageError: the plan says not where robots begin, and has no one space to choose from.
     """
     sites, alike = landmarks_of(plan), look_alikes_of(plan)
-    seen, beside = sighted(plan, sites)
+    looked_at, beside = sighted(plan, sites)
+    seen = [site for site in (each.left(each.site.aliases) for each in looked_at) if site is not None]
     start = plan.start or roomiest(plan)
     known: list[Landmark | Position] = [Position(start[0], start[1])]
     known += [*_apart(sites, alike), *_apart(seen, (*alike, *beside))]
