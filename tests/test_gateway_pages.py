@@ -269,6 +269,29 @@ class TestPages:
             for one in (*crowd, elsewhere):
                 one.close()
 
+    async def test_who_has_the_token_keeps_its_seat_however_many_come_without(self, monkeypatch):
+        monkeypatch.setattr("phalanx.gateway.serve_pages.OPERATORS", 20)
+        asked = b"%s HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer " + b"t0ken" * 6 + b"\r\n\r\n"
+
+        async def a_line(operator, said: bytes) -> bytes:
+            reading, writing = operator
+            writing.write(said)
+            return await asyncio.wait_for(reading.readline(), 10)
+
+        held: list[bool] = []
+        async with OperatorPages("t0ken" * 6, dict, lambda *_: None, hold=held.append) as pages:
+            operator = await asyncio.open_connection("127.0.0.1", pages.port)
+            assert b" 200 " in await a_line(operator, asked % b"GET /api/state")
+            crowd = []
+            for _ in range(60):
+                stranger = await asyncio.open_connection("127.0.0.1", pages.port)
+                assert b" 200 " in await a_line(stranger, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+                crowd.append(stranger)
+            operator[1].write(asked % b"POST /api/stop")
+            await eventually(lambda: held == [True])
+            for _, writing in (operator, *crowd):
+                writing.close()
+
     async def test_where_few_files_may_be_open_fewer_connections_are_let_in(self):
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (400, hard))

@@ -233,6 +233,7 @@ class OperatorPages(LoopbackSite):
             return _answer({"error": "open the operator link that the gateway printed"}, 401)
         if _is_foreign(request):
             return _answer({"error": "not from this page"}, 403)
+        self.know(request)
         return None
 
 

@@ -22,7 +22,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
 from .files import a_share
-from .ports import BACKLOG, LOOPBACK, listen
+from .ports import LOOPBACK, listen
 from .seats import Seats, place_of
 
 # A page is some 600 KB: a phone that cannot load it within this cannot drive a robot either.
@@ -30,6 +30,7 @@ HANG_UP_AFTER_S = 30.0
 CHECK_S = 1.0
 # What a request may be before what it asks for is known: aiohttp keeps 128 headers of 8190 bytes, of many at once.
 LINE_BYTES, HEADERS, HEAD_BYTES = 4096, 64, 16 * 1024
+AT_ONCE = 100  # let in before any is heard: fewer than there are seats, or who just came is pushed out unheard
 FILES_EACH = 2  # a connection, and what is read for it
 # aiohttp logs a trace for every request that is no HTTP, and quotes it; and for whoever goes before the file is sent.
 _FAULTS = logging.getLogger(f"{__name__}.aiohttp")
@@ -113,6 +114,11 @@ class Site:
         """An answer to give instead, or None."""
         return None
 
+    def know(self, request: web.Request) -> None:
+        """Whoever asks this keeps its seat, however many strangers come."""
+        if connection := self._by_handler.get(request.protocol):
+            self._seats.know(connection)
+
     async def _index(self, _: web.Request) -> web.StreamResponse:
         index = self._folder / "index.html"
         if not index.is_file():
@@ -126,7 +132,7 @@ class Site:
         await self._runner.setup()
         loop = asyncio.get_running_loop()
         for door in doors:
-            self._listening.append(await loop.create_server(self._connection, sock=door, backlog=BACKLOG))
+            self._listening.append(await loop.create_server(self._connection, sock=door, backlog=AT_ONCE))
         self._hanging_up = asyncio.create_task(self._hang_up_on_idlers())
         return self
 
