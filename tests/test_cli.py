@@ -22,7 +22,7 @@ from click.testing import CliRunner
 
 from conftest import PHALANX, ROOT, bare_mosquitto, run
 from phalanx.cli.commands.mission import PROFILES
-from phalanx.cli.login import login_in
+from phalanx.cli.login import login_in, visitors_login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.qr import qr_text
 from phalanx.io import Login
@@ -135,6 +135,18 @@ class TestMistakes:
         assert "no colon" not in capsys.readouterr().err
         (tmp_path / "login").write_bytes(b"\xef\xbb\xbfguest:open house\r\n")  # as an editor of Windows does
         assert login_in(tmp_path / "login") == Login("guest", "open house")
+
+    def test_visitors_that_are_given_the_gateways_own_login_are_told_of(self, tmp_path, caplog):
+        for name, words in (("gateway", "gateway:one"), ("same", "gateway:two"), ("theirs", "visitors:three")):
+            (tmp_path / name).write_text(words)
+        own = login_in(tmp_path / "gateway")
+        assert visitors_login_in(tmp_path / "theirs", own) == Login("visitors", "three")
+        assert visitors_login_in(tmp_path / "same", None) == Login("gateway", "two")
+        assert visitors_login_in(None, own) is None
+        assert not caplog.messages
+        assert visitors_login_in(tmp_path / "same", own) == Login("gateway", "two")
+        (line,) = caplog.messages
+        assert "speak as the swarm" in line
 
     def test_a_file_of_authorities_that_is_none_is_told_before_any_broker_is_asked(self, tmp_path, monkeypatch, capsys):
         (tmp_path / "lab.crt").write_text("no certificate\n")

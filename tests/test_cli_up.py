@@ -239,7 +239,9 @@ class TestUp:
             theirs = ["--visitors-login", str(tmp_path / "login")]
             words = ("--broker", f"mqtt://127.0.0.1:{tcp}", "--broker-ws", there, *login, *theirs)
             with a_gateway(*words) as (up, ready):
-                assert not up.err
+                (line,) = up.err
+                assert "every code holds the gateway's own login" in line
+                assert "secret" not in line
                 assert ready["qr_url"].endswith("&user=me&password=secret")
                 visit = run("link", "connect", "-", "--json", input=ready["qr_url"])
                 assert len(json.loads(visit.stdout)["robots"]) == 12

@@ -23,7 +23,7 @@ from phalanx.io.mosquitto import find_mosquitto
 from phalanx.io.phones import PhonesDoor
 from phalanx.io.ports import LOOPBACK, is_free, lan_address
 
-from .login import login_in, read_login
+from .login import read_login, visitors_login_in
 from .terminal import print_json
 
 RELEASED_S = 1_767_225_600  # 2026-01-01: a clock before this is wrong
@@ -51,8 +51,9 @@ def doctor(
     """Prints a line for each finding; 1 if something has to be mended."""
     if not broker and (broker_ws or broker_login or visitors_login):
         raise UsageError("no broker to try", "--broker URL")
-    url = parse_broker_url(broker, read_login(broker_login)) if broker else None
-    visitors = login_in(visitors_login)
+    login = read_login(broker_login) if broker else None
+    url = parse_broker_url(broker, login) if broker else None
+    visitors = visitors_login_in(visitors_login, login)
     findings = [_python(), _broker(), _pages(), _figures(), *_ports(), _address(), _clock()]
     if url:
         config = LinkConfig(root=root)

@@ -19,7 +19,7 @@ from phalanx.io.server import Happening
 from phalanx.link import Command, Pin, QrUrl, Request, parse_qr_url
 from phalanx.link.topics import ADDRESS
 
-from .login import login_for, login_in, read_login
+from .login import login_for, read_login, visitors_login_in
 from .options import link_config
 from .run import run
 from .terminal import counted, plain, print_json, talk, timed
@@ -212,7 +212,7 @@ def serve(
     from phalanx.gateway.waits import connected_within, for_at_most  # noqa: PLC0415
 
     config, login = link_config(said), login_for(broker, broker_login)
-    visitors = login_in(visitors_login)
+    visitors = visitors_login_in(visitors_login, login)
     where = open_broker(broker, login=login, websocket=broker_ws, visitors_login=visitors, root=config.root)
 
     async def echo() -> None:

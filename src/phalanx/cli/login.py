@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import secrets
@@ -13,6 +14,8 @@ from phalanx.config.written import file_meant
 from phalanx.errors import UsageError
 from phalanx.io import Login
 from phalanx.io.broker import EMBEDDED
+
+log = logging.getLogger(__name__)
 
 
 def read_login(path: Path | None) -> Login | None:
@@ -57,6 +60,20 @@ def login_in(path: Path | None) -> Login | None:
     if not (username and colon):
         raise UsageError(f"{path} does not hold user:password", "one line, the name first")
     return Login(username, password)
+
+
+def visitors_login_in(path: Path | None, gateways: Login | None) -> Login | None:
+    """What phones say to the broker, in every QR code; a warning if that is the gateway's own account there.
+
+    Raises: UsageError: as `read_login`.
+    """
+    said = login_in(path)
+    if said and gateways and said.username == gateways.username:
+        log.warning(
+            "every code holds the gateway's own login: whoever scans one may speak as the swarm; hint: an account of"
+            " the visitors' own (docs/service.md), for --visitors-login"
+        )
+    return said
 
 
 def first_line(path: Path, hint: str) -> str:

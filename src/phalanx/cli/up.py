@@ -28,7 +28,7 @@ from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
-from .login import kept_token, login_for, login_in
+from .login import kept_token, login_for, visitors_login_in
 from .mission.files import Wanted, read_signing_key
 from .options import link_config
 from .qr import qr_text
@@ -64,10 +64,11 @@ def up(
         _refuse_beside_real_robots(robots=robots, mission=missions, world=world, defence=defence, f_max=f_max)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
+    login = login_for(served["broker"], broker_login)
     options = UpOptions(
         link=link_config(served),
-        login=login_for(served["broker"], broker_login),
-        visitors_login=login_in(visitors_login),
+        login=login,
+        visitors_login=visitors_login_in(visitors_login, login),
         operator_token=token,
         stop_file=operator_token_file and operator_token_file.with_name(f"{operator_token_file.name}.stopped"),
         **served,
