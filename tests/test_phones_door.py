@@ -101,6 +101,27 @@ async def test_the_door_says_which_half_of_a_phones_talk_does_not_get_through(gu
         assert ("access control" in hint) == bool(lost)
 
 
+async def test_while_more_comes_than_can_be_read_no_access_control_is_blamed(tmp_path, monkeypatch):
+    monkeypatch.setattr("phalanx.io.phones.ARRIVE_S", 0.3)
+    tcp, ws = free_port(), free_port()
+    with bare_mosquitto(tcp, ws, tmp_path) as (start, _):
+        start()
+        server = Server(f"mqtt://127.0.0.1:{tcp}", broker_for_visitors=f"ws://127.0.0.1:{ws}/mqtt")
+        async with server:
+            await server.wait_connected(10)
+            heard = asyncio.Event()
+
+            async def drowned(*_):
+                server._link.overruns += 1
+                heard.set()
+
+            server._link._on_message = drowned  # as if it were dropped among others
+            trouble, hint = await PhonesDoor(server).trouble()
+            assert heard.is_set()
+    assert trouble.startswith("whether phones get through is not known")
+    assert "floods" in hint
+
+
 @pytest.mark.parametrize(
     ("host", "said"), [("nowhere.invalid", "there is no nowhere.invalid"), ("127.0.0.1", "nothing")]
 )

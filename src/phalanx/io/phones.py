@@ -56,6 +56,7 @@ class PhonesDoor:
         """
         qr = self._server.qr()
         at = parse_broker_url(qr.broker, qr.login)
+        unread = self._server.rejected["overrun"]
         try:
             async with asyncio.timeout(CONNECT_S):
                 _, writer = await asyncio.open_connection(at.host, at.port)
@@ -76,6 +77,11 @@ class PhonesDoor:
         except Unavailable as error:
             hint = "--broker-ws" if isinstance(error.__cause__, TimeoutError) else error.hint
             return f"phones are locked out: {error}", hint
+        if lost and self._server.rejected["overrun"] > unread:  # ours was among it, perhaps: no access control's fault
+            return (
+                f"whether phones get through is not known: {at} passes on more than can be read",
+                "stop who floods it",
+            )
         return (f"phones get into {at}, but {lost}", ACL_HINT.format(root=qr.root)) if lost else ("", "")
 
     async def _lost(self, client: Client) -> str:
