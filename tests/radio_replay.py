@@ -15,7 +15,7 @@ from phalanx.config.radio import RadioConfig
 from phalanx.sim.audited.events import make_queue, next_us, pop, push, refused
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, TX_END, attempt, enqueue, finish, make_air
-from phalanx.sim.radio.reach import make_reach, rebuild
+from phalanx.sim.radio.reach import in_range, make_reach, rebuild
 
 STATE, AUDIT = 10, 11
 STATE_US, AUDIT_US = 1_500_000, 4_000_000
@@ -84,10 +84,10 @@ def replay(robots, spacing_m, *, seconds, jitter_s=1.5, audits=False, fragments=
     pos = grid(robots, spacing_m) if pos is None else pos
     air, queue = make_air(robots, config, seed), make_queue(6 * robots)
     reach = make_reach(robots, config.range_m)
-    assert rebuild(reach, pos) <= len(reach.ids)
+    assert rebuild(reach, pos) <= len(reach.maybe)
     targets = np.full((robots, TARGETS), NOT_THERE, np.int32)  # a corner has three neighbours
     for i in range(robots):
-        near = reach.ids[reach.start[i] : reach.start[i + 1]]
+        near = reach.ids[reach.near[i] : in_range(reach, i)]
         chosen = rng.permutation(near)[:TARGETS]
         targets[i, : len(chosen)] = chosen
         push(queue, int(rng.uniform(0, jitter_s * 1e6)), STATE, i, 0)

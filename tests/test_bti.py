@@ -14,6 +14,8 @@ from phalanx.bti.fleet import PENDING, START
 from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.config.flock import FlockConfig
+from phalanx.pool import NO_ROW
+from phalanx.sim.radio.reach import in_range
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 
@@ -35,7 +37,8 @@ def spread_out(robots: int, seed: int) -> Run:
 
 def neighbours(run: Run) -> float:
     """In range, in the mean of robots."""
-    return run.world.reach.start[len(run.ids)] / len(run.ids)
+    reach = run.world.reach
+    return sum(in_range(reach, i) - reach.near[i] for i in range(len(run.ids))) / len(run.ids)
 
 
 def with_a_checkpoint_pending() -> tuple[Run, int]:
@@ -108,6 +111,18 @@ class TestLog:
         assert fleet.robot[0].requests_sent == before
 
 
+def test_a_request_has_a_row_while_it_is_under_way_and_no_longer():
+    run = running(9.0)
+    fleet = run.world.fleet
+    while run.now_s < 14.0:
+        held = (fleet.robot["request_row"] != NO_ROW).sum()
+        assert held + fleet.request.left[0] == len(run.ids)
+        assert held == (fleet.robot["request_len"] > 0).sum()
+        assert (fleet.rx_info["src"] != 0).sum() + fleet.rx.left[0] == fleet.rx_info.size
+        run.advance(run.now_s + 0.05)
+    assert fleet.robot["tokens_got"].min() > 0
+
+
 class TestFragments:
     @settings(deadline=None, max_examples=25)
     @given(length=st.integers(1, 5000), order=st.randoms(use_true_random=False), no=st.integers(0, 65535))
@@ -116,7 +131,7 @@ class TestFragments:
         fleet = run.world.fleet
         content = np.frombuffer(order.randbytes(length), np.uint8)
         sender = fleet.robot[0]
-        fleet.request[0, :length] = content
+        fleet.request.rows[request.row_of(fleet, 0), :length] = content
         sender.request_len, sender.request_next, sender.request_no, sender.request_to = length, 0, no, 2
         frames, frame = [], np.zeros(2048, np.uint8)
         while (n := request.next_fragment(fleet, 0, 0, frame)) > 0:
@@ -126,7 +141,7 @@ class TestFragments:
         places = [request.take_fragment(fleet, 1, each, n, 10_000) for each, n in frames]
         assert places[:-1] == [-1] * (len(frames) - 1)
         assert fleet.rx_info[1, places[-1]].len == length
-        assert np.array_equal(fleet.rx[1, places[-1], :length], content)
+        assert np.array_equal(fleet.rx.rows[fleet.rx_info[1, places[-1]].row, :length], content)
 
     @settings(deadline=None, max_examples=100)
     @given(st.binary(max_size=2048))

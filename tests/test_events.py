@@ -29,10 +29,10 @@ def test_events_come_out_by_time_and_those_of_one_time_as_they_went_in(steps, ca
             assert push(queue, t_us, 7, number, -number) == 0
             model.append((t_us, number))
         else:
-            before = queue.keys.copy(), queue.data.copy()
+            before = queue.key.copy(), queue.data.copy()
             assert push(queue, t_us, 7, number, -number) == -1
             turned_away += 1
-            assert np.array_equal(queue.keys, before[0])
+            assert np.array_equal(queue.key, before[0])
             assert np.array_equal(queue.data, before[1])
     for t_us, number in sorted(model):
         assert pop(queue) == (t_us, 7, number, -number)

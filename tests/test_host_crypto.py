@@ -109,6 +109,18 @@ def test_macs_of_every_length_that_there_is():
     assert set(codes[:-2]) == {0}
 
 
+@needs[ENCRYPTS]
+def test_a_mac_that_is_asked_for_again_is_that_of_its_key_and_its_bytes():
+    """Of short messages the host keeps what it made, and of keys the last two."""
+    keys = [bytes([k]) * 20 for k in range(3)]
+    messages = [bytes(size) for size in (0, 1, 2, 31, 32, 33)] + [bytes([k]) + bytes(28) for k in range(60)]
+    for _ in range(2):
+        for key in keys:
+            assert {message: mac(trusted.BOUND, key, message)[1] for message in messages} == {
+                message: lightmac(key, message) for message in messages
+            }
+
+
 def test_what_is_hashed_in_part_may_be_gone_on_with_by_the_other():
     """A run that is plain may follow one that is not, in one process and over the same nodes."""
     scenario = Scenario(robots=4, duration_s=9.0, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="flee", robot=2),))

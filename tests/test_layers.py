@@ -11,7 +11,7 @@ SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
     "errors kernel loading",
     "config bundle memory",
-    "wire _firmware_bound _firmware_paper",
+    "wire pool _firmware_bound _firmware_paper",
     "crypto",
     "link mission bti",
     "robot",

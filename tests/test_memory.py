@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx.memory import sparse
+from phalanx.pool import give_back, lend, make_pool
 from phalanx.wire import fields
 
 ROOM = 24
@@ -77,3 +78,13 @@ def test_sparse_rows_take_memory_where_they_are_written():
 def test_too_many_are_a_memory_error():
     with pytest.raises(MemoryError):
         sparse(1 << 40, 1 << 12)
+
+
+def test_the_row_that_was_given_back_last_is_lent_next_and_nobody_has_the_same():
+    for lends, gives in zip(both(lend), both(give_back), strict=True):
+        pool = make_pool(4, 8)
+        assert [lends(pool) for _ in range(4)] == [0, 1, 2, 3]
+        gives(pool, 2)
+        gives(pool, 0)
+        assert [lends(pool), lends(pool)] == [0, 2]
+        assert pool.left[0] == 0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phalanx.bti import rounds
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import make_fleet
 from phalanx.config import BtiConfig
@@ -91,7 +92,8 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
         nonlocal compared
         log, was_full = next(logs)
         if was_full:
-            fleet.robot[0].request_len = fleet.robot[0].quota = 0
+            rounds.withdraw(fleet, 0)
+            fleet.robot[0].quota = 0
         assert fleet.log[0, : fleet.robot[0].log_len].tobytes() == log
         compared += 1
 

@@ -35,8 +35,9 @@ def same(run: Run, other: Run) -> None:
         said.pop("real_time_factor")
     assert ours == theirs
     fleet, others = run.world.fleet, other.world.fleet
-    for name in ("robot", "log", "state", "checkpoint", "hckpt", "token", "peer", "request", "taken"):
+    for name in ("robot", "log", "state", "checkpoint", "hckpt", "token", "peer", "peer_id", "taken"):
         assert getattr(fleet, name).tobytes() == getattr(others, name).tobytes(), name
+    assert fleet.request.rows.tobytes() == others.request.rows.tobytes()
 
 
 def test_nodes_in_processes_give_the_same_logs_audits_and_digest(tmp_path):

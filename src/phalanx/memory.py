@@ -31,6 +31,7 @@ arrays: Any = arrayobj
 utils: Any = cgutils
 WORD_BITS = 64
 SMALL_BYTES = 1 << 20
+PAGE_BYTES = mmap.PAGESIZE
 
 
 def sparse(*shape: int) -> NDArray[np.uint8]:

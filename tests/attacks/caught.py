@@ -18,6 +18,7 @@ from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
 from phalanx.sim.scenarios.run import Run
+from shown_requests import requests_of
 
 HERE = Path(__file__).parent
 MARKS = range(0x81, 0x84)
@@ -36,16 +37,8 @@ def length_of(q) -> int:
 class Caught:
     """A run's fleet, and requests made in it: (auditee, auditor, bytes), indices of robots."""
 
-    def __init__(self, run: Run, until_s: float, every_s: float = 1.0):
-        self.requests: list[tuple[int, int, bytes]] = []
-        seen = [0] * len(run.ids)
-        for k in range(round(until_s / every_s)):
-            run.advance((k + 1) * every_s)
-            for i, robot in enumerate(run.world.fleet.robot):
-                if int(robot.request_no) != seen[i]:
-                    seen[i] = int(robot.request_no)
-                    q = run.world.fleet.request[i]
-                    self.requests.append((i, int(robot.request_to) - 1, q[: length_of(q)].tobytes()))
+    def __init__(self, run: Run, until_s: float):
+        self.requests = list(requests_of(run, until_s))
         self.judge = Judge(run.world.fleet, run.scenario.bti)
 
 
@@ -59,10 +52,10 @@ class Judge:
         """The refusal, and the controller's state where the replay ended, nothing if it never began."""
         f, w = self.fleet, self.work
         w.state[:] = 0
-        room = f.rx.shape[2]
-        f.rx[tor, 0] = 0xA5  # what an earlier request left
-        f.rx[tor, 0, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
-        f.rx_info[tor, 0].len = min(len(q), room)
+        room = f.rx.rows.shape[1]
+        f.rx.rows[tor] = 0xA5  # what an earlier request left
+        f.rx.rows[tor, : min(len(q), room)] = np.frombuffer(q[:room], np.uint8)
+        f.rx_info[tor, 0].row, f.rx_info[tor, 0].len = tor, min(len(q), room)
         refused = int(node.knock(f, tor, w, 0, tee + 1))
         if not refused:
             refused = int(node.judge(f, tor, w, 0, tee + 1))
@@ -76,7 +69,7 @@ class Judge:
         path.write_bytes(pickle.dumps((arrays, self.config, requests)))
         child = subprocess.run(
             [sys.executable, str(HERE / "caught.py"), str(path)],
-            env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error"},
+            env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error", "PYTHONPATH": str(HERE.parent)},
             capture_output=True,
             text=True,
         )

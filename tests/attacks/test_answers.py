@@ -66,8 +66,8 @@ class Asking:
     def ask(self, now_ms: int) -> tuple[int, bytes]:
         """The auditor's id, and the request."""
         assert node.next_frame(self.fleet, VICTIM, self.work, now_ms) > 0
-        q = self.fleet.request[VICTIM, : int(self.robot.request_len)].tobytes()
-        self.robot.request_len = 0
+        q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
+        rounds.withdraw(self.fleet, VICTIM)
         return int(self.robot.request_to), q
 
     def token(self, tor: int, q: bytes, which: int) -> tuple[int, int, np.ndarray]:

@@ -10,7 +10,7 @@ import pytest
 from caught import meaning, quiet_run
 
 from phalanx.bti import request
-from phalanx.bti.fleet import Fleet
+from phalanx.bti.fleet import RX_SLOTS, Fleet
 from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
@@ -139,7 +139,7 @@ def filled(q: bytes, room: int):
 
 def test_no_byte_of_a_request_takes_much_longer_than_one_of_an_honest_request(caught):
     tee, tor, q = max(caught.requests, key=lambda each: len(each[2]))
-    room = caught.judge.fleet.rx.shape[2]
+    room = caught.judge.fleet.rx.rows.shape[1]
     assert room > 5 * len(q)
     most_s = MUCH * cost_s(caught, tee, tor, q)
     for made in filled(q, room):
@@ -161,10 +161,15 @@ def test_another_robot_cannot_use_a_request(caught):
     assert caught.judge(tee, next(i for i in range(10) if i not in (tee, tor)), q)[0] == Refusal.REQUEST_INVALID
 
 
-def untouched(f: Fleet) -> dict[str, bytes]:
-    """All that no fragment may change: of robot 0 its log, its state and its tokens; of all others everything."""
-    taken_in = {"robot", "anode", "peer", "rx", "rx_info", "taken"}
-    robots = {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in Fleet._fields if name != "memo"}
+def untouched(f: Fleet, lent: set[int]) -> dict[str, bytes]:
+    """All that no fragment may change: of robot 0 its log, its state and its tokens; of all others everything.
+
+    `lent` are the rows that may be lent to robot 0.
+    """
+    taken_in = {"robot", "anode", "peer", "peer_id", "rx_info", "taken"}
+    own = set(Fleet._fields) - {"memo", "request", "rx"}
+    robots = {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in own}
+    robots |= {"request": f.request.rows.tobytes(), "rx": np.delete(f.rx.rows, sorted(lent), axis=0).tobytes()}
     return robots | {name: getattr(f.memo, name).tobytes() for name in Memo._fields}
 
 
@@ -177,7 +182,8 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
     f, w = caught.judge.fleet, caught.judge.work
     dice = np.random.default_rng(5)
     now = 100_000_000
-    before = untouched(f)
+    lent = {*f.rx.free[: f.rx.left[0]][-RX_SLOTS:].tolist(), *f.rx_info[0].row[f.rx_info[0].src != 0].tolist()}
+    before = untouched(f, lent)
     for k in range(3000):
         length = int(dice.choice([1, 5, 6, 10, 11, 20, 60, 2048]))
         frame = np.frombuffer(bytearray(dice.bytes(length)), np.uint8)
@@ -190,6 +196,6 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
         if told == node.REPLY:
             assert w.told[node.TOLD_REFUSAL] != 0
         assert 0 <= f.robot[0].peers <= f.peer.shape[1]
-        assert (f.rx_info[0].len <= f.rx.shape[2]).all()
-    after = untouched(f)
+        assert (f.rx_info[0].len <= f.rx.rows.shape[1]).all()
+    after = untouched(f, lent)
     assert {name for name in before if before[name] != after[name]} == set()

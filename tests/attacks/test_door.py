@@ -59,7 +59,7 @@ class Door(Auditee):
 
     def knows(self, rob_id: int, robot: int | None = None) -> bool:
         at = self.tor - 1 if robot is None else robot
-        return rob_id in self.fleet.peer[at, : int(self.fleet.robot[at].peers)].id
+        return rob_id in self.fleet.peer_id[at, : int(self.fleet.robot[at].peers)]
 
 
 @pytest.fixture
@@ -186,7 +186,7 @@ def test_a_swarm_in_plain_python_replays_for_itself(door):
     assert door.hears_request(door.q) == node.WHOLE
     assert door.said(node.TOLD_TEE) == VICTIM_ID
     place = door.said(node.TOLD_PLACE)
-    assert door.fleet.rx[door.tor - 1, place, : len(door.q)].tobytes() == door.q
+    assert door.fleet.rx.rows[door.fleet.rx_info[door.tor - 1, place].row, : len(door.q)].tobytes() == door.q
     assert door.auditor.accepted == 1
 
 

@@ -104,8 +104,8 @@ class Auditee(Asking):
                 self.robot.quota = 1
                 self.senses()
                 now_ms = self.due_ms(self.step - 1) + ASKED_MS
-            q = self.fleet.request[VICTIM, : int(self.robot.request_len)].tobytes()
-            self.robot.request_len = 0
+            q = self.fleet.request.rows[self.robot.request_row, : int(self.robot.request_len)].tobytes()
+            rounds.withdraw(self.fleet, VICTIM)
             tor = int(self.robot.request_to)
             assert self.verdict((tor, q)) == 0
             assert self.gets(self.token(tor, q, PENDING), now_ms) == k + 1
@@ -117,7 +117,7 @@ class Auditee(Asking):
 
     def between(self, now_ms: int) -> tuple[int, np.ndarray, np.ndarray]:
         """A token request, made; the s-node has still to sign: its auditor, and both records."""
-        self.robot.request_len = 0
+        rounds.withdraw(self.fleet, VICTIM)
         tor = int(rounds.next_candidate(self.fleet, VICTIM, now_ms))
         treq, auth = row(bytes(request.TREQ_BYTES)), row(bytes(30))
         assert trusted.anode_token_request(BOUND, self.fleet.anode[VICTIM], now_ms, tor, treq) >= 0
@@ -129,7 +129,7 @@ class Auditee(Asking):
         assert trusted.snode_make_auth(BOUND, self.fleet.snode[VICTIM], treq[request.TREQ_BYTES - 8 :], auth) >= 0
         log.mark(self.fleet, VICTIM, log.FLUSH_S)
         n = int(request._write(self.fleet, VICTIM, treq, auth, row(bytes(30))))
-        return tor, self.fleet.request[VICTIM, :n].tobytes()
+        return tor, self.fleet.request.rows[self.robot.request_row, :n].tobytes()
 
 
 @pytest.fixture

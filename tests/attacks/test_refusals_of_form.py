@@ -328,7 +328,7 @@ class TestParts:
     def test_a_head_that_is_cut_off_at_the_end_of_all_room_is_not_looked_behind(self, auditee):
         auditee.goes_on()
         tor, q = auditee.asks()
-        room = auditee.fleet.rx.shape[2]
+        room = auditee.fleet.rx.rows.shape[1]
         marks = bytes([log.FLUSH_A]) * (room - len(q) - 1)
         assert auditee.verdict((tor, with_segment(q, q[segment_at(q) :] + marks + bytes([RECV])))) == (
             Refusal.ENTRY_MALFORMED

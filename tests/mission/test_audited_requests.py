@@ -7,7 +7,7 @@ from collections import Counter
 from functools import cache
 
 import numpy as np
-from audited import ROBOTS, swarm
+from audited import swarm
 
 from phalanx.bti import log, request
 from phalanx.bti.refusal import Refusal
@@ -16,6 +16,7 @@ from phalanx.robot import node
 from phalanx.robot.controllers.mission.evidence import pack_evidence, unpack_evidence
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
+from shown_requests import requests_of
 
 INPUT = 1
 MARKS = (log.FLUSH_S, log.FLUSH_A, log.CHECKPOINT)
@@ -26,20 +27,13 @@ class Shown:
 
     def __init__(self):
         self.run = swarm(Profile.PAPER)
-        fleet = self.run.world.fleet
-        self.requests, seen = [], [0] * ROBOTS
-        for tenth in range(1, 241):
-            self.run.advance(tenth / 10)
-            for i, robot in enumerate(fleet.robot):
-                if int(robot.request_no) != seen[i]:
-                    seen[i] = int(robot.request_no)
-                    self.requests.append((i, int(robot.request_to) - 1, *taken_apart(fleet.request[i].tobytes())))
+        self.requests = [(tee, tor, *taken_apart(q)) for tee, tor, q in requests_of(self.run, 24.0)]
 
     def verdict(self, tee: int, tor: int, q: bytes) -> Refusal:
         fleet, work = self.run.world.fleet, self.run.world.work
-        fleet.rx[tor, 0] = 0xA5
-        fleet.rx[tor, 0, : len(q)] = np.frombuffer(q, np.uint8)
-        fleet.rx_info[tor, 0].len = len(q)
+        fleet.rx.rows[tor] = 0xA5
+        fleet.rx.rows[tor, : len(q)] = np.frombuffer(q, np.uint8)
+        fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
         refused = node.knock(fleet, tor, work, 0, tee + 1)
         if not refused:
             refused = self.run.robots[tor].cnode._judge(0, tee + 1)
@@ -176,17 +170,15 @@ def test_a_checkpoint_that_is_no_state_is_refused_as_such():
 def test_bundled_controllers_take_no_evidence():
     made = Run(Scenario(robots=9, grid_step_m=10.0, d_m=10.0, duration_s=60.0))
     assert made.world.work.evidence.shape == (0,)
-    made.advance(6.0)
     fleet = made.world.fleet
-    tee = int(np.flatnonzero(fleet.robot["request_no"] > 0)[0])
-    tor = int(fleet.robot[tee].request_to) - 1
-    head, items = taken_apart(fleet.request[tee].tobytes())
+    tee, tor, shown_q = next(requests_of(made, 6.0))
+    head, items = taken_apart(shown_q)
     k = next(j for j, item in enumerate(items) if item[0] == INPUT) + 1
 
     def verdict(shown_items):
         q = np.frombuffer(bytearray(put_together(head, shown_items)), np.uint8)
-        fleet.rx[tor, 0, : len(q)] = q
-        fleet.rx_info[tor, 0].len = len(q)
+        fleet.rx.rows[tor, : len(q)] = q
+        fleet.rx_info[tor, 0].row, fleet.rx_info[tor, 0].len = tor, len(q)
         assert node.knock(fleet, tor, made.world.work, 0, tee + 1) == 0
         return Refusal(int(node.judge(fleet, tor, made.world.work, 0, tee + 1)))
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.memory import sparse
+from phalanx.memory import PAGE_BYTES, sparse
+from phalanx.pool import NO_ROW, Pool, make_pool
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
@@ -31,17 +32,20 @@ ROBOT = np.dtype(
         ("id", "u2"),
         ("alive", "u1"),  # powered and keyed
         ("log_full", "u1"),
+        # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
+        ("booted", "u1"),  # the log begins at boot, not at a checkpoint
+        ("log_len", "i8"),
+        ("log_max", "i8"),  # longest log so far
+        ("state_len", "i8"),
+        ("step", "i8"),  # INPUTs so far
+        ("peers", "i8"),
         ("t_key", "i8"),  # ms of the robot's own clock, at which its mission key was loaded
         ("phase", "i8"),  # ms; its sensors' grid is t_key + phase + k * t_control
-        ("step", "i8"),  # INPUTs so far
-        ("log_len", "i8"),
         ("checkpoint_no", "i8"),  # of the checkpoint that was taken last
         ("start_no", "i8"),  # of the one at which the log begins
         ("checkpoint_at", "i8"),  # where in the log the pending checkpoint's mark stands, -1 if there is none
-        ("state_len", "i8"),
         ("start_len", "i8"),  # of what the log begins with: a checkpoint, or `booted`
         ("pending_len", "i8"),
-        ("booted", "u1"),  # the log begins at boot, not at a checkpoint
         ("round_no", "i8"),  # not `round`: uncompiled, that is a method of any record
         ("quota", "i8"),  # requests that may still go out before the next retry
         ("got", "i8"),  # tokens in this round
@@ -49,14 +53,14 @@ ROBOT = np.dtype(
         ("request_no", "u2"),
         ("request_to", "u2"),
         ("request_len", "i8"),  # of the request under way, 0 if none
+        ("request_row", "i4"),  # where it is, NO_ROW if nowhere
+        ("drawn", "u4"),  # what nobody could know who had not heard the last one
         ("request_next", "i8"),  # its next fragment
         ("repeats", "i8"),  # how often fragments of it were said again
         ("repeat_at", "i8"),  # when the next fragment may be said, ms of the robot's clock
         ("tokens_start", "i8"),
         ("tokens_pending", "i8"),
-        ("peers", "i8"),
         ("accepted", "i8"),  # requests taken for audit, ever
-        ("log_max", "i8"),  # longest log so far
         ("requests_sent", "i8"),
         ("tokens_got", "i8"),
         ("audits_passed", "i8"),
@@ -67,20 +71,30 @@ ROBOT = np.dtype(
 TOKEN = np.dtype([("tor", "i8"), ("t", "i8"), ("mac", "u1", (MAC_BYTES,))], align=True)
 PEER = np.dtype(
     [
-        ("id", "i8"),
         ("heard", "i8"),  # ms of our clock, of the newest AUDIT frame from it
         ("token", "i8"),  # t of its newest token
-        ("asked", "i8"),  # round in which we last asked it
-        ("asked_ms", "i8"),  # when that was
-        ("claimed", "i8"),  # the checkpoint that was about, by its number
-        ("answered", "i8"),  # round in which it last gave us a token
-        ("misses", "i8"),  # rounds in a row in which we asked it for nothing
+        ("asked_ms", "i8"),  # when we last asked it
         ("took", "i8"),  # ms at which we last took a request of its
         ("took_t", "i8"),  # and that request's own time
+        ("asked", "i4"),  # round in which we last asked it
+        ("claimed", "i4"),  # the checkpoint that was about, by its number
+        ("answered", "i4"),  # round in which it last gave us a token
+        ("misses", "i4"),  # rounds in a row in which we asked it for nothing
     ],
     align=True,
 )
-RX = np.dtype([("src", "i8"), ("no", "i8"), ("count", "i8"), ("have", "u8"), ("len", "i8"), ("at", "i8")], align=True)
+RX = np.dtype(
+    [
+        ("src", "i8"),  # who sends it, 0: nobody, and the row is not the place's any more
+        ("no", "i8"),
+        ("count", "i8"),
+        ("have", "u8"),
+        ("len", "i8"),
+        ("at", "i8"),
+        ("row", "i8"),  # where it is, or was last
+    ],
+    align=True,
+)
 SETTINGS = np.dtype(
     [
         ("profile", "i8"),
@@ -95,6 +109,7 @@ SETTINGS = np.dtype(
         ("batch_size", "i8"),
         ("frame_max", "i8"),
         ("mission_seed", "i8"),
+        ("log_max", "i8"),  # bytes that a log has room for
         ("plain", "u1"),  # nothing is computed in a clever way: a run to compare with
     ],
     align=True,
@@ -102,21 +117,22 @@ SETTINGS = np.dtype(
 
 
 class Fleet(NamedTuple):
-    """N robots' c-nodes; every array but `settings` and `params` has one row a robot."""
+    """N robots' c-nodes; every array but `settings`, `params` and what is lent has one row a robot."""
 
     settings: NDArray[Any]  # (1,) SETTINGS
     params: NDArray[np.float64]  # (P,), the controllers' parameters, the same for all: the mission
     robot: NDArray[Any]  # (N,) ROBOT
     snode: NDArray[np.uint8]  # (N, size), the trusted nodes' memory
     anode: NDArray[np.uint8]  # the same
-    log: NDArray[np.uint8]  # (N, L); begins at the start checkpoint
+    log: NDArray[np.uint8]  # (N, L), whole pages each; begins at the start checkpoint
     state: NDArray[np.uint8]  # (N, C), the controller's live state, which is its own encoding
     checkpoint: NDArray[np.uint8]  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
     hckpt: NDArray[np.uint8]  # (N, 2, 20): their hashes
     token: NDArray[Any]  # (N, 2, K) TOKEN: the tokens that cover them
     peer: NDArray[Any]  # (N, n_max) PEER: robots whose AUDIT frames or tokens were heard
-    request: NDArray[np.uint8]  # (N, R): the request under way
-    rx: NDArray[np.uint8]  # (N, RX_SLOTS, R): requests that arrive in fragments
+    peer_id: NDArray[np.uint16]  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
+    request: Pool  # of R bytes: requests under way
+    rx: Pool  # of R bytes: requests that arrive in fragments
     rx_info: NDArray[Any]  # (N, RX_SLOTS) RX
     memo: Memo  # audits that passed
     taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
@@ -158,10 +174,12 @@ def make_fleet(
     chosen.retry, chosen.batch_size, chosen.frame_max = config.retry_ms, config.batch_size, config.frame_max_bytes
     robot = records(n, ROBOT)
     robot["id"] = np.arange(1, n + 1)
+    robot["request_row"] = NO_ROW
     state_bytes = config.checkpoint_capacity_bytes
     # As printed nothing limits what a liar sends, and all who hear it log it: room for that is the robots' own affair.
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
+    chosen.log_max = log_bytes
     requests = log_bytes + config.request_capacity_bytes - config.log_capacity_bytes
     fleet = Fleet(
         settings=settings,
@@ -169,14 +187,15 @@ def make_fleet(
         robot=robot,
         snode=snode,
         anode=anode,
-        log=sparse(n, log_bytes),
+        log=sparse(n, -(-log_bytes // PAGE_BYTES) * PAGE_BYTES),
         state=sparse(n, state_bytes),
         checkpoint=np.zeros((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
         hckpt=np.zeros((n, 2, HASH_BYTES), np.uint8),
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
-        request=sparse(n, requests),
-        rx=sparse(n, RX_SLOTS, requests),
+        peer_id=np.zeros((n, config.n_max), np.uint16),
+        request=make_pool(n, requests),
+        rx=make_pool(n * RX_SLOTS, requests),
         rx_info=records((n, RX_SLOTS), RX),
         memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),

@@ -52,7 +52,7 @@ def append(f: Fleet, i: int, entry: Row, length: int) -> int:
     """The entry logged; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
     r = f.robot[i]
     at = r.log_len
-    if at + length > f.log.shape[1]:
+    if at + length > f.settings[0].log_max:
         r.log_full = 1
         return -1
     copy(f.log[i], at, entry, 0, length)
@@ -65,7 +65,7 @@ def append(f: Fleet, i: int, entry: Row, length: int) -> int:
 def mark(f: Fleet, i: int, kind: int) -> int:
     """The mark logged; -1 if the log is full. Source: docs/spec/rebound.md."""
     r = f.robot[i]
-    if r.log_len + 1 > f.log.shape[1]:
+    if r.log_len + 1 > f.settings[0].log_max:
         r.log_full = 1
         return -1
     f.log[i, r.log_len] = kind

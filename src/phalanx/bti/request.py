@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
+from phalanx.pool import NO_ROW, give_back, lend
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
+from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from .fleet import PENDING, START, Fleet
-from .rounds import again_after, flush_marks, mixed, next_candidate, peer_at
+from .rounds import again_after, drawn, flush_marks, mixed, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
 AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
@@ -42,7 +43,9 @@ LISTENS_MS = 5
 
 @kernel
 def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
-    """The request to the next candidate is ready in `f.request[i]`; the rows are scratch of 32, 30 and 30 bytes.
+    """The request to the next candidate is in the robot's row of `f.request`; the three given are scratch memory.
+
+    They have 32, 30 and 30 bytes.
 
     Returns: its length; 0 if there is nobody to ask, none is due or the log is full; negative: the a-node's error.
     Source: RoboRebound §3.7.
@@ -75,7 +78,7 @@ def make_request(f: Fleet, i: int, now: int, treq: Row, auth_s: Row, auth_a: Row
 
 @kernel
 def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
-    r, out = f.robot[i], f.request[i]
+    r, out = f.robot[i], f.request.rows[row_of(f, i)]
     tokens = 0 if r.booted == 1 else f.settings[0].f_max + 1
     length = HEAD_BYTES + tokens * TOKEN_BYTES + r.start_len + r.log_len
     if length > out.shape[0]:
@@ -104,6 +107,15 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
 
 
 @kernel
+def row_of(f: Fleet, i: int) -> int:
+    """The row of `f.request` that the robot has, or has from now on, until it is withdrawn."""
+    r = f.robot[i]
+    if r.request_row == NO_ROW:
+        r.request_row = lend(f.request)
+    return int(r.request_row)
+
+
+@kernel
 def audit_head(frame: Row, src: int, dst: int, sub: int) -> None:
     """What every AUDIT frame begins with is written; `dst` 0 is all. Source: docs/spec/rebound.md."""
     frame[0] = AUDIT
@@ -122,7 +134,7 @@ def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
     body = f.settings[0].frame_max - FRAGMENT_HEAD_BYTES
     count = (r.request_len + body - 1) // body
     if r.request_len == 0 or r.request_next >= count:
-        r.request_len = 0
+        withdraw(f, i)
         return 0
     if now < r.repeat_at:
         return 0
@@ -132,7 +144,7 @@ def next_fragment(f: Fleet, i: int, now: int, frame: Row) -> int:
     frame[AT_COUNT] = count
     begin = r.request_next * body
     length = min(body, r.request_len - begin)
-    copy(frame, FRAGMENT_HEAD_BYTES, f.request[i], begin, length)
+    copy(frame, FRAGMENT_HEAD_BYTES, f.request.rows[r.request_row], begin, length)
     r.request_next += 1
     return int(FRAGMENT_HEAD_BYTES + length)
 
@@ -149,15 +161,15 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:
         return
-    drawn = mixed(get_u32(f.request[i], AT_AUTH_S), r.repeats)
+    chance = mixed(drawn(f, i), r.repeats)
     if r.repeats < REPEATS:
         r.request_next = max(r.request_next - 1, 0)
-        r.repeat_at = now + 1 + drawn % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
+        r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
         r.repeats += 1
         return
     if r.request_next == 1:
-        f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + drawn % (s.t_audit // 2)
-    r.request_len = 0
+        f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + chance % (s.t_audit // 2)
+    withdraw(f, i)
     r.quota += 1
 
 
@@ -172,14 +184,15 @@ def listens(f: Fleet, i: int) -> int:
     r, s = f.robot[i], f.settings[0]
     if r.round_no == 0 or r.got > s.f_max:
         return 0
-    return int(LISTENS_MS + mixed(get_u32(f.request[i], AT_AUTH_S), r.id) % max(1, s.t_audit >> 4))
+    return int(LISTENS_MS + mixed(drawn(f, i), r.id) % max(1, s.t_audit >> 4))
 
 
 @kernel
 def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     """A fragment is put in its place.
 
-    Returns: the place among `f.rx[i]` of a request that is now whole (its length is in `rx_info.len`), or -1.
+    Returns: the place among `f.rx_info[i]` of a request that is now whole, or -1. Its row of `f.rx` is given back, and
+        stays as it is until the next fragment comes.
     Source: docs/spec/rebound.md (bounded memory; one request under way a sender).
     """
     if length < FRAGMENT_HEAD_BYTES + 1:
@@ -191,7 +204,7 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     if (
         index >= count
         or count > MOST_FRAGMENTS
-        or index * body + size > f.rx.shape[2]
+        or index * body + size > f.rx.rows.shape[1]
         or (index < count - 1 and size != body)
     ):
         return -1
@@ -200,6 +213,8 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
     if x.src != src or x.no != no or x.count != count:
         if not _may_begin(f, i, src, now):
             return -1
+        if x.src == 0:
+            x.row = lend(f.rx)
         x.src = src
         x.no = no
         x.count = count
@@ -207,12 +222,13 @@ def take_fragment(f: Fleet, i: int, frame: Row, length: int, now: int) -> int:
         x.len = 0
     x.at = now
     x.have |= 1 << index
-    copy(f.rx[i, at], index * body, frame, FRAGMENT_HEAD_BYTES, size)
+    copy(f.rx.rows[x.row], index * body, frame, FRAGMENT_HEAD_BYTES, size)
     if index == count - 1:
         x.len = index * body + size
     if x.have != (1 << count) - 1:
         return -1
     x.src = 0
+    give_back(f.rx, x.row)
     return at
 
 

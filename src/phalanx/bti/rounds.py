@@ -6,8 +6,9 @@ Source: RoboRebound §3.5-3.7; docs/spec/rebound.md.
 from __future__ import annotations
 
 from phalanx.kernel import kernel
+from phalanx.pool import NO_ROW, give_back
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, put_u32
+from phalanx.wire.fields import Row, copy, get_u32, put_u32, whole
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
@@ -19,6 +20,7 @@ AT_DUE, AT_STEP, AT_S_TOP, AT_A_TOP = map(table.CHECKPOINT.at, ("t", "step", "to
 BOOTED_BYTES = table.BOOTED.size
 AT_T_KEY = table.BOOTED.at("t_key")
 TREQ_TOP, TREQ_MAC = map(table.TOKEN_REQUEST.at, ("top", "mac"))
+AT_AUTH_S = table.REQUEST.at("auth_s_mac")
 
 # A HELLO goes out with each round: who was not heard for two of them has gone.
 HEARD_ROUNDS_X2 = 5
@@ -63,7 +65,7 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
     """
     r = f.robot[i]
     for k in range(r.peers):
-        if f.peer[i, k].id == rob_id:
+        if f.peer_id[i, k] == rob_id:
             return k
     if rob_id == 0 or rob_id == r.id:
         return -1
@@ -76,7 +78,7 @@ def peer_at(f: Fleet, i: int, rob_id: int) -> int:
             if f.peer[i, k].heard < f.peer[i, at].heard:
                 at = k
     f.peer[i, at] = STRANGER[0]
-    f.peer[i, at].id = rob_id
+    f.peer_id[i, at] = rob_id
     return int(at)
 
 
@@ -99,17 +101,17 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
     r, s = f.robot[i], f.settings[0]
     best, best_key = 0, 1 << 40
     for k in range(r.peers):
-        p = f.peer[i, k]
+        p, rob_id = f.peer[i, k], whole(f.peer_id[i, k])
         if p.answered == r.round_no or now < p.asked_ms + again_after(f):
             continue
         fresh = p.token >= now - s.t_val
         if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(r.id, p.id) + (p.misses << 32) + (0 if fresh else 1 << 36)
+        key = mixed(r.id, rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
-            best, best_key = p.id, key
+            best, best_key = rob_id, key
     return int(best)
 
 
@@ -150,7 +152,25 @@ def begin_round(f: Fleet, i: int) -> None:
     r.round_no += 1
     r.quota = f.settings[0].f_max + 1
     r.got = 0
+    withdraw(f, i)
+
+
+@kernel
+def withdraw(f: Fleet, i: int) -> None:
+    """No request of the robot is under way any more."""
+    r = f.robot[i]
     r.request_len = 0
+    if r.request_row != NO_ROW:
+        r.drawn = drawn(f, i)
+        give_back(f.request, r.request_row)
+        r.request_row = NO_ROW
+
+
+@kernel
+def drawn(f: Fleet, i: int) -> int:
+    """A number out of a MAC in the robot's last request, which nobody knows who has not heard it; at first 0."""
+    r = f.robot[i]
+    return whole(r.drawn) if r.request_row == NO_ROW else get_u32(f.request.rows[r.request_row], AT_AUTH_S)
 
 
 @kernel
@@ -212,14 +232,13 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
     Returns: 0, or negative when it is not a token for one of our checkpoints. Source: RoboRebound §3.5, §3.6.
     """
     r, s = f.robot[i], f.settings[0]
-    which = PENDING
-    if r.checkpoint_at < 0 or not _covers(f, i, PENDING, tor, t, mac):
-        which = START
-        if r.booted == 1 or not _covers(f, i, START, tor, t, mac):
-            return -1
-    code = trusted.anode_install_token(s.profile, f.anode[i], now, tor, t, f.hckpt[i, which], mac)
+    which, code = PENDING, trusted.E_BAD_MAC
+    if r.checkpoint_at >= 0:
+        code = _install(f, i, PENDING, tor, t, mac, now)
+    if code == trusted.E_BAD_MAC and r.booted == 0:  # not for that one
+        which, code = START, _install(f, i, START, tor, t, mac, now)
     if code < 0:
-        return int(code)
+        return code
     r.tokens_got += 1
     at = peer_at(f, i, tor)
     if at >= 0:
@@ -238,9 +257,8 @@ def on_token(f: Fleet, i: int, tor: int, t: int, mac: Row, now: int) -> int:
 
 
 @kernel
-def _covers(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> bool:
-    r, s = f.robot[i], f.settings[0]
-    return trusted.anode_check_token(s.profile, f.anode[i], tor, r.id, t, f.hckpt[i, which], mac) == 0
+def _install(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row, now: int) -> int:
+    return int(trusted.anode_install_token(f.settings[0].profile, f.anode[i], now, tor, t, f.hckpt[i, which], mac))
 
 
 @kernel

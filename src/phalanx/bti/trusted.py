@@ -39,6 +39,7 @@ TREQ_BYTES = table.TOKEN_REQUEST.size
 
 E_ARG: int = bound_lib.PHX_E_ARG
 E_AIRTIME: int = bound_lib.PHX_E_AIRTIME
+E_BAD_MAC: int = bound_lib.PHX_E_BAD_MAC
 REASONS = {getattr(bound_lib, e): e.removeprefix("PHX_E_").lower() for e in dir(bound_lib) if e.startswith("PHX_E_")}
 # What must hold of a parameter of such a name. More than FRAME_MAX the C refuses itself, before it touches an entry.
 CHECKS = {

@@ -29,6 +29,7 @@ from phalanx.sim.radio.channel import (
     DUE,
     SENT,
 )
+from phalanx.sim.radio.reach import in_range
 from phalanx.wire.driven import EVERYBODY, ORDER
 from phalanx.wire.fields import get_u16, row
 from phalanx.wire.table import FRAME_MAX
@@ -135,7 +136,7 @@ class Ether:
         if self._robots < len(self._ports) and self._dice.random() >= self._config.loss:
             self._put(self._robots, frame)
         reach = self._world.reach
-        near = reach.ids[reach.start[i] : reach.start[i + 1]].tolist()
+        near = reach.ids[reach.near[i] : in_range(reach, i)].tolist()
         is_audit = bool(frame[0] & request.AUDIT)
         dst = self._addressee(frame) if is_audit and len(frame) >= request.AUDIT_HEAD_BYTES else 0
         lost, counts = self._config.loss, self._world.air.counts[i]

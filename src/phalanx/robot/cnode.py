@@ -195,7 +195,7 @@ class CNode:
         kept = self.controller.keep(step, t_ms, reading, self.raw)
         if self.profile == PLAIN:
             return kept
-        room = self.f.log.shape[1] // 2 - int(self.f.robot[self.i].log_len)
+        room = int(self.f.settings[0].log_max) // 2 - int(self.f.robot[self.i].log_len)
         fits = log.EVIDENCE_HEAD_BYTES + len(kept) <= room and len(kept) <= self.w.evidence.shape[0]
         return kept if fits else b""
 
@@ -269,7 +269,8 @@ class CNode:
 
     def _judge(self, place: int, src: int) -> int:
         """As `node.judge`, with the mission's plain-Python controller."""
-        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        info = self.f.rx_info[self.i, place]
+        q, length = self.f.rx.rows[info.row], int(info.len)
         refused = audit.examine(self.f, self.i, self.w, q, length, src)
         if not refused:
             try:

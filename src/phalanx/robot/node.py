@@ -111,7 +111,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
 
     Returns: NOTHING; REPLY: an audit is over, `w.frame` is a token if `told[TOLD_REFUSAL]` is 0; INSTALLED: a token
-        came; WHOLE: a request for a plain-Python controller waits in `f.rx[i, told[TOLD_PLACE]]`. Negative: refused.
+        came; WHOLE: a request for a plain-Python controller waits at place `told[TOLD_PLACE]`. Negative: refused.
     Source: RoboRebound Alg. 4, §3.7.
     """
     s = f.settings[0]
@@ -173,7 +173,7 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     limited by their a-nodes. Nothing else can tell but IssueToken. What it made goes out if the replay agrees.
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.8, §5.1.
     """
-    q = f.rx[i, place]
+    q = f.rx.rows[f.rx_info[i, place].row]
     refused = audit.open_request(w, q, f.rx_info[i, place].len, src)
     if refused == 0:
         refused = audit.issue(f, i, w, q, w.small[2])
@@ -182,11 +182,12 @@ def knock(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
 
 @kernel
 def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
-    """The request in `f.rx[i, place]` is audited with a bundled controller.
+    """The request at `place` is audited with a bundled controller.
 
     Returns: 0 or a `Refusal`. Source: RoboRebound §3.7.
     """
-    q, length = f.rx[i, place], f.rx_info[i, place].len
+    info = f.rx_info[i, place]
+    q, length = f.rx.rows[info.row], info.len
     refused = audit.examine(f, i, w, q, length, src)
     if refused == 0:
         refused = auditor.replay(f, w, q)

@@ -51,7 +51,7 @@ class WrongCheckpoint(Liar):
             return super().heard(now_ms, frame)
         if (place := self.whole_request(now_ms, frame)) < 0:
             return []
-        q = self.f.rx[self.i, place]
+        q = self.shown(place)
         tokens = int(q[request.AT_TOKENS])
         if tokens:
             at = request.HEAD_BYTES + tokens * request.TOKEN_BYTES
@@ -83,8 +83,7 @@ class Drain(RefuseToAudit):
         r = f.robot[i]
         if self.profile == PLAIN or r.request_len > 0:
             return []
-        for peer in f.peer[i, : int(r.peers)]:
-            tor = int(peer.id)
+        for tor, peer in zip(f.peer_id[i].tolist(), f.peer[i, : int(r.peers)], strict=False):
             asked = now_ms - int(peer.asked_ms) < 2 * s.t_audit
             just_sent = now_ms - self._sent_ms.get(tor, 0) <= s.t_audit // 2
             if tor in self.plan.accomplices or asked or just_sent:

@@ -111,7 +111,7 @@ class SwapNodes(Hijack):
         made = super().make_request(now_ms)
         if not made or not self.lies(now_ms):
             return made
-        q = self.f.request[self.i]
+        q = self.f.request.rows[self.f.robot[self.i].request_row]
         for a, s, size in (
             (request.AT_TOP_A, request.AT_TOP_S, HASH_BYTES),
             (request.AT_AUTH_A, request.AT_AUTH_S, MAC_BYTES),
@@ -135,7 +135,7 @@ class StaleLog(Hijack):
         actions = super().next_frame(now_ms)
         r = self.f.robot[self.i]
         if not self.lies(now_ms) and r.request_len > 0:
-            self._kept = self.f.request[self.i, : r.request_len].tobytes()
+            self._kept = self.f.request.rows[r.request_row, : r.request_len].tobytes()
         return actions
 
     def make_request(self, now_ms: int) -> bool:
@@ -154,7 +154,7 @@ class StaleLog(Hijack):
         r.quota -= 1
         r.request_no = (int(r.request_no) + 1) & 0xFFFF
         r.request_to, r.request_next, r.asked_at, r.request_len = tor, 0, now_ms, len(self._kept)
-        q = f.request[i]
+        q = f.request.rows[request.row_of(f, i)]
         q[: len(self._kept)] = memoryview(self._kept)
         q[request.AT_T : request.AT_TOP_A] = treq[: rounds.TREQ_TOP]
         q[request.AT_TREQ_MAC : request.AT_TOP_S] = treq[rounds.TREQ_MAC :]

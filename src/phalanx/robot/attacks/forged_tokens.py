@@ -69,7 +69,7 @@ class ShareTokens(TokenForger):
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
         """The token is kept before it goes out."""
         told = AUDIT_TOKEN.decode(self.w.frame[: request.TOKEN_FRAME_BYTES].tobytes())
-        q = self.f.rx[self.i, int(self.w.told[node.TOLD_PLACE])]
+        q = self.shown(int(self.w.told[node.TOLD_PLACE]))
         hckpt = q[request.AT_HCKPT : request.AT_HCKPT + HASH_BYTES].tobytes()
         self._issued.append(Token(self.id, told["t"], hckpt, told["mac"]))
         return super().reply(now_ms, auditee)

@@ -217,14 +217,19 @@ class Liar(CNode):
         place = int(request.take_fragment(self.f, self.i, row(frame), len(frame), now_ms))
         if place < 0:
             return -1
-        q, length = self.f.rx[self.i, place], int(self.f.rx_info[self.i, place].len)
+        q, length = self.shown(place), int(self.f.rx_info[self.i, place].len)
         src = get_u16(row(frame), request.AT_SRC)
         return place if audit.open_request(self.w, q, length, src) == 0 else -1
+
+    def shown(self, place: int) -> Row:
+        """The request that is at this place, or just was."""
+        q: Row = self.f.rx.rows[self.f.rx_info[self.i, place].row]
+        return q
 
     def vouch(self, now_ms: int, place: int) -> list[Action]:
         """The sender of the request just opened gets its token, whatever its log shows."""
         src = int(self.w.case[0].tee)
-        refused = audit.issue(self.f, self.i, self.w, self.f.rx[self.i, place], self.w.small[2])
+        refused = audit.issue(self.f, self.i, self.w, self.shown(place), self.w.small[2])
         node.answer(self.f, self.i, self.w, place, src, refused)
         return self.judged(now_ms)
 

@@ -217,7 +217,7 @@ def pump(world: World, i: int) -> None:
     n = node.next_frame(f, i, world.work, now)
     if n > 0:
         if pass_on(world, i, now, n, world.work.told[node.TOLD_TO] - 1) < 0:
-            f.robot[i].request_len = 0
+            rounds.withdraw(f, i)
             f.robot[i].quota = 0
         return
     at_ms = rounds.next_retry(f, i, now)
@@ -266,7 +266,7 @@ def move(world: World) -> None:
     clock = world.clock[0]
     for i in range(len(world.fleet.robot)):
         body.advance(world, i)
-    if rebuild(world.reach, world.pos) > len(world.reach.ids):
+    if rebuild(world.reach, world.pos) > len(world.reach.maybe):
         clock.crowded = 1
     clock.contacts += robot_contacts(world.pos, world.last, world.reach, clock.contact_m)
     clock.contacts += obstacle_contacts(world.pos, world.last, world.discs, world.boxes, clock.contact_m)

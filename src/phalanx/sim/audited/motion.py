@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
-from phalanx.sim.radio.reach import Reach
+from phalanx.sim.radio.reach import Reach, walled
 
 
 @kernel
@@ -59,11 +59,13 @@ def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: R
     far = contact_m + 2.0 * _longest_step(pos, last) + 0.01
     beyond = far * far
     for i in range(len(pos)):
-        for at in range(reach.start[i], reach.start[i + 1]):
-            k = reach.ids[at]
-            if k < i or reach.square[at] > beyond:
-                continue
+        if reach.least_m[i] > far + reach.skin_m:  # since that was noted, two have come nearer by the skin at most
+            continue
+        for at in range(reach.near[i], reach.near[i + 1]):
+            k = reach.maybe[at]
             x, y = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
+            if k < i or x * x + y * y > beyond or walled(reach, i, k):
+                continue
             was_x, was_y = last[k, 0] - last[i, 0], last[k, 1] - last[i, 1]
             if was_x * was_x + was_y * was_y < limit:  # in contact already
                 continue

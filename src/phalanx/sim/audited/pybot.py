@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from phalanx.bti import request
+from phalanx.bti import request, rounds
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
@@ -127,7 +127,7 @@ def perform(world: World, i: int, actions: list[Action]) -> None:
             to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
             lost = loop.transmit(world, i, frame, len(frame), to) < 0
             if lost and frame[0] & request.AUDIT and frame[request.AT_SUB] == request.FRAGMENT:
-                world.fleet.robot[i].request_len = 0
+                rounds.withdraw(world.fleet, i)
                 world.fleet.robot[i].quota = 0
         elif isinstance(action, Actuate):
             body.actuate(world, i, row(action.command), len(action.command))

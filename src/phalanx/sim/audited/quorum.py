@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
-from phalanx.sim.radio.channel import AIRTIME_US
+from phalanx.kernel import kernel
+from phalanx.sim.radio.channel import AIRTIME_US, Air
+from phalanx.sim.radio.reach import Reach, in_range
 
 from .world import World
 
@@ -22,7 +24,8 @@ class Quorum:
     def __init__(self, world: World, config: BtiConfig, correct: NDArray[np.bool_]) -> None:
         self._world, self._config, self._correct = world, config, correct
         self._looked_us = 0
-        self._airtime_us = self._spent_us()
+        self._airtime_us = np.zeros(len(correct), np.int64)
+        _spent_us(world.air, self._airtime_us)
         self._had: list[NDArray[np.bool_]] = []
         self._counted = np.zeros(len(correct), bool)
         self._without = np.zeros(len(correct), bool)
@@ -33,7 +36,8 @@ class Quorum:
         self._counted |= self._world.safe.astype(bool)
         self._had.append(self._has())
         del self._had[: -(self._config.t_val_ms // 1000 + 1)]
-        self._looked_us, self._airtime_us = int(self._world.clock[0].now_us), self._spent_us()
+        self._looked_us = int(self._world.clock[0].now_us)
+        _spent_us(self._world.air, self._airtime_us)
 
     def stopped_without(self) -> NDArray[np.bool_]:
         """(N,), correct robots that are in Safe Mode and lacked a quorum at some moment of the T_val before.
@@ -41,31 +45,56 @@ class Quorum:
         Source: docs/spec/rebound.md (P2).
         """
         new = self._correct & self._world.safe.astype(bool) & ~self._counted
+        if not new.any():
+            return self._without
         without: NDArray[np.bool_] = self._without | (new & ~np.all([*self._had, self._has()], axis=0))
         return without
 
     def _has(self) -> NDArray[np.bool_]:
-        reach = self._world.reach
-        near = np.diff(reach.start)
-        # Who was stopped although it had a quorum still counts as an auditor: one wrong must not excuse the next.
-        auditors = self._correct & ~self._without
-        # Frames of correct robots only: whoever a liar shouts down was not stopped for want of a quorum.
-        sent_us = (self._spent_us() - self._airtime_us) * self._correct
         # At the end a second may just have begun, and a burst is no full channel.
         passed_us = max(int(self._world.clock[0].now_us) - self._looked_us, SECOND_US)
-        full = sent_us + self._in_range(sent_us) > passed_us
-        lost = self._in_range(self._correct & (full | self._without))
-        enough = (self._in_range(auditors) >= self._config.tokens_needed) & (near <= self._config.n_max)
-        has: NDArray[np.bool_] = enough & ~full & (2 * lost <= near)
-        return has
+        sent_us, full = np.zeros(len(self._correct), np.int64), np.zeros(len(self._correct), bool)
+        _spent_us(self._world.air, sent_us)
+        # Frames of correct robots only: whoever a liar shouts down was not stopped for want of a quorum.
+        sent_us = (sent_us - self._airtime_us) * self._correct
+        _full(self._world.reach, sent_us, passed_us, full)
+        # Who was stopped although it had a quorum still counts as an auditor: one wrong must not excuse the next.
+        auditors, lost = self._correct & ~self._without, self._correct & (full | self._without)
+        has = np.zeros(len(self._correct), bool)
+        _enough(self._world.reach, auditors, lost, self._config.tokens_needed, self._config.n_max, has)
+        return has & ~full
 
-    def _in_range(self, each: NDArray[np.int64] | NDArray[np.bool_]) -> NDArray[np.int64]:
-        """(N,), the sum of something over the robots in range of each."""
-        start, ids = self._world.reach.start, self._world.reach.ids
-        total = np.concatenate(([0], np.cumsum(each[ids[: start[-1]]])))
-        summed: NDArray[np.int64] = total[start[1:]] - total[start[:-1]]
-        return summed
 
-    def _spent_us(self) -> NDArray[np.int64]:
-        spent: NDArray[np.int64] = self._world.air.counts[: len(self._correct), :, AIRTIME_US].sum(axis=1)
-        return spent
+@kernel
+def _spent_us(air: Air, spent_us: NDArray[np.int64]) -> None:
+    """`spent_us`, (N,): for how long each robot has been on the air."""
+    for i in range(len(spent_us)):
+        spent_us[i] = 0
+        for row in range(air.counts.shape[1]):
+            spent_us[i] += air.counts[i, row, AIRTIME_US]
+
+
+@kernel
+def _full(reach: Reach, sent_us: NDArray[np.int64], passed_us: int, full: NDArray[np.bool_]) -> None:
+    """`full`, (N,): where those in range have sent for longer than there was time."""
+    for i in range(len(full)):
+        total = sent_us[i]
+        for at in range(reach.near[i], in_range(reach, i)):
+            if reach.ids[at] < len(full):
+                total += sent_us[reach.ids[at]]
+        full[i] = total > passed_us
+
+
+@kernel
+def _enough(
+    reach: Reach, auditors: NDArray[np.bool_], lost: NDArray[np.bool_], needed: int, most: int, has: NDArray[np.bool_]
+) -> None:
+    """`has`, (N,): who has so many auditors in range, no more robots than `most`, and half of them not `lost`."""
+    for i in range(len(has)):
+        begin, end, can, cannot = reach.near[i], in_range(reach, i), 0, 0
+        for at in range(begin, end):
+            k = reach.ids[at]
+            if k < len(has):
+                can += auditors[k]
+                cannot += lost[k]
+        has[i] = can >= needed and end - begin <= most and 2 * cannot <= end - begin

@@ -19,7 +19,7 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.memory import sparse
+from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
 from phalanx.wire.fields import copy
 
@@ -38,7 +38,7 @@ from .nic import (
     received,
     strength,
 )
-from .reach import Reach
+from .reach import Reach, in_range
 
 # Kinds of events; a TX_END's arg is 0 for a frame, 1 + the robot that is answered for an acknowledgement.
 ATTEMPT, TX_END = 1, 2
@@ -58,11 +58,11 @@ SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4,
 
 
 class Air(NamedTuple):
-    """The channel and everybody's NIC; 3.7 kB a robot by default."""
+    """The channel and everybody's NIC; 1.7 kB a robot by default."""
 
     nic: NDArray[np.void]  # (N,) NIC
     short: NDArray[np.uint8]  # (N, SLOTS, SHORT_BYTES), frames of the ring
-    long: NDArray[np.uint8]  # (N, long_bytes), the one longer frame of each ring
+    long: Pool  # of long_bytes: the one longer frame of each ring
     dst: NDArray[np.int32]  # (N, SLOTS), robot or BROADCAST
     length: NDArray[np.int32]  # (N, SLOTS), bytes
     since: NDArray[np.int64]  # (N, SLOTS), when it was put there, µs
@@ -84,7 +84,7 @@ class End(NamedTuple):
     receivers: int  # how many robots have the frame now; their ids are in the caller's array
     left: int  # robot whose NIC is done with the frame, or NOBODY: it may hand over the next one
     arrived: int  # for `left`: 1, or 0 if a unicast frame was given up
-    frame: NDArray[np.uint8]  # its bytes, until that robot next calls `enqueue`
+    frame: NDArray[np.uint8]  # its bytes, until somebody next calls `enqueue`
 
 
 def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
@@ -99,7 +99,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
     air = Air(
         nic=make_nics(robots, seed),
         short=np.zeros((robots, SLOTS, SHORT_BYTES), np.uint8),
-        long=sparse(robots, config.long_bytes),
+        long=make_pool(robots, config.long_bytes),
         dst=np.zeros((robots, SLOTS), np.int32),
         length=np.zeros((robots, SLOTS), np.int32),
         since=np.zeros((robots, SLOTS), np.int64),
@@ -131,7 +131,7 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length
     if (
         nic.off
         or length < 1
-        or length > max(SHORT_BYTES, air.long.shape[1])
+        or length > max(SHORT_BYTES, air.long.rows.shape[1])
         or nic.waiting == SLOTS
         or (is_long and nic.long_used)
     ):
@@ -139,10 +139,10 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length
             air.counts[robot, _class(frame[0], dst), DROPPED] += 1
         return -1
     slot = (nic.head + nic.waiting) % SLOTS
-    target = air.long[robot] if is_long else air.short[robot, slot]
-    copy(target, 0, frame, 0, length)
     if is_long:
-        nic.long_used = 1
+        nic.long_used, nic.long_row = 1, lend(air.long)
+    target = air.long.rows[nic.long_row] if is_long else air.short[robot, slot]
+    copy(target, 0, frame, 0, length)
     air.dst[robot, slot], air.length[robot, slot], air.since[robot, slot] = dst, length, now_us
     nic.waiting += 1
     if nic.waiting == 1:
@@ -209,7 +209,7 @@ def finish(
     frame = _bytes(air, robot, slot)
     count = 0
     if dst == BROADCAST:
-        for at in range(reach.start[robot], reach.start[robot + 1]):
+        for at in range(reach.near[robot], in_range(reach, robot)):
             other = reach.ids[at]
             if received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
@@ -259,8 +259,9 @@ def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     counts[DUE] += nic.due if air.dst[robot, slot] == BROADCAST else 1
     if air.length[robot, slot] > SHORT_BYTES:
         nic.long_used = 0
-    nic.head = (slot + 1) % SLOTS
+        give_back(air.long, nic.long_row)
     nic.waiting -= 1
+    nic.head = (slot + 1) % SLOTS if nic.waiting else 0  # an empty ring begins anew, where memory is near
     nic.tries, nic.delivered, nic.window = 0, 0, WINDOW_MIN
     nic.slots = draw(nic)  # even with nothing to send: nobody may send twice in a row without a back-off
     if nic.waiting:
@@ -278,7 +279,7 @@ def _transmit(
     nic.own_until = end_us
     nic.hears, nic.hears_until = NOBODY, now_us
     due = 0
-    for at in range(reach.start[robot], reach.start[robot + 1]):
+    for at in range(reach.near[robot], in_range(reach, robot)):
         other = air.nic[reach.ids[at]]
         if other.off:
             continue
@@ -310,7 +311,7 @@ def _class(first_byte: int, dst: int) -> int:
 def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
     length = air.length[robot, slot]
     if length > SHORT_BYTES:
-        return air.long[robot, :length]
+        return air.long.rows[air.nic[robot].long_row, :length]
     return air.short[robot, slot, :length]
 
 

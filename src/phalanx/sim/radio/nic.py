@@ -39,6 +39,7 @@ NIC = np.dtype(
         ("head", "i4"),  # of the ring of frames
         ("waiting", "i4"),  # frames in the ring
         ("due", "i4"),  # robots in range when the frame began
+        ("long_row", "i4"),  # of the one longer frame, where it is
         ("queued", "u1"),  # an ATTEMPT is among the events
         ("long_used", "u1"),
         ("delivered", "u1"),  # the addressee has it, the acknowledgement may have been lost

@@ -4,7 +4,8 @@ The cost is linear in robots and neighbours. Lists are symmetric, in the order o
 positions. Everything else that asks for robots nearby (carrier sense, overlaps, contacts) goes through these lists.
 
 Robots are sorted into cells only now and then: candidates are noted from a little farther than the range (the skin),
-and until somebody has gone half of that, nobody else can be in range (Verlet 1967).
+and until somebody has gone half of that, nobody else can be in range (Verlet 1967). Who of them is in range is found
+for each robot when somebody first asks, as most robots say nothing between two looks at where all are.
 """
 
 from __future__ import annotations
@@ -28,19 +29,23 @@ SKIN = 0.25
 
 
 class Reach(NamedTuple):
-    """Neighbours of each robot: of robot i they are `ids[start[i]:start[i + 1]]`."""
+    """Neighbours of each robot i: they are `ids[near[i]:in_range(reach, i)]`."""
 
     range_m: float  # what counts as near, metres, inclusive
     skin_m: float  # candidates are from so much farther away; 0: robots are sorted anew each time that one has moved
-    start: NDArray[np.int64]  # (N + 1,)
-    ids: NDArray[np.int32]  # (capacity,)
-    square: NDArray[np.float32]  # (capacity,), how far each of them is, metres squared
+    at: NDArray[np.float64]  # (N, 2), where robots are, metres
+    looks: NDArray[np.int64]  # (1,), how often they have been looked at
+    listed: NDArray[np.int64]  # (N,), the look at which a robot's neighbours were listed last
+    end: NDArray[np.int64]  # (N,), where they end
+    ids: NDArray[np.int32]  # (room,)
+    square: NDArray[np.float32]  # (room,), how far each of them is, metres squared
     cell: NDArray[np.int64]  # (N, 2), the cell each robot is in
     first: NDArray[np.int32]  # (power of two ≥ N,), the first robot of each bucket of cells
     after: NDArray[np.int32]  # (N,), the next robot of the same bucket
     sorted_at: NDArray[np.float64]  # (N, 2), where robots were when candidates were noted, NaN before
     near: NDArray[np.int64]  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
     maybe: NDArray[np.int32]  # (room,)
+    least_m: NDArray[np.float64]  # (N,), how far the nearest of them was then; infinite if there were none
     aisle: NDArray[np.int32]  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
 
 
@@ -50,7 +55,8 @@ pack = bundled(Reach)
 def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: float = SKIN) -> Reach:
     """Lists in which nobody is near anybody yet, with room for `capacity` neighbours of all robots together.
 
-    None is room that small swarms always find enough, and large ones mostly. `skin` is a share of the range.
+    None is room that small swarms always find enough, and large ones mostly. `skin` is a share of the range, which
+    gets room of its own.
     Raises: UsageError: no robots, or a range that is not a positive number.
     """
     if robots < 1:
@@ -60,52 +66,64 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
     if capacity is None:
         capacity = robots * (robots - 1 if robots <= SMALL_SWARM else NEIGHBOURS)
     buckets = 1 << (robots - 1).bit_length()
-    room = min(robots * (robots - 1), math.ceil(capacity * (1 + skin) ** 2))
+    room = max(capacity, min(robots * (robots - 1), math.ceil(capacity * (1 + skin) ** 2)))
     reach = Reach(
-        float(range_m),
-        float(skin * range_m),
-        np.zeros(robots + 1, np.int64),
-        np.zeros(capacity, np.int32),
-        np.zeros(capacity, np.float32),
-        np.zeros((robots, 2), np.int64),
-        np.zeros(buckets, np.int32),
-        np.zeros(robots, np.int32),
-        np.full((robots, 2), np.nan),
-        np.zeros(robots + 1, np.int64),
-        np.zeros(max(room, capacity), np.int32),
-        np.zeros(robots, np.int32),
+        range_m=float(range_m),
+        skin_m=float(skin * range_m),
+        at=np.zeros((robots, 2)),
+        looks=np.zeros(1, np.int64),
+        listed=np.zeros(robots, np.int64),
+        end=np.zeros(robots, np.int64),
+        ids=np.zeros(room, np.int32),
+        square=np.zeros(room, np.float32),
+        cell=np.zeros((robots, 2), np.int64),
+        first=np.zeros(buckets, np.int32),
+        after=np.zeros(robots, np.int32),
+        sorted_at=np.full((robots, 2), np.nan),
+        near=np.zeros(robots + 1, np.int64),
+        maybe=np.zeros(room, np.int32),
+        least_m=np.zeros(robots),
+        aisle=np.zeros(robots, np.int32),
     )
     return pack(reach)
 
 
 @kernel
 def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
-    """The number of neighbours of all robots together, and the lists are those of `pos`.
+    """Robots are looked at: lists are those of `pos` from now on. Returns: the number of candidates of all together.
 
-    If that number is greater than `len(reach.ids)` the lists are cut short (robots at the end have none or too few):
+    If that number is greater than `len(reach.maybe)` the lists are cut short (robots at the end have none or too few):
     make a larger Reach, and rebuild. `pos`: (N, 2), metres, finite.
     """
-    found = 0
+    found = reach.near[len(pos)]
     if _has_moved(reach, pos):
         found = _sort(reach, pos, reach.range_m + reach.skin_m)
         if found > len(reach.maybe):  # a crowd: without the skin there may be room
             found = _sort(reach, pos, reach.range_m)
             reach.sorted_at[:] = np.nan
-    count, total = len(pos), 0
+    reach.at[:] = pos
+    reach.looks[0] += 1
+    return found  # type: ignore[no-any-return]
+
+
+@kernel
+def in_range(reach: Reach, i: int) -> int:
+    """Where the list of robot i's neighbours ends, which begins at `near[i]` of `ids` and `square`."""
+    if reach.listed[i] == reach.looks[0]:
+        return reach.end[i]  # type: ignore[no-any-return]
+    pos, end = reach.at, reach.near[i]
     limit = reach.range_m * reach.range_m
-    for i in range(count):
-        reach.start[i] = min(total, len(reach.ids))
-        for at in range(reach.near[i], reach.near[i + 1]):
-            k = reach.maybe[at]
-            dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
-            square = dx * dx + dy * dy
-            if square <= limit and not _walled(reach, i, k):
-                if total < len(reach.ids):
-                    reach.ids[total] = k
-                    reach.square[total] = square
-                total += 1
-    reach.start[count] = min(total, len(reach.ids))
-    return found if found > len(reach.maybe) else total
+    for at in range(reach.near[i], reach.near[i + 1]):
+        k = reach.maybe[at]
+        dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
+        square = dx * dx + dy * dy
+        if square <= limit and not walled(reach, i, k):
+            reach.ids[end] = k
+            reach.square[end] = square
+            end += 1
+    reach.listed[i] = reach.looks[0]
+    reach.end[i] = end
+    return end  # type: ignore[no-any-return]
 
 
 @kernel
@@ -138,6 +156,7 @@ def _sort(reach: Reach, pos: NDArray[np.float64], width_m: float) -> int:
     limit = width_m * width
     for i in range(count):
         reach.near[i] = min(total, len(reach.maybe))
+        least = math.inf
         for nth in range(9):
             x, y = reach.cell[i, 0] + nth // 3 - 1, reach.cell[i, 1] + nth % 3 - 1
             k = reach.first[_bucket(x, y, mask)]
@@ -145,11 +164,14 @@ def _sort(reach: Reach, pos: NDArray[np.float64], width_m: float) -> int:
                 dx, dy = pos[k, 0] - pos[i, 0], pos[k, 1] - pos[i, 1]
                 # Cells share buckets: a robot counts for its own cell only, or it would be listed twice.
                 here = reach.cell[k, 0] == x and reach.cell[k, 1] == y
-                if here and k != i and dx * dx + dy * dy <= limit:
+                square = dx * dx + dy * dy
+                if here and k != i and square <= limit:
+                    least = min(least, square)
                     if total < len(reach.maybe):
                         _put_in_order(reach, reach.near[i], total, k)
                     total += 1
                 k = reach.after[k]
+        reach.least_m[i] = math.sqrt(least)
     reach.near[count] = min(total, len(reach.maybe))
     return total
 
@@ -163,7 +185,8 @@ def _put_in_order(reach: Reach, begin: int, end: int, k: int) -> None:
 
 
 @kernel
-def _walled(reach: Reach, i: int, k: int) -> bool:
+def walled(reach: Reach, i: int, k: int) -> bool:
+    """Whether the two are in different aisles."""
     return bool(reach.aisle[i] != reach.aisle[k] and reach.aisle[i] != 0 and reach.aisle[k] != 0)
 
 

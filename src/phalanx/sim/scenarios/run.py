@@ -215,7 +215,7 @@ class Run:
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         if self.world.clock[0].crowded:
             raise UsageError(
-                f"robots crowd together: more than {len(self.world.reach.ids) // len(self.ids)} in range of each",
+                f"robots crowd together: more than {len(self.world.reach.maybe) // len(self.ids)} in range of each",
                 "a wider spacing, fewer robots, or a greater n_max",
             )
         self._wall_s += time.perf_counter() - began
