@@ -50,6 +50,7 @@ def run(
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     if record is not None:
         check_folder(record)
+    senses = {"noise": OdometryNoise.parse(noise), "lidar": LidarConfig.parse(lidar)}
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     ids, count = _fleet(named, robots, len(files or (plain.parts if plain else ())))
     if how["defence"] != "none":  # before anything is encoded
@@ -67,7 +68,6 @@ def run(
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
-    senses = {"noise": OdometryNoise.parse(noise), "lidar": LidarConfig.parse(lidar)}
     setting = orders.run(robots=count, **senses, begin_s=begin_s, keep_trace=record is not None, **how)
     progress = Progress()
     try:
