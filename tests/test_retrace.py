@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
 from phalanx.bti import audit
-from phalanx.bti.log import CHECKPOINT
+from phalanx.bti.log import CHECKPOINT, MARK
+from phalanx.bti.nodes import seal_mission_key
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.request import HEAD_BYTES
 from phalanx.config import BtiConfig
@@ -17,13 +20,16 @@ from phalanx.daemon import evidence
 from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import Kept, read_kept, record_log
+from phalanx.daemon.kept_log import KeptLog
+from phalanx.daemon.proofs import Proven, proven
 from phalanx.errors import UsageError
 from phalanx.robot.retrace import entries_of
 from phalanx.sim import Scenario
+from phalanx.sim.audited import setup
 from phalanx.sim.recorded import MOST_CHUNK_BYTES
 from phalanx.sim.scenarios.file import written_scenario
 from phalanx.sim.scenarios.run import Run
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, PROOF
 
 pytestmark = pytest.mark.timeout(600)  # compiles, the first time
 # Nobody is audited yet: what robots have logged they still have.
@@ -166,3 +172,54 @@ def test_a_log_of_what_no_robots_own_process_runs_is_refused_in_a_line(tmp_path,
         read_kept(path).first_lie()
     with pytest.raises(UsageError, match=f"{controller} is not for a robot's own process"):
         play_in_arena(read_kept(path).scenario, tmp_path, Weather(), print)
+
+
+@pytest.fixture(scope="module")
+def borne(tmp_path_factory):
+    """A robot's log as a daemon keeps it, and the mission key that its trusted nodes have."""
+    path, keys = tmp_path_factory.mktemp("kept") / "2.log", []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setup, "seal_mission_key", lambda *given: keys.append(given[1]) or seal_mission_key(*given))
+        run = Run(MISSION)
+    with KeptLog(path) as kept:
+        kept.begin({})
+        for k in range(1, 6000):
+            run.advance(k / 1000)
+            fleet = run.world.fleet
+            if fleet.robot[ME].tokens_got:
+                break
+            mine = (fleet.robot[ME : ME + 1], fleet.log[ME : ME + 1], fleet.request[ME : ME + 1])
+            kept.keep(SimpleNamespace(**dict(zip(("robot", "log", "request"), mine, strict=True))))
+        t_key_ms = int(fleet.robot[ME].t_key)
+    return Kept(ME + 1, 1, t_key_ms, MISSION, path.read_bytes().partition(b"\n")[2]), keys[0]
+
+
+def test_who_has_the_mission_key_sees_that_a_log_is_what_trusted_nodes_saw(borne, tmp_path):
+    log, key = borne
+    found = proven(log, key)
+    assert found.holds
+    assert 0 < found.entries <= len(log.entries())
+    assert log.first_lie() is None
+    written = tmp_path / "2.log"
+    written.write_bytes(json.dumps(log.head).encode() + b"\n" + log.raw)
+    assert record_log(written, tmp_path / "2.mcap") > len(log.entries())
+    assert proven(read_kept(tmp_path / "2.mcap"), key) == found
+
+
+def test_another_log_than_they_saw_is_not_proven_and_one_without_proofs_proves_nothing(borne):
+    log, key = borne
+    proofs = [each for each in entries_of(log.raw) if each.kind == PROOF.tag]
+    before = [each for each in log.entries() if each.end <= proofs[0].at and not each.kind & MARK]
+    for each in before[:2]:
+        for at in (each.at + 1, each.end - 1):
+            raw = bytearray(log.raw)
+            raw[at] ^= 1
+            assert proven(replace(log, raw=bytes(raw)), key).false_at is not None
+        assert not proven(replace(log, raw=log.raw[: each.at] + log.raw[each.end :]), key).holds
+    assert not proven(replace(log, raw=log.plain()), key).holds
+    assert proven(log, bytes(20)) == Proven(0, 0, proven(log, bytes(20)).false_at)
+    for at in (proofs[0].at + 1, proofs[0].end - 70, proofs[0].at + 8):  # whom it asked, MACs, the robot
+        raw = bytearray(log.raw)
+        raw[at] ^= 1
+        changed = proven(replace(log, raw=bytes(raw)), key)
+        assert changed.holds or changed.entries == 0

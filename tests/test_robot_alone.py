@@ -16,7 +16,7 @@ from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
-from phalanx.daemon import rehearsal
+from phalanx.daemon import kept_log, rehearsal
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.run import mission_of
@@ -161,11 +161,27 @@ def test_a_mission_that_never_began_leaves_the_log_of_the_one_before(tmp_path):
     assert (path.read_text(), path.with_suffix(".before.log").read_text()) == ("{}\n", "evidence")
 
 
+def logged(length):
+    robot = SimpleNamespace(log_len=length, requests_sent=0)
+    return SimpleNamespace(robot=[robot], log=np.zeros((1, 1 << 20), np.uint8))
+
+
+def test_a_disk_that_takes_nothing_for_a_while_holds_up_nobody(tmp_path, monkeypatch):
+    reading, writing = os.pipe()
+    monkeypatch.setattr(kept_log, "LAST_S", 30.0)
+    with KeptLog(tmp_path / "robot-3.log") as kept:
+        kept._file = os.fdopen(writing, "wb", 0)
+        for length in range(1 << 16, (1 << 20) + 1, 1 << 16):  # more than a pipe holds
+            kept.keep(logged(length))
+        with os.fdopen(reading, "rb") as disk:
+            assert len(disk.read(1 << 20)) == 1 << 20
+
+
 def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, caplog):
     class Alive:
         async def live(self, kept):
             for length in (1, 2):
-                kept.keep(SimpleNamespace(robot=[SimpleNamespace(log_len=length)], log=np.zeros((1, 2), np.uint8)))
+                kept.keep(logged(length))
             await asyncio.sleep(0)
             raise Unavailable("its nodes are gone")
 

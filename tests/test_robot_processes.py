@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -18,15 +19,16 @@ import boards
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.proofs import proven, unsealed
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.state import told
 from phalanx.daemon.trusted import give_keys, open_nodes, start
 from phalanx.io.keyring import Keys, create, opened
-from phalanx.io.mission_key import issued
+from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.audited.setup import limits_of
 from phalanx.wire import guarded
-from phalanx.wire.table import ACCELERATION, BOARD
+from phalanx.wire.table import ACCELERATION, BOARD, ENTRY_ACMD
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(600)]
 PHALANX = (sys.executable, "-m", "phalanx")
@@ -101,6 +103,19 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
     assert read_kept(kept / "robot-1.log").first_lie() is None
     assert len(read_kept(kept / "robot-1.log").raw) > summary["log_bytes_max"], "nothing was ever covered"
+    # And it is what their trusted nodes saw: with the key that only these have.
+    for rob_id in (1, 3):
+        log = read_kept(kept / f"robot-{rob_id}.log")
+        sealed = read_mission_key(kept / "key.json", rob_id)
+        key = unsealed(read_board(kept / f"board-{rob_id}.bin", rob_id), sealed)
+        assert proven(log, key).holds
+        assert proven(log, key).entries > len(log.entries()) // 2
+        # A command that another stands for, as a robot would write it that wants to have been honest.
+        other = next(each for each in log.entries() if each.kind == ENTRY_ACMD)
+        raw = bytearray(log.raw)
+        raw[other.end - 1] ^= 1
+        assert proven(replace(log, raw=bytes(raw)), key).entries == 0
+        assert not proven(log, bytes(20)).holds
     recording = tmp_path / "3.mcap"
     assert run_command(["robot", "log", str(kept / "robot-3.yaml"), "--out", str(recording)]) == 0
     capsys.readouterr()

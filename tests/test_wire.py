@@ -28,7 +28,7 @@ VALUES = {
     "v8": st.binary(max_size=255),
     "v16": st.binary(max_size=300),
     "rest": st.binary(max_size=300),
-    **{f"b{size}": st.binary(min_size=size, max_size=size) for size in (4, 8, 16, 20, 32, 48, 64, 128, 576)},
+    **{f"b{size}": st.binary(min_size=size, max_size=size) for size in (4, 8, 16, 20, 32, 48, 64, 99, 128, 576)},
     "i8": st.integers(-(2**7), 2**7 - 1),
     "i16": st.integers(-(2**15), 2**15 - 1),
     "i32": st.integers(-(2**31), 2**31 - 1),

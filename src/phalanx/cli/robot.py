@@ -16,6 +16,7 @@ from phalanx.daemon.arena import play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import read_kept, record_log
 from phalanx.daemon.on_air import Air, parse_on_air
+from phalanx.daemon.proofs import Proven, mission_key_of, proven
 from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
@@ -178,11 +179,23 @@ def log(robot: Path, out: Path) -> int:
     return 0
 
 
-def verify(file: Path, controller: str | None, as_json: bool) -> int:
-    """Whether a log is an honest robot's, and where not."""
+def verify(
+    file: Path,
+    controller: str | None,
+    keys: Path | None,
+    issued: Path | None,
+    passphrase_file: Path | None,
+    as_json: bool,
+) -> int:
+    """Whether a log is an honest robot's, and where not; with keys, whether it is what its trusted nodes saw."""
+    if (keys is None) != (issued is None):
+        raise UsageError("one of --keys and --key", "both, or neither")
     kept = read_kept(file)
     scenario, own = find_controller(controller, kept.scenario)
     kept = replace(kept, scenario=scenario)
+    borne: Proven | None = None
+    if keys and issued:
+        borne = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
     with mistakes_in(controller):
         found, entries = kept.first_lie(own), len(kept.entries())
     at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
@@ -197,9 +210,19 @@ def verify(file: Path, controller: str | None, as_json: bool) -> int:
                 "entry": None if found is None else found.entry,
                 "at_s": at_s,
                 "reason": reason or None,
+                "proven_entries": None if borne is None else borne.entries,
+                "disproved_at": None if borne is None else borne.false_at,
             }
         )
     else:
         words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
-        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}")
-    return 0 if found is None else 1
+        click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}{_borne(borne)}")
+    return int(found is not None or (borne is not None and not borne.holds))
+
+
+def _borne(borne: Proven | None) -> str:
+    if borne is None:
+        return ""
+    if borne.false_at is not None:
+        return f"   NOT WHAT ITS TRUSTED NODES SAW by entry {borne.false_at}; proven: the first {borne.entries}"
+    return f"   proven by its trusted nodes: the first {borne.entries}" if borne.holds else "   NOTHING IS PROVEN"

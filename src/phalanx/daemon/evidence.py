@@ -23,7 +23,7 @@ from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.run import params_of
 from phalanx.sim.scenarios.scenario import Scenario, for_robots
-from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND
+from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
 
 MOST_BYTES, MOST_UNPACKED = 1 << 26, 1 << 29
 HINT = "phalanx robot log makes one"
@@ -37,6 +37,7 @@ KINDS = {
     CHECKPOINT: "checkpoint",
     FLUSH_S: "flush s",
     FLUSH_A: "flush a",
+    PROOF.tag: "proof",
 }
 ENTRY_SCHEMA = {
     "title": "phalanx.Entry",
@@ -58,7 +59,11 @@ class Kept:
     mission: int
     t_key_ms: int
     scenario: Scenario
-    raw: bytes
+    raw: bytes  # what trusted nodes said of it in between
+
+    def plain(self) -> bytes:
+        """The log without what trusted nodes said of it."""
+        return b"".join(self.raw[each.at : each.end] for each in self.entries())
 
     def first_lie(self, controller: Callable[[int], Controller] | None = None) -> Finding | None:
         """Where it stops being an honest robot's log; None if it does not.
@@ -69,7 +74,7 @@ class Kept:
         for_robots(self.scenario)
         bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario, self.mission))
         retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
-        return retracer.first_lie(self.raw, self.robot, self.t_key_ms)
+        return retracer.first_lie(self.plain(), self.robot, self.t_key_ms)
 
     @property
     def head(self) -> dict[str, Any]:
@@ -78,8 +83,8 @@ class Kept:
         return told | {"scenario": written_scenario(self.scenario)}
 
     def entries(self) -> list[Entry]:
-        """In their order."""
-        return list(entries_of(self.raw))
+        """In their order, as they lie in `raw`."""
+        return [each for each in entries_of(self.raw) if each.kind != PROOF.tag]
 
 
 def read_kept(path: Path) -> Kept:
@@ -144,9 +149,11 @@ class LogRecording(Recorder):
 
     def _messages(self) -> Iterator[tuple[int, dict[str, Any]]]:
         now_ms = self._kept.t_key_ms
-        for number, each in enumerate(self._kept.entries()):
+        number = 0  # of proofs that of the entry behind them
+        for each in entries_of(self._kept.raw):
             now_ms = max(now_ms, each.t_ms)  # marks are of the moment of what stands before them
             told = {"entry": number, "kind": KINDS.get(each.kind, "unknown"), "t_ms": now_ms}
+            number += each.kind != PROOF.tag
             yield now_ms - self._kept.t_key_ms, told | {"bytes": self._kept.raw[each.at : each.end].hex()}
 
 

@@ -2,7 +2,7 @@
 
 A c-node forgets what its auditors have covered. The file is evidence for whoever reads it later, and nothing in the
 robot's life depends on it: on a disk that is full it ends, and the robot goes on. It is written as it comes,
-unbuffered: who is killed flushes nothing. A file that was cut short is read up to there.
+by a thread: a disk that is busy holds up no reading. A file that was cut short is read up to there.
 """
 
 from __future__ import annotations
@@ -12,14 +12,21 @@ import io
 import json
 import logging
 import os
+import threading
 from pathlib import Path
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self
 
+from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
 from phalanx.errors import Unavailable
+from phalanx.wire.fields import get_u32
+from phalanx.wire.table import PROOF
 
 log = logging.getLogger(__name__)
+MOST_WAITING = 20_000  # pieces of which the disk has taken none yet: some minutes
+LAST_S = 5.0  # for what still waits when the robot ends
 
 
 class KeptLog:
@@ -31,7 +38,9 @@ class KeptLog:
     def __init__(self, path: Path) -> None:
         self._path, self._beside = path, path.with_name(f".{path.name}.{os.getpid()}")
         self._file: io.RawIOBase | None = None
-        self._seen = 0
+        self._seen = self._asked = 0
+        self._waiting: SimpleQueue[bytes] = SimpleQueue()  # b"" is the end
+        self._writer = threading.Thread(target=self._write_all, daemon=True)
 
     def __enter__(self) -> Self:
         try:
@@ -39,15 +48,16 @@ class KeptLog:
             self._file = os.fdopen(os.open(self._beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", 0)
         except OSError as error:
             raise Unavailable(f"cannot write {self._path}: {error.strerror}", "another folder") from error
+        self._writer.start()
         return self
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
+        self._waiting.put(b"")
+        self._writer.join(LAST_S)
         with contextlib.suppress(OSError):
             self._beside.unlink(missing_ok=True)  # a mission that never began
-            if self._file:
-                self._file.close()
 
     def begin(self, head: dict[str, Any]) -> None:
         """The mission has begun: this is its log's first line."""
@@ -60,24 +70,41 @@ class KeptLog:
             self._end(error.strerror)
 
     def keep(self, fleet: Fleet) -> None:
-        """What is new in the only robot's log; called after each event: one lengthens or shortens it, not both."""
-        length = int(fleet.robot[0].log_len)
-        if length > self._seen:
-            self._write(fleet.log[0, self._seen : length].tobytes())
-        self._seen = length
+        """What is new in the only robot's log; called after each event: one lengthens or shortens it, not both.
+
+        Where an audit was asked for, what the trusted nodes said for it stands too: who has the mission key checks it.
+        """
+        robot, raw = fleet.robot[0], fleet.log[0]
+        length, asked = int(robot.log_len), int(robot.requests_sent)
+        if length >= self._seen:
+            begin = self._seen
+            if asked > self._asked:
+                begin = min(length, max(begin, int(get_u32(fleet.request[0], request.AT_SEGMENT_LEN))))
+                head = fleet.request[0, : request.HEAD_BYTES].tobytes()
+                self._write(raw[self._seen : begin].tobytes() + PROOF.encode(tor=int(robot.request_to), head=head))
+            self._write(raw[begin:length].tobytes())
+        self._seen, self._asked = length, asked
 
     def _write(self, raw: bytes) -> None:
-        if self._file is None:
-            return
-        try:
-            if self._file.write(raw) != len(raw):
-                self._end("no room")
-        except OSError as error:
-            self._end(error.strerror)
+        if raw and self._file and self._waiting.qsize() < MOST_WAITING:
+            self._waiting.put(raw)
+        elif raw and self._file:
+            self._end("the disk takes nothing")
+
+    def _write_all(self) -> None:
+        while raw := self._waiting.get():
+            file = self._file
+            try:
+                if file and file.write(raw) != len(raw):
+                    self._end("no room")
+            except (OSError, ValueError) as error:  # full, or closed just now
+                self._end(getattr(error, "strerror", None))
+        if self._file:
+            self._file.close()
 
     def _end(self, why: str | None) -> None:
-        log.warning("%s is kept no further: %s", self._path, why)
-        with contextlib.suppress(OSError):
-            if self._file:
-                self._file.close()
-        self._file = None
+        file, self._file = self._file, None
+        if file:
+            log.warning("%s is kept no further: %s", self._path, why)
+            with contextlib.suppress(OSError):
+                file.close()

@@ -153,7 +153,7 @@ async def _live(life: Life, kept: KeptLog, state_file: Path, mission: int, base:
             if base:
                 base.tell(state)
             try:
-                tell(state_file, state)
+                await asyncio.to_thread(tell, state_file, state)  # a disk that is busy holds up no reading
                 untold = ""
             except Unavailable as error:  # a full disk is no reason to end
                 if str(error) != untold:

@@ -74,6 +74,15 @@ class Keys:
         self.robots[robot] = Robot(now)
         return self._master(robot)
 
+    def master(self, robot: int) -> bytes:
+        """The master key that a robot's nodes were given, to check what they said.
+
+        Raises: UsageError: it was given none.
+        """
+        if robot not in self.robots:
+            raise UsageError(f"robot {robot} has no master key", "phalanx keys list shows who has")
+        return self._master(robot)
+
     def retire(self, robot: int, now: str) -> None:
         """Leave a robot out of all missions to come. Raises: UsageError: it has no key, or was retired."""
         if robot not in self.robots:

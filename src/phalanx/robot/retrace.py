@@ -20,6 +20,7 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Controller, pack_outputs
 from phalanx.wire.fields import get_u32, row
+from phalanx.wire.table import PROOF
 
 # What depends on the entries before it alone, so that a shorter log has it too.
 OF_ENTRIES = {
@@ -35,7 +36,7 @@ ENTRIES = np.dtype([("end", "i8"), ("t_ms", "i8")])
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry or mark, as it lies in the log from `at` to `end`; `t_ms` is -1 for marks, evidence and advice."""
+    """One entry or mark, as it lies in the log from `at` to `end`; `t_ms` is -1 for all but entries."""
 
     at: int
     end: int
@@ -57,7 +58,9 @@ def entries_of(raw: bytes) -> Iterator[Entry]:
     data, at = row(raw), 0
     while at < len(raw):
         kind, _, end = map(int, log.piece_at(data, at, len(raw)))
-        if kind == log.CUT:
+        if kind == PROOF.tag:
+            end = at + PROOF.size
+        if kind == log.CUT or end > len(raw):
             return
         yield Entry(at, end, kind, -1 if kind & log.MARK else int(get_u32(data, at + log.ENTRY_T)))
         at = end

@@ -269,6 +269,15 @@ KEPT = Record(
     (Field("claims", "u8", "0 or 1"), Field("shown", "rest", "it, then the scan's differences, or nothing")),
     "evidence of a mission robot's",
 )
+PROOF = Record(
+    "proof",
+    (
+        Field("tor", "u16", "whom a request asked"),
+        Field("head", f"b{REQUEST.size}", "what it begins with"),
+    ),
+    "in a robot's kept log: what its trusted nodes said of all that stands before",
+    0x86,
+)
 KEPT_CLAIM = Record("kept_claim", (Field("claim", "v16", "u16 length, then the claim"),), "what the scan is to show")
 
 # --- what is between controllers and their c-node, and what they remember ------------------------------------------
@@ -351,7 +360,7 @@ ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, guarded.WISH, *DRIVEN, *ON_MISSION, AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN, SEALED)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD, SEAL)
-SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, KEPT, KEPT_CLAIM)
+SHOWN = (REQUEST, COVERING_TOKEN, BOOTED, CHECKPOINT, PROOF, KEPT, KEPT_CLAIM)
 REMEMBERED = (
     OUTPUT,
     FLOCK_MEMORY,

@@ -109,12 +109,16 @@ def log() -> None:
 @robot.command(epilog="Example: phalanx robot verify robot-3.mcap --json")
 @click.argument("file", type=FILE, metavar="FILE")
 @controller_option
+@option("--keys", type=FILE, metavar="FILE.keys", help="The owner's keys, to check what its trusted nodes said of it.")
+@option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --keys.")
+@passphrase_option
 @json_option
 @runs("robot", "verify")
 def verify() -> None:
     """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.
 
-    Ends with 1 if it does. It is what the robot's computer says that it logged: no MAC is checked.
+    Ends with 1 if it does. Without --keys it is what the robot's computer says that it logged; with them, up to where
+    its trusted nodes' own MACs bear it out, and it ends with 1 if they do not.
     """
 
 
