@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import socket
+from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,7 @@ from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, rehearsal
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.kept_log import KeptLog
+from phalanx.daemon.life import Life
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.trusted import open_nodes
@@ -290,3 +292,32 @@ def test_two_robots_of_a_rehearsal_audit_each_other(controller):
         robots=2, controller=controller, bti=BtiConfig(f_max=1), attacks=(AttackSpec(name="hijack", robot=1),)
     )
     assert rehearsal.rehearse(scenario, limits_of(scenario.bti, scenario.radio)) > 2
+
+
+def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkeypatch):
+    async def turns():
+        life = Life.__new__(Life)
+        clock, read_ms = SimpleNamespace(ms=1000), []
+        life._clock = SimpleNamespace(now_ms=lambda: clock.ms)
+        life._came, life._frames, life._early_ms, life._advised = asyncio.Event(), deque(), 90, False
+        life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
+        runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
+        life.runtime = runtime
+
+        def read(_, now_ms):
+            read_ms.append(now_ms)
+            runtime.input_ms = runtime.due_ms = runtime.input_ms + 250
+            return []
+
+        monkeypatch.setattr(life, "_read", read)
+        assert life._turn() == 250  # nothing is new
+        life.advised()
+        assert life._came.is_set()
+        assert life._turn() == 160
+        clock.ms = 1160
+        assert life._turn() == 0
+        assert life._turn() == 1500 - 1160  # what is not new waits for the grid
+        assert read_ms == [1160]
+        assert life.longest_ms["late"] == 0
+
+    asyncio.run(turns())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -79,6 +79,10 @@ class Base(Hardware, Protocol):
 
     def planner(self, rob_id: int, goal_m: tuple[float, float]) -> Planner:
         """Who advises the guard."""
+        ...
+
+    def on_advice(self, wake: Callable[[], object]) -> None:
+        """From now on `wake` is called, in any thread, when there is advice that was not taken yet."""
         ...
 
     def tell(self, state: dict[str, Any]) -> None:

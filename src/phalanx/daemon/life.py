@@ -33,6 +33,8 @@ from .trusted import OwnClock
 
 log = logging.getLogger(__name__)
 
+# Of δ, in tenths: so much before its moment on the grid the sensors are read, if there is something new to act on.
+EARLY = 9
 FRAMES = 256  # that wait at most; what comes then is lost, as on the air
 
 
@@ -81,6 +83,7 @@ class Life:
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
+        self._early_ms, self._advised = scenario.bti.delta_ms * EARLY // 10, False
         self._frames: deque[bytes] = deque()
         self._came = asyncio.Event()
         self._cpu_s = self._began_s = 0.0
@@ -130,6 +133,11 @@ class Life:
         log.error("robot %d is in Safe Mode: fewer than %d vouch for it", self.id, self.scenario.bti.tokens_needed)
         self._hardware.stop()
 
+    def advised(self) -> None:
+        """There is new advice: the next reading may be as early as auditors allow."""
+        self._advised = True
+        self._came.set()
+
     def _hear(self, frame: bytes) -> None:
         if len(self._frames) < FRAMES:
             self._frames.append(frame)
@@ -141,9 +149,11 @@ class Life:
         """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
         runtime, now_ms = self.runtime, self._clock.now_ms()
         assert runtime
-        began_s = time.perf_counter()
-        if runtime.input_ms <= now_ms:
-            self._note("late", now_ms - runtime.input_ms)
+        began_s, input_ms = time.perf_counter(), runtime.input_ms
+        reads_ms = input_ms - self._early_ms * self._advised
+        if reads_ms <= now_ms:
+            self._advised = False
+            self._note("late", now_ms - input_ms)
             what, done = "reading", self._read(runtime, now_ms)
         elif runtime.check_ms <= now_ms:
             what, done = "check", []
@@ -158,7 +168,7 @@ class Life:
             if self._planner and self._clock.taken > taken:  # what the a-node refused, nobody heard
                 overheard(self._planner, now_ms, frame)
         else:
-            return runtime.due_ms - now_ms
+            return min(reads_ms, runtime.due_ms) - now_ms
         self._perform(done)
         self._note(what, 1000 * (time.perf_counter() - began_s))
         return 0.0

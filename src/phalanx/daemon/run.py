@@ -131,6 +131,8 @@ async def run_robot(
             rehearse(scenario, limits, controller)
         if base:
             await base.ready()
+            loop = asyncio.get_running_loop()
+            base.on_advice(lambda: loop.call_soon_threadsafe(life.advised))
         hardware.begin()
         start(node, sealed)
         life.begin()

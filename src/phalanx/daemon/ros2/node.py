@@ -12,7 +12,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -89,6 +89,7 @@ class RosBase:
         self._told: tuple[float, Pair, Pair] | None = None  # since when, from which velocity on, which acceleration
         self._sensed_mps: Pair = (0.0, 0.0)
         self._strange: str = ""
+        self._wake: Callable[[], object] = bool  # nobody is to be told yet
         try:
             self._make_topics()
         except Exception as error:  # a name that is none
@@ -115,7 +116,9 @@ class RosBase:
 
     def _on_wish(self, message: Any) -> None:
         twist = message.twist if self._said["enable_stamped_cmd_vel"] else message
-        self._wish = twist.linear.x, twist.angular.z
+        taken, self._wish = self._wish is None, (twist.linear.x, twist.angular.z)
+        if taken:
+            self._wake()
 
     def _on_odometry(self, message: Any) -> None:
         said, frame, child = self._said, message.header.frame_id, message.child_frame_id
@@ -202,6 +205,10 @@ class RosBase:
     def planner(self, rob_id: int, goal_m: Pair) -> Planner:
         """Who advises: whoever publishes on `cmd_vel_in_topic`."""
         return _Advised(rob_id, goal_m, self)
+
+    def on_advice(self, wake: Callable[[], object]) -> None:
+        """See `Base`."""
+        self._wake = wake
 
     def wish(self) -> Pair | None:
         """How the point ahead would move, m/s in the map, were the last advice done; None if there is no new one."""
