@@ -217,21 +217,35 @@ class Body:
 
 
 @contextlib.contextmanager
-def a_board(tmp_path):
-    """Trusted nodes at a Unix socket, for who connects first."""
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(tmp_path / "line"))
+def a_board(tmp_path, kind):
+    """Trusted nodes at a line of that kind, for who opens it first; what a robot's file calls it."""
+    if kind == "serial":
+        ours, theirs = os.openpty()
+        program = subprocess.Popen(_program(tmp_path), stdin=ours)
+        try:
+            yield f"serial:{os.ttyname(theirs)}"
+        finally:
+            program.kill()
+            program.wait()
+            os.close(ours)
+            os.close(theirs)
+        return
+    with socket.socket(socket.AF_UNIX if kind == "unix" else socket.AF_INET) as listening:
+        listening.bind(str(tmp_path / "line") if kind == "unix" else ("127.0.0.1", 0))
         listening.listen()
         serving = threading.Thread(target=_serve, args=(listening, tmp_path), daemon=True)
         serving.start()
-        yield
+        yield "unix:line" if kind == "unix" else f"tcp:127.0.0.1:{listening.getsockname()[1]}"
     serving.join()
+
+
+def _program(tmp_path):
+    return (boards.built("node"), tmp_path / "trusted.flash", tmp_path / "wheels")
 
 
 def _serve(listening, tmp_path):
     with listening.accept()[0] as line:
-        words = (boards.built("node"), tmp_path / "trusted.flash", tmp_path / "wheels")
-        subprocess.run(words, stdin=line, check=False)
+        subprocess.run(_program(tmp_path), stdin=line, check=False)
 
 
 @contextlib.contextmanager
@@ -244,7 +258,8 @@ def running(path):
         process.communicate()
 
 
-def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path):
+@pytest.mark.parametrize("lines", [("serial",), pytest.param(("unix", "tcp"), marks=pytest.mark.long)], ids="+".join)
+def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_only(tmp_path, lines):
     boards.built("node")  # before a robot waits for it to answer
     keys = Keys.new("test")
     (tmp_path / "board.bin").write_bytes(BOARD.encode(id=2, master=keys.provision(2, "2026-01-01")))
@@ -289,15 +304,17 @@ def test_a_robot_that_is_killed_stands_and_lives_again_with_a_new_mission_key_on
         assert "Traceback" not in again.stderr
         body.begin()
         assert set(iter(body.told, b"")) <= {b"\0"}, "it moved"
-        # Now over a socket, as to a board, and with a controller of its own.
-        (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+        # Now over a line, as to a board, and with a controller of its own.
         del said["planner"], said["wheels"]
-        path.write_text(json.dumps(said | {"controller": "still.py:Follow", "trusted": "unix:line"}))
-        with a_board(tmp_path), running(path):
-            body.begin()
-            assert body.commanded()["ax_mps2"] == 1.0
-            # Nobody is there who could vouch for it.
-            while body.told() != b"\0":
-                pass
+        for kind in lines:
+            (tmp_path / "key.json").write_bytes(issued(*keys.issue(), {}))
+            with a_board(tmp_path, kind) as trusted:
+                path.write_text(json.dumps(said | {"controller": "still.py:Follow", "trusted": trusted}))
+                with running(path):
+                    body.begin()
+                    assert body.commanded()["ax_mps2"] == 1.0
+                    # Nobody is there who could vouch for it.
+                    while body.told() != b"\0":
+                        pass
     finally:
         body.close()
