@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import Send, pack_outputs
 
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
-RUN_SHA256 = "69227217691b5461de9a3e05c75426a002f6b848c9d855f75a02b43bbe47a195"
+RUN_SHA256 = "cc8a98fe5db3e5ec2a57b4821cd495b80c790bb1050eeac05563271a468836d1"
 CONFIG = GuardConfig()
 LISTENED_MS = 1000 + CONFIG.forget_ms
 # A velocity that promises nothing, as who is alone says it.
@@ -216,6 +217,17 @@ class TestWalls:
         assert driven(listened(config), wished=(-1, 0))[0] < 0.0
 
 
+def test_a_reading_that_is_not_its_own_or_makes_no_sense_leaves_it_coasting_and_silent():
+    this = listened()
+    driven(this)
+    for read in (reading(2, (0, 0), (0, 0)), reading(1, (math.nan, 0), (0, 0)), reading(1, (0, 0), (0, 0))[:-1]):
+        this.on_advice(wish(1.0, 0.0))
+        outputs = this.on_input(CONFIG.state_every - 1, LISTENED_MS + 250, read)
+        assert acceleration(outputs) == (0.0, 0.0)
+        assert len(outputs) == 1
+    assert driven(this)[0] > 0.0
+
+
 class TestEnvelope:
     def test_the_boot_state_has_its_hash(self):
         def envelope(config):
@@ -227,6 +239,13 @@ class TestEnvelope:
             len({envelope(each) for each in (CONFIG, replace(CONFIG, speed_mps=2.1), replace(CONFIG, fences=(FIELD,)))})
             == 3
         )
+
+    @pytest.mark.parametrize("at", [20, 24, 28, 32, 61, 65])
+    def test_a_state_with_what_is_no_number_is_refused(self, at):
+        state = bytearray(listened().encode())
+        state[at : at + 4] = struct.pack("<f", math.nan)
+        with pytest.raises(PeerError):
+            guard(CONFIG).decode(bytes(state))
 
     def test_a_state_of_another_envelope_is_refused(self):
         wider = listened(replace(CONFIG, speed_mps=2.5)).encode()
@@ -318,15 +337,19 @@ CROWDED = replace(BUSY, discs=(Disc(x_m=3, y_m=9, radius_m=1),), fences=(), keep
 
 
 def run_digest() -> str:
-    """Of three robots that change places, one time with a disc and a triangle between them."""
+    """Of three robots that change places, then press against a disc and a triangle, then go away from them."""
     chance, digest = np.random.Generator(np.random.PCG64(11)), hashlib.sha256()
     robots = [guard(CROWDED, i + 1) for i in range(3)]
     at, velocity = np.array([(-9.0, 2.0), (9.0, 3.0), (1.0, -9.0)]), np.zeros((3, 2))
-    goals = [((9.0, 3.0), (1.0, -9.0), (-9.0, 2.0)), ((6.0, 9.0), (2.0, 6.0), (-4.0, 8.0))]
+    goals = [
+        ((9.0, 3.0), (1.0, -9.0), (-9.0, 2.0)),
+        ((3.0, 9.0), (4.0, 6.0), (1.0, 6.0)),
+        ((-9.0, 2.0), (9.0, 3.0), (9.0, 9.0)),
+    ]
     for step in range(320):
         t, command = 1000 + 250 * step, np.zeros((3, 2))
         for i, this in enumerate(robots):
-            this.on_advice(wish(*(np.array(goals[step > 160][i]) - at[i]) * 0.5 + chance.uniform(-0.3, 0.3, 2)))
+            this.on_advice(wish(*(np.array(goals[step // 110][i]) - at[i]) * 0.5 + chance.uniform(-0.3, 0.3, 2)))
             outputs = this.on_input(step, t, reading(i + 1, at[i], velocity[i]))
             command[i] = acceleration(outputs)
             for output in outputs:
