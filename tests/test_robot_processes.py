@@ -98,7 +98,7 @@ def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     assert refusals == {(3, "output wrong")}
     assert all(told["tokens_got"] > 0 for told in summary["processes"])
     heard = [told["frames_refused"] for told in summary["processes"] if told["robot"] != 4]
-    assert all(told["bad_mac"] > 0 and told["repeated"] > 0 for told in heard), heard
+    assert all(told.get("bad_mac") and told.get("repeated") for told in heard), heard
     assert 0.7 < summary["broadcast_delivery"] < 0.9
     # What they logged says the same, from the mission key on: over many checkpoints, and as a recording too.
     assert read_kept(kept / "robot-1.log").first_lie() is None
