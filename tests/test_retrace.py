@@ -183,12 +183,15 @@ def borne(tmp_path_factory):
         run = Run(MISSION)
     with KeptLog(path) as kept:
         kept.begin({})
+        row = 0
         for k in range(1, 6000):
             run.advance(k / 1000)
             fleet = run.world.fleet
             if fleet.robot[ME].tokens_got:
                 break
-            mine = (fleet.robot[ME : ME + 1], fleet.log[ME : ME + 1], fleet.request[ME : ME + 1])
+            row = max(row, int(fleet.robot[ME].request_row))
+            shown = SimpleNamespace(rows=fleet.request.rows[row : row + 1])
+            mine = (fleet.robot[ME : ME + 1], fleet.log[ME : ME + 1], shown)
             kept.keep(SimpleNamespace(**dict(zip(("robot", "log", "request"), mine, strict=True))))
         t_key_ms = int(fleet.robot[ME].t_key)
     return Kept(ME + 1, 1, t_key_ms, MISSION, path.read_bytes().partition(b"\n")[2]), keys[0]

@@ -79,8 +79,9 @@ class KeptLog:
         if length >= self._seen:
             begin = self._seen
             if asked > self._asked:
-                begin = min(length, max(begin, int(get_u32(fleet.request[0], request.AT_SEGMENT_LEN))))
-                head = fleet.request[0, : request.HEAD_BYTES].tobytes()
+                shown = fleet.request.rows[0]  # the only one; whole, though it may have been said and given back
+                begin = min(length, max(begin, int(get_u32(shown, request.AT_SEGMENT_LEN))))
+                head = shown[: request.HEAD_BYTES].tobytes()
                 self._write(raw[self._seen : begin].tobytes() + PROOF.encode(tor=int(robot.request_to), head=head))
             self._write(raw[begin:length].tobytes())
         self._seen, self._asked = length, asked

@@ -72,7 +72,9 @@ class RosBase:
         try:
             rclpy.init(args=[*arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
             self._node = rclpy.create_node(NAME, namespace=namespace, context=self._context)
-            self._said = {key: self._node.declare_parameter(key, value).value for key, value in DEFAULTS.items()}
+            self._said: dict[str, Any] = {
+                key: self._node.declare_parameter(key, value).value for key, value in DEFAULTS.items()
+            }
         except Exception as error:  # rclpy has a dozen kinds, with no common one
             rclpy.try_shutdown(context=self._context)
             raise _refused(error) from error
