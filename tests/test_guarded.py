@@ -211,6 +211,35 @@ class TestWalls:
             ax, ay = driven(listened(config), place=place, wished=wished)
             assert (abs(ax) + abs(ay) > 0.0) is goes, (place, wished)
 
+    @pytest.mark.parametrize(
+        ("place", "wished", "goes"),
+        [
+            # Half a metre from a slanted side, nearer than `clear_m`: away and along, both ways, and not against it.
+            ((1.646, 6.354), (-1, 1), True),
+            ((1.646, 6.354), (1, 1), True),
+            ((1.646, 6.354), (-1, -1), True),
+            ((1.646, 6.354), (1, -1), False),
+            ((1.646, 6.354), (1, 0.9), False),
+            # A disc behind walls in the list: a metre from its edge, and half a one.
+            ((-2.0, -9.0), (2, 0), False),
+            ((-2.0, -9.0), (0, 0.5), True),
+            ((-1.5, -9.0), (-1, 0), True),
+            ((-1.5, -9.0), (-1, 1), True),
+            ((-1.5, -9.0), (0.1, 1), False),
+        ],
+    )
+    def test_who_is_too_near_already_goes_away_and_along(self, place, wished, goes):
+        config = GuardConfig(
+            fences=(FIELD,), keep_out=(((0, 4), (4, 4), (4, 8)),), discs=(Disc(x_m=0, y_m=-9, radius_m=1),)
+        )
+        assert (driven(listened(config), place=place, wished=wished) != (0.0, 0.0)) is goes
+
+    def test_who_is_near_a_wall_and_still_goes_towards_it_does_not_turn_along_it(self):
+        config = GuardConfig(fences=(FIELD,))
+        for vx, goes in ((0.3, False), (0.0, True)):
+            ay = driven(listened(config), place=(49.5, 0), velocity=(vx, 0.0), wished=(0.0, 1.0))[1]
+            assert (ay > 0.0) is goes
+
     def test_a_disc_is_a_wall(self):
         config = GuardConfig(discs=(Disc(x_m=3, y_m=0, radius_m=2),))
         assert driven(listened(config), wished=(1, 0)) == (0.0, 0.0)

@@ -87,7 +87,7 @@ def arena(tmp_path, *words):
 
 def test_a_hijacked_robot_is_stopped_in_time_and_nobody_else(tmp_path, capsys):
     kept = tmp_path / "kept"
-    lossy = ("--loss", "0.2", "--repeats", "0.05", "--delay-ms", "30", "--sealed", "--on-air", "past:robot=4,at=1")
+    lossy = ("--loss", "0.2", "--repeats", "0.2", "--delay-ms", "30", "--sealed", "--on-air", "past:robot=4,at=1")
     summary = arena(tmp_path, "--duration", "7", "--attack", "hijack:robot=3,at=2", "--keep", str(kept), *lossy)
     (liar,) = summary["compromised"]
     assert (liar["robot"], liar["attack"]) == (3, "hijack")
