@@ -276,7 +276,8 @@ def told_as_markdown(rows: list[Row], alone: Primitives) -> str:
     for row in rows:
         what = f"**{row.what}**" if row.section else row.what.strip()
         asked = "" if row.limit is None else f"{row.limit:g}"
-        lines.append(f"| {what} | {row.measured:.3g} | {row.unit} | {asked} | {row.note} |")
+        number = f"{row.measured:.0f}" if row.measured >= 1000 else f"{row.measured:.3g}"
+        lines.append(f"| {what} | {number} | {row.unit} | {asked} | {row.note} |")
     return "\n".join(lines) + "\n"
 
 
