@@ -13,7 +13,7 @@ import pytest
 from caught import MARKS, Judge
 from test_answers import BOOT_MS, VICTIM, Asking
 
-from phalanx.bti import log, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import BOUND, PENDING
 from phalanx.bti.log import ENTRY_HEAD_BYTES
@@ -413,6 +413,16 @@ class TestSeenBefore:
             auditee.logs(auditee.hears_of(auditee.due_ms(auditee.step - 1) + 1))
         assert auditee.verdict(self.again(auditee, auditee.due_ms(auditee.step - 1) + ASKED_MS)) == 0
         assert self.known(auditee) == len(q)
+
+    def test_of_a_controller_in_plain_python_nothing_is_known(self, auditee):
+        auditee.covered()
+        tor, q = auditee.asks()
+        assert auditee.verdict((tor, q)) == 0
+        auditee.fleet.settings[0].controller = 0
+        for shown, refusal in ((q, Refusal.NONE), (with_tokens(q, tokens(q)[:-1]), Refusal.TOO_FEW_TOKENS)):
+            f, w = auditee.fleet, auditee.judge.work
+            assert audit.examine(f, tor - 1, w, row(shown), len(shown), VICTIM + 1) == refusal
+            assert self.known(auditee) == 0
 
     def test_who_was_refused_at_a_mark_is_refused_again(self, auditee):
         """An output is owed: at the checkpoint, and then at the end."""
