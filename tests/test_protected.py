@@ -463,7 +463,7 @@ class TestUp:
             own = subprocess.run(["pgrep", "-P", str(running.process.pid)], capture_output=True, text=True, check=True)
             children = [int(pid) for pid in own.stdout.split()]
             kept = ["multiprocessing's tracker"] if words else []
-            assert len(children) == len(["a broker", "its guard", "what compiles", *kept])
+            assert len(children) == len(["a broker", "its guard", "the page", "what compiles", *kept])
             began_s = time.monotonic()
             assert running.stop() == 0
             assert time.monotonic() - began_s < 2
