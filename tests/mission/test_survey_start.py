@@ -75,7 +75,7 @@ def _ahead_m(face: Landmark, x_m: float, y_m: float) -> float:
 
 
 def test_ways_lead_to_the_side_from_which_a_thing_is_seen() -> None:
-    mission = survey(load_floorplan("drawn:42"))
+    mission = survey(load_floorplan("drawn:100"))
     nodes = {node.name: node for node in mission.nodes}
     ways = {(way.source, way.target) for way in mission.ways}
     behind = set()
@@ -86,8 +86,7 @@ def test_ways_lead_to_the_side_from_which_a_thing_is_seen() -> None:
         if faces and max(ahead) < -0.1 * math.dist((x, y), nodes[target].place or (0.0, 0.0)):
             behind.add((source, target))
     assert any((target, source) not in ways for source, target in ways), "some lead one way"
-    assert all((target, source) in ways for source, target in behind), "the way back, where no other leads"
-    assert len(behind) < len(ways) / 10
+    assert not behind, "no way back is needed, as others lead there"
 
 
 @pytest.mark.parametrize("path", sorted(OTHERS.glob("*.yaml")), ids=lambda path: path.stem)
@@ -232,18 +231,17 @@ def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "is_left_out"),
-    [("nav2_depot", True), pytest.param("nav2_warehouse", True, marks=pytest.mark.long), ("office_40x40", False)],
+    [("drawn:21", True), ("nav2_depot", False), ("office_40x40", False)],
 )
 def test_a_mission_made_from_a_map_has_what_can_be_reached_and_tells_how_much_it_has_not(
     name: str, is_left_out: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (path,) = [each for each in (*MAPS.glob("*.yaml"), *OTHERS.glob("*.yaml")) if each.stem == name]
-    plan = load_floorplan(path)
-    mission = survey(plan if plan.start else begun_at(plan, roomiest(plan)))
+    plan = load_floorplan(name)
+    mission = survey(plan)
     assert not [row for row in audit(mission, Profile.PAPER).nodes if "unreachable from any start" in row.problems]
     assert len(caplog.messages) == is_left_out
     for message in caplog.messages:
-        told = re.fullmatch(rf"{name}: (\d+) of (\d+) landmarks left out: no way from the start", message)
+        told = re.fullmatch(rf"{plan.name}: (\d+) of (\d+) landmarks left out: no way from the start", message)
         assert told
         assert int(told[2]) - int(told[1]) == len(mission.nodes) - 1
 

@@ -27,6 +27,9 @@ NEIGHBOURS = 6
 # A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
 CLEARANCE_M = 0.3
 END_M = 1.0
+# And from a face that it runs along: where exactly its ends were seen decides nothing. At less there are other ways.
+FACE_M, FACE_LONG_M = 0.05, 3.0
+SIDES = [(-CLEARANCE_M, 0.0, CLEARANCE_M), *((k * FACE_M, k * CLEARANCE_M, 2 * k * CLEARANCE_M) for k in (1, -1))]
 # Nor is a way much longer for who has a body than the straight line: no robot gets through behind a shelf that stands
 # 0.1 m from its wall, and who goes around it does not come along the line.
 DETOUR, DETOUR_M = 1.2, 1.0
@@ -75,7 +78,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
     places = {START: start, **{name: site.place_m for name, site in named.items()}}
-    ways = _ways(plan, Free(plan, [start]), places, named)
+    ways = _joined(*_ways(plan, Free(plan, [start]), places, named))
     reached = _reached(START, ways)
     if len(reached) == 1:
         raise UsageError(
@@ -87,7 +90,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     for name, site in named.items():
         if name in reached:
             draft.node(name, *site.aliases, width_m=site.width_m or None)
-    for source, target in sorted(_with_ways_back(ways)):
+    for source, target in sorted(ways):
         if source in reached and target in reached:
             draft.way(source, target)
     return told_apart(draft.mission(), (*all_aliases, *others))
@@ -147,9 +150,9 @@ def _extent(plan: FloorPlan) -> tuple[float, float, float, float]:
 
 def _ways(
     plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], sites: dict[str, Site]
-) -> set[tuple[str, str]]:
-    """(from, to): to each place from its nearest neighbours in sight, and back, where the end shows itself."""
-    ways: set[tuple[str, str]] = set()
+) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """(from, to): to each place from its nearest neighbours in sight, and back; those that come from behind apart."""
+    ways, behind = set[tuple[str, str]](), set[tuple[str, str]]()
     beside = {name: free.beside(_around(plan, place), place) for name, place in places.items()}
     for name, place in places.items():
         around = _around(plan, place)
@@ -158,15 +161,27 @@ def _ways(
             other
             for away, other in near
             if away <= WAY_LIMIT_M
-            and _shows_itself(sites.get(name), places[other])
             and _is_way(around, places, name, other, away)
             and free.has_way(beside[name], beside[other], DETOUR * away + DETOUR_M)
         )
-        for other, _ in zip(others, range(NEIGHBOURS), strict=False):
-            ways.add((other, name))
-            if _shows_itself(sites.get(other), place):
-                ways.add((name, other))
-    return ways
+        left = NEIGHBOURS
+        for other in others:
+            shows = _shows_itself(sites.get(name), places[other])
+            (ways if shows else behind).add((other, name))
+            (ways if _shows_itself(sites.get(other), place) else behind).add((name, other))
+            left -= shows
+            if not left:
+                break
+    return ways, behind
+
+
+def _joined(ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """The ways, and of those that come from behind what leads to where no others do, or back from there."""
+    reached = _reached(START, ways)
+    while more := {(a, b) for a, b in behind if a in reached and b not in reached}:
+        ways = ways | more
+        reached = _reached(START, ways)
+    return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
 
 
 def _shows_itself(site: Site | None, place: tuple[float, float]) -> bool:
@@ -179,11 +194,6 @@ def _shows_itself(site: Site | None, place: tuple[float, float]) -> bool:
         return dx * math.cos(turn) + dy * math.sin(turn) > BEHIND * math.hypot(dx, dy)
 
     return any(map(shows, site.aliases))
-
-
-def _with_ways_back(ways: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The ways, and the way back where no other leads there: it is good enough for who knows the place."""
-    return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
 
 
 def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
@@ -216,13 +226,14 @@ def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:
 
 
 def _is_clear(plan: FloorPlan, a: tuple[float, float], b: tuple[float, float], away_m: float) -> bool:
-    """Whether a robot can drive from near a to near b in a straight line."""
+    """Whether a robot can drive from near a to near b straight, or beside that along a face that both are on."""
     along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
-    for side in (-CLEARANCE_M, 0.0, CLEARANCE_M):
+
+    def sees(side: float) -> bool:
         end = min(END_M, away_m / 4) if side else 0.0
         x, y = -side * along_y, side * along_x
         p = (a[0] + x + end * along_x, a[1] + y + end * along_y)
         q = (b[0] + x - end * along_x, b[1] + y - end * along_y)
-        if not plan.sees(p, q):
-            return False
-    return True
+        return plan.sees(p, q)
+
+    return any(all(map(sees, sides)) for sides in (SIDES if away_m >= FACE_LONG_M else SIDES[:1]))
