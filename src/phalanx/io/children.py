@@ -27,6 +27,7 @@ COMPLAINT_BYTES, COMPLAINTS_APART_S = 500, 1.0
 END_TIMEOUT_S = 1.0
 RESTART_S = 0.3
 PROBE_EVERY_S, PROBE_TIMEOUT_S, PROBES = 1.0, 3.0, 2
+BEGINS_WITHIN_S = 20.0  # on a busy machine it takes its time to begin; one that hangs before is no other
 
 
 def die_with_parent(most_bytes: int = 0) -> None:
@@ -172,12 +173,12 @@ async def _repeat(process: asyncio.subprocess.Process, name: str) -> None:
 
 async def _watch(name: str, process: asyncio.subprocess.Process, serves: Probe, *, serves_already: bool) -> None:
     """End one that lives but serves no longer: stopped, or its memory full. Runs until cancelled."""
-    failures = 0
-    while failures < PROBES:
+    failures, patient_until_s = 0, time.monotonic() + BEGINS_WITHIN_S
+    while failures < PROBES or not (serves_already or time.monotonic() > patient_until_s):
         await asyncio.sleep(PROBE_EVERY_S)
         does = await serves()
-        serves_already = serves_already or bool(does)  # on a busy machine it takes its time to begin
-        if does is not None and serves_already:
+        serves_already = serves_already or bool(does)
+        if does is not None:
             failures = 0 if does else failures + 1
     log.warning("%s does not serve", name)
     with contextlib.suppress(ProcessLookupError):
