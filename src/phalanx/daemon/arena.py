@@ -312,12 +312,12 @@ def play_in_arena(
     scenario = with_room_for_seals(scenario) if air.sealed else scenario
     program()
     rehearse(scenario, limits_of(scenario.bti, scenario.radio))
-    _go_first()
-    gc.collect()
-    gc.freeze()  # nor is what all share looked through by each
     arena = Arena(scenario, folder, weather, air)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
+        _go_first()  # when all is compiled, or that would go before all else too
+        gc.collect()
+        gc.freeze()  # nor is what all share looked through by each
         # Before there is an event loop: a child has its own.
         with Robots(arena) as robots:
             asyncio.run(arena.run(on_step, recording, robots))

@@ -13,6 +13,7 @@ import numpy as np
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import Liar
 from phalanx.sim.audited import body, loop
+from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
@@ -35,6 +36,7 @@ class Field(Run):
         self.sensed(0, 0)
         self.drive(0, b"\1")
         self.drive(0, STOP)
+        Quorum(self.world, scenario.bti, self._correct).look()
         self.world.safe[0], self.world.safe_us[0] = 0, -1
 
     def advance(self, until_s: float) -> None:
