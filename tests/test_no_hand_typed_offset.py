@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
-FLOORS = ("bti", "mission", "robot", "sim", "gateway", "experiments", "demo", "cli")
+FLOORS = ("bti", "mission", "robot", "sim", "gateway", "experiments", "demo", "daemon", "cli")
 # Which arguments of the calls that take bytes apart say where: their positions and names.
 PLACES = {
     **dict.fromkeys(("get_u16", "get_u32", "get_u64", "get_f32", "get_i8"), ((1,), ("at",))),

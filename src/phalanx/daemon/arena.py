@@ -166,7 +166,7 @@ class Arena:
                         answer = GO
                     else:
                         self._catch_up()
-                        answer = self.field.sensed(i, int.from_bytes(words[:8], "little"))
+                        answer = self.field.sensed(i, int(words))
                     with contextlib.suppress(OSError):
                         await loop.sock_sendall(link, answer)
 

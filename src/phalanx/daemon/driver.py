@@ -141,7 +141,7 @@ class ArenaDriver:
 
     def sense(self, now_ms: int) -> bytes:
         """See `Hardware`. Raises: Unavailable: the arena is gone."""
-        return self._ask(now_ms.to_bytes(8, "little"))
+        return self._ask(b"%d" % now_ms)
 
     def _ask(self, words: bytes) -> bytes:
         try:

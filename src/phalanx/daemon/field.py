@@ -34,7 +34,7 @@ class Field(Run):
         # All is called once before robots count on an answer in time: the first call of each may compile.
         self.advance(0.0)
         self.sensed(0, 0)
-        self.drive(0, b"\1")
+        self.drive(0, b"?")  # none that a body knows
         self.drive(0, STOP)
         Quorum(self.world, scenario.bti, self._correct).look()
         self.world.safe[0], self.world.safe_us[0] = 0, -1
