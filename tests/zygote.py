@@ -1,8 +1,8 @@
 """`phalanx …` as a process of its own that begins where a start ends: forked from one that has imported its modules.
 
-A start takes 1.2 s of a processor, more than most tests of a running command need besides. What is forked is a process as any other:
-its own words, files, signals and end. It runs `phalanx/__main__.py` as `python -m phalanx` does, and shares no state with
-what was forked before. What a start itself does is tested by starts (`fresh=True`).
+A start of `phalanx up` takes 1.2 s of a processor, more than most tests of a running command need besides. What is forked
+is a process as any other: its own words, files, signals and end. It runs `phalanx/__main__.py` as `python -m phalanx` does,
+and shares no state with what was forked before. What a start itself does is tested by starts (`fresh=True`).
 """
 
 from __future__ import annotations
