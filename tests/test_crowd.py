@@ -60,6 +60,10 @@ async def test_a_thousand_at_the_page_of_whom_half_do_not_read_hold_up_no_joysti
         await server.wait_connected(10)
         async with Client(server.qr()) as visitor:
             address = swarm.robots()[0].address
+            said_s[0, 0] = 0.0
+            await visitor.command(address, "move_raw", {"left_y": 0, "right_y": 0})  # the first waits for a frame
+            await eventually(lambda: driven)
+            driven.clear()
             words = (sys.executable, "-c", CROWD, str(page), f"/assets/{script.name}")
             crowd = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
             came = asyncio.create_task(crowd.stdout.readline())
