@@ -246,7 +246,7 @@ class TestMistakes:
         assert done.stderr.startswith("phalanx: error: no swarm to visit")
 
     def test_no_command_tells_where_help_is(self):
-        done = run()
+        done = run(fresh=True)
         assert done.returncode == 2
         assert "up" in done.stdout + done.stderr
 
@@ -292,7 +292,7 @@ class TestHelp:
     def test_version(self):
         from phalanx import __version__
 
-        assert run("--version").stdout.strip() == f"phalanx {__version__}"
+        assert run("--version", fresh=True).stdout.strip() == f"phalanx {__version__}"
 
     def test_the_list_of_commands_says_what_each_says_of_itself(self):
         for name, about in ABOUT.items():

@@ -52,7 +52,7 @@ def open_to_all(pid: int) -> set[int]:
 
 class TestUp:
     def test_ready_says_everything_and_a_visitor_can_drive(self):
-        with a_gateway("--robots", "5", "--seed", "7") as (up, ready):
+        with a_gateway("--robots", "5", "--seed", "7", fresh=True) as (up, ready):
             assert set(ready) == {
                 "event",
                 "page_url",
