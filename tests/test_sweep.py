@@ -40,6 +40,21 @@ class Mine(Controller):
         print("talk")
         return []
 """
+# It holds a sweep where it is until somebody has been killed, however fast the machine.
+WAITING = """
+import time
+from pathlib import Path
+from phalanx.robot import Controller
+
+class Waiting(Controller):
+    def encode(self): return b""
+    def decode(self, encoding): pass
+    def on_recv(self, t_ms, frame): pass
+    def on_input(self, step, t_ms, reading):
+        while self.rob_id > 4 and step and not Path(GATE).exists():
+            time.sleep(0.02)
+        return []
+"""
 
 
 @pytest.fixture
@@ -205,7 +220,9 @@ class TestCluster:
     LONGER = SMALL.replace("duration_s: 2", "duration_s: 10").replace("seeds: 3", "seeds: 4")
 
     def test_killed_workers_and_a_killed_command_lose_and_count_nothing_twice(self, written, tmp_path):
-        path, out = written(self.LONGER), tmp_path / "out"
+        gate, out = tmp_path / "gate", tmp_path / "out"
+        (tmp_path / "own.py").write_text(WAITING.replace("GATE", repr(str(gate))))
+        path = written(SMALL.replace("seeds: 3", "seeds: 4") + "  controller: 'own.py:Waiting'\n")
         going = subprocess.Popen(
             sweeping(path, out, "--workers", "2"),
             stdout=subprocess.PIPE,
@@ -223,7 +240,9 @@ class TestCluster:
         before = rows_in(out)
         os.killpg(going.pid, signal.SIGKILL)
         going.wait()
-        assert killed, "it ended before anybody was killed"
+        assert len(killed) == 2
+        assert 0 < len(before) < 16
+        gate.touch()
         done = subprocess.run(
             sweeping(path, out, "--workers", "2", "--json"), capture_output=True, text=True, check=False
         )
@@ -233,8 +252,9 @@ class TestCluster:
         told = json.loads(done.stdout)
         assert [point["runs"] for point in told["points"]] == [4] * 4
         one = next(row for row in rows if (row["robots"], row["attack"], row["seed"]) == (6, "none", 3))
-        scenario = find_scenario("flock-12").with_options(robots=6, duration_s=10.0, attacks=(), seed=3)
-        assert one["digest"] == simulate(scenario).summaries[0]["digest"]
+        scenario = find_scenario("flock-12").with_options(robots=6, duration_s=2.0, attacks=(), seed=3)
+        alone = simulate(scenario, controller=f"{tmp_path / 'own.py'}:Waiting")
+        assert one["digest"] == alone.summaries[0]["digest"]
 
     @pytest.mark.long
     def test_ctrl_c_keeps_what_is_there_and_says_so(self, written, tmp_path):
