@@ -66,6 +66,11 @@ def run(*words: str, code: int = 0):
     return result.stdout
 
 
+def said_by(*words: str) -> str:
+    """stderr."""
+    return CliRunner().invoke(group, words, standalone_mode=False).stderr
+
+
 def js(*words: str, code: int = 0):
     return json.loads(run(*words, "--json", code=code))
 
@@ -121,24 +126,25 @@ def test_a_mission_in_parts_is_a_file_for_each(folder):
 def test_a_floor_plan_becomes_a_mission_and_a_mission_is_checked_against_it(folder):
     told = js("build", "--map", "office_40x40", "--out", "all.phxm", "--profile", "paper")
     assert told["files"][0]["nodes"] > 30
-    result = CliRunner().invoke(
-        group, ["build", "small.yaml", "--map", "office_40x40", "--out", "m.phxm"], standalone_mode=False
-    )
-    assert "the map shows no such doorway" in result.stderr
-    result = CliRunner().invoke(
-        group,
-        ["build", "office", "--map", "office_40x40", "--out", "o.phxm", "--profile", "paper"],
-        standalone_mode=False,
-    )
-    assert "warning" not in result.stderr
+    assert "the map shows no such doorway" in said_by("build", "small.yaml", "--map", "office_40x40", "--out", "m.phxm")
+    of_ours = said_by("build", "office", "--map", "office_40x40", "--out", "o.phxm", "--profile", "paper")
+    assert "warning" not in of_ours
 
 
 def test_a_mission_that_looks_wrong_is_built_with_a_warning(folder):
     (folder / "odd.yaml").write_text(SMALL.replace("  side:", "  twin: {see: {doorway: [2, 6], facing: 0}}\n  side:"))
-    result = CliRunner().invoke(group, ["build", "odd.yaml", "--out", "odd.phxm"], standalone_mode=False)
+    said = said_by("build", "odd.yaml", "--out", "odd.phxm")
     assert (folder / "odd.phxm").exists()
-    assert "side: one observation satisfies twin too" in result.stderr
-    assert "twin: unreachable from any start" in result.stderr
+    assert "side: one observation satisfies twin too" in said
+    assert "twin: unreachable from any start" in said
+
+
+def test_a_map_in_which_no_robot_gets_on_is_built_with_a_warning(folder):
+    """In drawn:22 robots begin before a door that they do not see on the way through it."""
+    said = said_by("build", "--map", "drawn:22", "--profile", "paper", "--out", "m.phxm")
+    assert "warning: no robot can be expected to live it to its end: " in said
+    assert "first door1 from start: scans do not show it" in said
+    assert "no robot" not in said_by("build", "--map", "drawn:1", "--profile", "paper", "--out", "m.phxm")
 
 
 def test_the_audit_prints_what_it_assumes(folder):
@@ -177,6 +183,13 @@ def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):
     assert "seed 0    1 of 2 nodes   " in text
     with pytest.raises(UsageError, match="no map to live the mission in"):
         run("audit", "small.yaml", "--trial", "1")
+
+
+def test_robots_that_are_told_of_strangers_believe_no_landmark_that_stands_alone(folder):
+    (folder / "two.yaml").write_text(f"map: office_40x40{TWO}")
+    how = ["run", "two.yaml", "--profile", "paper", "--duration", "30"]
+    assert "2 of 2 nodes decoded" in run(*how)
+    assert "1 of 2 nodes decoded" in run(*how, "--strangers", "0.05", code=1)
 
 
 def test_a_map_lies_beside_its_mission_wherever_one_stands(folder, monkeypatch):

@@ -16,7 +16,7 @@ from phalanx.errors import UsageError
 
 from .file.canonical import action_bytes, shape_of
 from .misplaced import Misplaced, under
-from .observable import Action, Landmark, Observable, Position
+from .observable import VALUE_MAX, Action, Landmark, Observable, Position
 
 NODE_LIMIT = 1 << 20
 ALIAS_LIMIT = 255
@@ -94,8 +94,16 @@ class Mission:
                 of_part = f" of part {part!r}" if part else ""
                 told = UsageError(f"no node{of_part} is marked as a start", "start: true on one node")
                 raise Misplaced(told, "nodes", *([its_own] if part else []))
+        self._check_area()
         _check_ways(self.ways, names)
         self._check_messages()
+
+    def _check_area(self) -> None:
+        if self.area_m is not None:
+            x0, y0, x1, y1 = self.area_m
+            if not -VALUE_MAX < x0 < x1 < VALUE_MAX or not -VALUE_MAX < y0 < y1 < VALUE_MAX:
+                told = UsageError(f"area is {[x0, y0, x1, y1]}", "x0, y0, x1, y1 in metres; x0 below x1, y0 below y1")
+                raise Misplaced(told, "area")
 
     def _check_messages(self) -> None:
         senders: dict[str, str] = {}
@@ -140,6 +148,8 @@ def _check_node(node: Node) -> None:  # noqa: C901  # one limit after the other
             if not alias and not node.wait:
                 raise UsageError(f"node {node.name!r} has nothing to experience", "see: a landmark, a position, ...")
             shape = shape_of(alias)
+            for thing in alias:
+                _check_seen(node.name, thing)
         if len(node.wait) + shape.messages > 3:
             raise Misplaced(UsageError(f"node {node.name!r} waits for {len(node.wait)} messages", "at most 3"), "wait")
         if node.do is not None and shape.action:
@@ -150,12 +160,26 @@ def _check_node(node: Node) -> None:  # noqa: C901  # one limit after the other
     with under("within_m"):
         if not 0 <= node.within_m <= REACH_LIMIT_M:
             raise UsageError(f"node {node.name!r} counts within {node.within_m} m", f"0 to {REACH_LIMIT_M}")
+    with under("width"):
+        if node.width_m is not None and not 0 < node.width_m < VALUE_MAX:
+            raise UsageError(f"node {node.name!r} has a width of {node.width_m} m", "metres, above 0")
     with under("timeout_s"):
         if not 0 <= node.timeout_s <= TIMEOUT_LIMIT_S:
             raise UsageError(f"node {node.name!r} times out after {node.timeout_s} s", f"0 to {TIMEOUT_LIMIT_S}")
     with under("send"):
         if len(node.send) > SEND_LIMIT:
             raise UsageError(f"node {node.name!r} sends {len(node.send)} messages", f"at most {SEND_LIMIT}")
+
+
+def _check_seen(name: str, thing: Observable) -> None:
+    if isinstance(thing, Action):
+        action_bytes(thing)
+    if not isinstance(thing, Landmark) or thing.area_m2 is None:
+        return
+    if thing.type != "room":
+        raise UsageError(f"node {name!r} sees a {thing.type} with an area", "rooms have one")
+    if thing.area_m2 <= 0:
+        raise UsageError(f"node {name!r} sees a room with an area of {thing.area_m2} m2", "square metres, above 0")
 
 
 def _check_ways(ways: tuple[PlainWay, ...], names: dict[str, Node]) -> None:
@@ -179,7 +203,9 @@ def _check_way(way: PlainWay, names: dict[str, Node]) -> None:
             raise UsageError(f"a way leads to {end!r}, which is no node", "check the names under ways")
     if names[way.source].part != names[way.target].part:
         raise UsageError(f"the way from {way.source!r} to {way.target!r} joins two parts", "send a message instead")
-    if way.direction_rad is not None and not math.isfinite(way.direction_rad):
+    if way.do is not None:
+        action_bytes(way.do)
+    if way.direction_rad is not None and not abs(way.direction_rad) < VALUE_MAX:
         raise UsageError(f"the way from {way.source!r} has direction {way.direction_rad}", "degrees or radians")
 
 

@@ -25,6 +25,7 @@ OFFSET_RAD = 1e-4  # unit of an orientation's offset
 OFFSET_M2 = 1e-2  # unit of an area's offset
 APART_M, APART_MAX = 0.1, 255  # unit, and what stands for "nothing near looks the same"
 VALUE_MAX = 1e6
+LONGEST_S = 1e12  # no clock of ours gets there
 # What nobody has told of a landmark: who does not know the building must expect its like so near.
 UNTOLD_M = 3.0
 # The doubt of who says nothing of it: 12 cm and 2.5 degrees. Surer than `place_m`, or such a robot would begin nowhere.
@@ -68,10 +69,14 @@ class Landmark:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """The robot itself is there; map frame."""
+    """The robot itself is there; map frame. Raises: UsageError: a number that is none."""
 
     x_m: float
     y_m: float
+
+    def __post_init__(self) -> None:
+        if not (abs(self.x_m) < VALUE_MAX and abs(self.y_m) < VALUE_MAX):
+            raise UsageError(f"a position at {self.x_m}, {self.y_m}", "metres, below a million")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +97,13 @@ class Action:
 
 @dataclass(frozen=True, slots=True)
 class Time:
-    """The mission's clock is in the window around `t_s`; the window's length is in the file."""
+    """The mission's clock is in the window around `t_s`; the window's length is in the file. Raises: UsageError."""
 
     t_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.t_s < LONGEST_S:
+            raise UsageError(f"a time of {self.t_s} s", "seconds on the mission's clock, 0 or later")
 
 
 @dataclass(frozen=True, slots=True)

@@ -200,6 +200,14 @@ def crack() -> None:
     default=1,
 )
 @option("--people", help="Who walk about in the building.", default=0)
+@option(
+    "--strangers",
+    help="Robots are told that so many things of a look stand there that no map shows: one match is not enough.",
+    type=click.FloatRange(0, 1000),
+    default=0.0,
+    show_default=False,
+    metavar="PER_M2",
+)
 @option("--duration", "duration_s", help="Simulated seconds at most.", default=1800.0)
 @option(
     "--meet", "meet_m", help="Robots so near, metres, tell each other where they were.", default=0.0, show_default=False

@@ -22,6 +22,7 @@ from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REP
 from phalanx.mission.landmarks.sites import is_shown, landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import audit
+from phalanx.mission.worth.feasible import Outlook, look_ahead
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.builtin import built_in
 
@@ -77,7 +78,9 @@ def build_files(
     key = read_signing_key(sign_key) if sign_key else None
     eye = LidarConfig.parse(lidar)
     told = explored(plan, start, "build", doors, eye) if source is None else checked(source, plan, start)
-    _warn(told, options.profile, "--map MAP " if source is None else "MISSION.yaml ")
+    floor = building(plan, doors) if source is None and plan else None
+    outlook = look_ahead(told, None, floor, eye) if floor else None
+    _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ")
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
     rows = []
@@ -138,8 +141,12 @@ def checked(source: str, plan: str | None, start: str | None) -> Mission:
     return told
 
 
-def _warn(told: Mission, profile: Profile, of: str) -> None:
-    looks = [f"{row.name}: {problem}" for row in audit(told, profile).nodes for problem in row.problems]
+def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str) -> None:
+    report = audit(told, profile, outlook=outlook)
+    looks = [f"{row.name}: {problem}" for row in report.nodes for problem in row.problems]
+    if report.feasible is False:
+        dark = [f"{row.name} {row.infeasible[0]}" for row in report.nodes if row.infeasible]
+        looks = [f"no robot can be expected to live it to its end: {len(dark)} nodes, first {dark[0]}", *looks]
     for line in looks[:WARNINGS]:
         click.echo(f"phalanx: warning: {line}", err=True)
     if len(looks) > WARNINGS:

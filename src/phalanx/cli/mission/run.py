@@ -13,11 +13,12 @@ import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, talk
 from phalanx.config.lidar import LidarConfig
+from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build
 from phalanx.mission.authoring.survey import roomiest
 from phalanx.mission.landmarks import FloorPlan
-from phalanx.mission.walk.walker import LONGEST_S
+from phalanx.mission.observable import LONGEST_S
 from phalanx.sim.building.floorplan import DEFAULT
 from phalanx.sim.building.odometry import OdometryNoise, Pose
 from phalanx.sim.missions.orders import orders_of_files
@@ -43,6 +44,7 @@ def run(
     trust: tuple[str, ...],
     at_s: float | None,
     said_start: str | None,
+    strangers: float,
     record: Path | None,
     as_json: bool,
     **how: Any,
@@ -50,7 +52,11 @@ def run(
     """Runs a mission and prints what became of it; 1 if a robot did not complete it."""
     if record is not None:
         check_folder(record)
-    senses = {"noise": OdometryNoise.parse(noise), "lidar": LidarConfig.parse(lidar)}
+    able = {
+        "noise": OdometryNoise.parse(noise),
+        "lidar": LidarConfig.parse(lidar),
+        "config": MissionConfig(strangers_per_m2=strangers),
+    }
     files, plain = Wanted(sources, furnish, key, trust, "--key").read()
     ids, count = _fleet(named, robots, len(files or (plain.parts if plain else ())))
     if how["defence"] != "none":  # before anything is encoded
@@ -68,7 +74,7 @@ def run(
         raise UsageError(f"--at {begin_s:g}", "seconds since 1970")
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
-    setting = orders.run(robots=count, **senses, begin_s=begin_s, keep_trace=record is not None, **how)
+    setting = orders.run(robots=count, **able, begin_s=begin_s, keep_trace=record is not None, **how)
     progress = Progress()
     try:
         reports = run_mission(

@@ -91,7 +91,7 @@ def _node(draft: Draft, name: str, words: dict[str, Any]) -> None:
         join=_flag(words, "join", where),
         chained=_flag(words, "chained", where),
         within_m=_number(words.get("within_m", within_m), f"{where}: within_m"),
-        timeout_s=math.ceil(_number(words.get("timeout_s", 0), f"{where}: timeout_s")),
+        timeout_s=_whole_up(_number(words.get("timeout_s", 0), f"{where}: timeout_s")),
         send=_names(words.get("send", []), f"{where}: send"),
         wait=_names(words.get("wait", []), f"{where}: wait"),
         part=_text(words.get("part", ""), f"{where}: part"),
@@ -216,6 +216,11 @@ def _number(words: Any, where: str) -> float:
     if isinstance(words, bool) or not isinstance(words, int | float) or not abs(words) < 1e12:
         raise UsageError(f"{where} is {_shown(words)}", "a number")
     return float(words)
+
+
+def _whole_up(number: float) -> int:
+    """The whole number that is at least as far from 0: half a second is no "0, the robot's own", nor is less than 0."""
+    return int(math.copysign(math.ceil(abs(number)), number))
 
 
 def _numbers(words: Any, where: str, count: int) -> list[float]:

@@ -17,14 +17,13 @@ from phalanx.mission.angles import wrap_rad
 from phalanx.mission.file.canonical import action_bytes, parse_action
 from phalanx.mission.file.reader import Reader, text_of
 from phalanx.mission.file.records import EncodedMission, NodeRecord, Profile
-from phalanx.mission.observable import LANDMARK_TYPES, Action, Landmark, sector_of
+from phalanx.mission.observable import LANDMARK_TYPES, LONGEST_S, Action, Landmark, sector_of
 from phalanx.mission.refused import MalformedMission
 from phalanx.wire import missions as table
 
 from .opening import Known, OpenWay
 from .state import State
 from .table import Phase
-from .walker import LONGEST_S
 
 NOBODY = 0xFFFFFFFF
 NO_SECTOR = 0xFFFF

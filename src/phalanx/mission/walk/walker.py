@@ -18,7 +18,7 @@ from phalanx.crypto.sha3 import DIGEST_BYTES, sha3_256
 from phalanx.mission.angles import PI, wrap_rad
 from phalanx.mission.file.records import EncodedMission, Profile
 from phalanx.mission.file.sealed import visited_hash
-from phalanx.mission.observable import Experience, Landmark
+from phalanx.mission.observable import LONGEST_S, Experience, Landmark
 from phalanx.mission.refused import Altered
 
 from .claims import Unshown
@@ -41,7 +41,6 @@ SIGHT_M = 1e3
 ASIDE = (0, 1, -1)
 # From a face's normal to where nothing is around the end of it.
 _OPEN_RAD = {"concave_left": -PI / 4, "concave_right": PI / 4}
-LONGEST_S = 1e12  # no clock of ours gets there
 
 
 class Walker:
