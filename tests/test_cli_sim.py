@@ -208,7 +208,7 @@ class TestRun:
     def test_ctrl_c_and_kill_end_it_with_a_whole_recording(self, tmp_path, number):
         path = tmp_path / "x.mcap"
         process = subprocess.Popen(
-            [*PHALANX, "sim", "run", "bti-fig9", "--duration", "5000", "--record", str(path)],
+            [*PHALANX, "sim", "run", "bti-fig9", "--duration", "50000", "--record", str(path)],
             stderr=subprocess.PIPE,
             text=True,
             cwd=ROOT,

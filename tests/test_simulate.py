@@ -94,6 +94,7 @@ class TestArrays:
         "more, complaint",
         [
             ({"seeds": []}, "no seeds"),
+            ({"seeds": [1, 1]}, r"seeds is \[1, 1\]"),
             ({"every_s": 0}, "every_s is 0"),
             ({"every_s": 4}, "every_s is 4"),
             ({"every_s": float("nan")}, "every_s is nan"),

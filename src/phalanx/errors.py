@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-ALIKE = 0.5  # so alike, a name is what was meant
+ALIKE = 0.6  # so alike, a name is what was meant
 
 
 class PhalanxError(Exception):

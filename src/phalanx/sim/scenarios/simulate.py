@@ -102,12 +102,7 @@ def simulate(
         attacks = (attacks,)
     if attacks is not None:
         chosen = replace(chosen, attacks=find_attacks(attacks if isinstance(attacks, Sequence) else (attacks,)))
-    try:
-        numbers = (chosen.seed,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(index, seeds))
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"seeds is {seeds!r}", "whole numbers, for example range(20)") from error
-    if not numbers:
-        raise UsageError("no seeds", "at least one, for example range(20)")
+    numbers = _numbers(seeds, chosen.seed)
     chosen = replace(chosen, seed=numbers[0])
     if not 0.001 <= every_s <= chosen.duration_s:
         raise UsageError(f"every_s is {every_s:g}", f"0.001 to the scenario's {chosen.duration_s:g}")
@@ -124,6 +119,18 @@ def simulate(
     workers = min(workers, len(numbers))
     with telling_of_compiling(_now_and_then()):
         return _joined(job, _here(job, on_progress) if workers == 1 else _forked(job, workers, on_progress))
+
+
+def _numbers(seeds: Iterable[int] | int | None, own: int) -> tuple[int, ...]:
+    try:
+        numbers = (own,) if seeds is None else (seeds,) if isinstance(seeds, int) else tuple(map(index, seeds))
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"seeds is {seeds!r}", "whole numbers, for example range(20)") from error
+    if not numbers:
+        raise UsageError("no seeds", "at least one, for example range(20)")
+    if len(set(numbers)) < len(numbers):
+        raise UsageError(f"seeds is {seeds!r}", "each once: the same seed gives the same run")
+    return numbers
 
 
 def _check_kinds(scenario: object, controller: object, planner: object, every_s: object, workers: object) -> None:
