@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -38,6 +39,10 @@ from .controllers.python_controller import (
 )
 
 EVERYBODY: Final = -1
+# What a replay reads of each event. A record of numpy takes 2 us for a field, and all of them as a tuple 0.2.
+_EVENT: Final = itemgetter(
+    *map(list(audit.CASE.fields or ()).index, ("payload_at", "payload_len", "entry_t", "step", "evidence_len"))
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,16 +294,17 @@ class CNode:
             except PeerError:
                 return int(Refusal.STATE_MALFORMED)
         while (event := audit.next_event(self.f, w, q)) > audit.END:
-            payload = q[case.payload_at : case.payload_at + case.payload_len].tobytes()
+            at, length, t_ms, step, evidence_len = _EVENT(w.case.item())
+            payload = q[at : at + length].tobytes()
             refused = 0
             if event == audit.RECV:
-                controller.on_recv(int(case.entry_t), payload)
+                controller.on_recv(t_ms, payload)
             elif event == log.ADVICE:
                 controller.on_advice(payload)
             elif event == audit.INPUT:
-                evidence = w.evidence[: case.evidence_len].tobytes()
+                evidence = w.evidence[:evidence_len].tobytes()
                 try:
-                    outputs = list(_ask(controller, int(case.step), int(case.entry_t), payload, evidence))
+                    outputs = list(_ask(controller, step, t_ms, payload, evidence))
                 except PeerError:
                     return int(Refusal.EVIDENCE_WRONG)
                 packed = pack_outputs(outputs)

@@ -22,8 +22,9 @@ from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file
 from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario, in_scenarios
 
-# When liars begin, and for how long they are watched: T_val and more than a round of audits beside it.
-AT_S, WATCHED_S = 12.0, 24.0
+# When liars begin, and for how long they are watched: T_val and more than a round of audits beside it. Protocols are in
+# plain Python, ten times as dear as a flock, and what is lost to others shows in so much of their own scenarios.
+AT_S, WATCHED_S, WATCHED_IN_PROTOCOLS_S = 12.0, 24.0, 48.0
 MISSIONS: Mapping[str, tuple[Scene, ...]] = {"mission": ("errand", "file"), "team": ("team",)}
 HONEST_KEPT = 8  # honest runs: all attacks of a seed are compared with the same
 WHEELS = "wheels"  # the demo's robots, who wait for orders: attacks that make sense for them
@@ -160,7 +161,8 @@ def _ground(name: str) -> tuple[Scenario | None, str | None]:
         return SMALL, name
     own = () if name in COMMON else map(find_scenario, built_in("scenarios"))
     made = next((each for each in own if each.controller == name), replace(SMALL, controller=name))
-    return replace(made, attacks=(), duration_s=max(made.duration_s, AT_S + WATCHED_S)), None
+    watched_s = WATCHED_IN_PROTOCOLS_S if name in PROTOCOLS else WATCHED_S
+    return replace(made, attacks=(), duration_s=AT_S + watched_s), None
 
 
 def absolute(words: str) -> str:
