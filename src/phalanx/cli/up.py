@@ -15,19 +15,22 @@ from typing import Any
 
 import click
 
-from phalanx.demo.simulated import mission_swarm, simulated_swarm
+from phalanx.demo.simulated import choose_protection, mission_swarm, simulated_swarm
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
 from phalanx.gateway.up import up as run_gateway
 from phalanx.io.dotbots import DotbotSwarm, DotbotUrl, parse_dotbot_url
+from phalanx.io.keyring import opened
 from phalanx.mission import BuildOptions, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.robot import Swarm
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
+from phalanx.sim.swarms.protected import SwarmKeys
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
+from .keys import passphrase_of
 from .login import kept_token, login_for, visitors_login_in
 from .mission.files import Wanted, read_signing_key
 from .options import link_config
@@ -50,6 +53,8 @@ def up(
     trust: tuple[str, ...],
     defence: str | None,
     f_max: int | None,
+    keys: Path | None,
+    passphrase_file: Path | None,
     broker_login: Path | None,
     visitors_login: Path | None,
     operator_token_file: Path | None,
@@ -61,7 +66,8 @@ def up(
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     if swarm_url is not None:
-        _refuse_beside_real_robots(robots=robots, mission=missions, world=world, defence=defence, f_max=f_max)
+        said = {"mission": missions, "world": world, "defence": defence, "f_max": f_max, "keys": keys}
+        _refuse_beside_real_robots(robots=robots, **said)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
     login = login_for(served["broker"], broker_login)
@@ -75,13 +81,18 @@ def up(
     )
     if not pages_are_built():
         click.echo("phalanx: warning: the pages are not built, phones will find nothing; run: make setup", err=True)
+    if keys is None and passphrase_file is not None:
+        raise UsageError("--passphrase-file without --keys", "both, or neither")
+    if keys is not None and on_mission:
+        raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
+    owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, count, defence, f_max)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
         _real_robots(swarm_url, options.wait_s)
         if swarm_url is not None
         else _robots(wanted, world, count, seed, defence, f_max) as lived
     ):
-        swarm = partial(simulated_swarm, count, seed, defence, f_max, talk) if lived is None else lambda: lived
+        swarm = partial(simulated_swarm, count, seed, defence, f_max, talk, owned) if lived is None else lambda: lived
         if events:
             lines = EventLines()
             try:
@@ -99,6 +110,24 @@ def _refuse_beside_real_robots(**said: Any) -> None:
                 f"--swarm and --{name.replace('_', '-')}",
                 "real robots are as many as there are, are driven, and protected as they are: leave one out",
             )
+
+
+def keys_for_next_mission(
+    file: Path, passphrase_file: Path | None, robots: int, defence: str | None, f_max: int | None
+) -> SwarmKeys:
+    """For robots 1 to `robots`; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
+    if choose_protection(robots, defence, f_max).defence == "none":
+        raise UsageError("--keys, and robots that do not audit each other", "those have no keys: leave it out")
+    with opened(file, passphrase_of(file, passphrase_file)) as keys:
+        masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}
+        number, sealed = keys.issue()
+        for robot in sorted(masters.keys() - sealed.keys()):
+            raise UsageError(
+                f"robot {robot} was retired on {keys.robots[robot].retired}", f"--robots {robot - 1}, or other keys"
+            )
+        boards = [(master, sealed[robot]) for robot, master in masters.items()]
+    talk(f"mission {number} of {keys.name}")
+    return SwarmKeys(number, boards, keys.signer("orders"), keys.signer("stops"))
 
 
 def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:

@@ -14,7 +14,7 @@ from phalanx.sim.missions.orders import Orders
 from phalanx.sim.signals import handled_by
 from phalanx.sim.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
-from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, least_robots
+from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, least_robots
 
 from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
 
@@ -56,7 +56,12 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pr
 
 
 def simulated_swarm(
-    robots: int, seed: int, defence: str | None, f_max: int | None, talk: Callable[[str], None]
+    robots: int,
+    seed: int,
+    defence: str | None,
+    f_max: int | None,
+    talk: Callable[[str], None],
+    keys: SwarmKeys | None = None,
 ) -> Dotbots | ProtectedSwarm:
     """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
 
@@ -73,20 +78,20 @@ def simulated_swarm(
     if not is_compiled(protection.defence):
         # Before the code is shown: lines below would push it out of a small terminal.
         talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
-        return SoonProtected(robots, seed, protection)
+        return SoonProtected(robots, seed, protection, keys)
     # An event loop hears of Ctrl-C when it has its turn.
     with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
         rehearse(protection.defence)
-    return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max)
+    return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys)
 
 
 class SoonProtected(Dotbots):
     """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
 
-    def __init__(self, robots: int, seed: int, protection: Protection) -> None:
+    def __init__(self, robots: int, seed: int, protection: Protection, keys: SwarmKeys | None) -> None:
         self.preparing = "no shields yet"
         super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
-        self._count, self._seed, self._protection = robots, seed, protection
+        self._count, self._seed, self._protection, self._keys = robots, seed, protection, keys
 
     async def ready(self) -> ProtectedSwarm:
         """The same robots, where they are when all is compiled, auditing each other.
@@ -96,8 +101,8 @@ class SoonProtected(Dotbots):
         defence = self._protection.defence
         await rehearse_elsewhere(defence, self._hear)
         await rehearse_here(defence)
-        f_max, now = self._protection.f_max, self.robots()
-        return ProtectedSwarm(self._count, self._seed, time.time, defence=defence, f_max=f_max, now=now)
+        more = {"f_max": self._protection.f_max, "now": self.robots(), "keys": self._keys}
+        return ProtectedSwarm(self._count, self._seed, time.time, defence=defence, **more)
 
     def _hear(self, how_far: str) -> None:
         self.preparing = f"no shields yet, {how_far}"

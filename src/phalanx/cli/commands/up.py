@@ -13,6 +13,7 @@ from phalanx.cli.options import (
     furnish_option,
     link_options,
     option,
+    passphrase_option,
     wait_option,
 )
 
@@ -64,6 +65,13 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     "  [default: 3, or what so few robots allow]",
     type=click.IntRange(1, 15),
 )
+@option(
+    "--keys",
+    help="File of phalanx keys: what simulated robots' trusted nodes and their station have is the swarm's own, and a"
+    " number of its missions is used up. Robots 1 to --robots are to have a master key.",
+    type=FILE,
+)
+@passphrase_option
 @broker_options
 @option("--host", help="Address to listen on for visitors; 0.0.0.0 for all.", default="127.0.0.1")
 @option("--port", help="Of the visitors' page.  [default: 8080, or any free one]", type=click.IntRange(0, 65535))

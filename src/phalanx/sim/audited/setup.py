@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
-from phalanx.bti.nodes import Limits, Nodes, TrustedNodes, seal_mission_key
+from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, seal_mission_key
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc
@@ -32,6 +32,8 @@ from . import loop, pybot
 from .events import make_queue, push
 from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
+# A robot's master key, 20 bytes: secret; and its mission key.
+Board = tuple[bytes, MissionKey]
 PROFILES = {"none": PLAIN, "paper": PAPER, "bound": BOUND}
 MOVE_US = 50_000
 # They were powered up within so much of each other.
@@ -61,6 +63,7 @@ class Setup:
     # What a compromised c-node does to its a-node before the mission key is loaded, by index (Liar).
     before_key: Mapping[int, Callable[[int, int, Row, int], None]] = field(default_factory=dict)
     make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes  # of so many robots, in this profile
+    boards: Sequence[Board] = field(default=(), repr=False)  # of each robot, if its keys are somebody's
 
 
 def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
@@ -93,16 +96,18 @@ def power_up(
     chance: np.random.Generator,
     before_key: Mapping[int, Callable[[int, int, Row, int], None]],
     make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
+    boards: Sequence[Board] = (),
 ) -> TrustedNodes:
-    """`n` robots' trusted nodes with ids 1..n, a common master key, and a mission key loaded at `now_ms`, (n,).
+    """`n` robots' trusted nodes with ids 1..n, and a mission key loaded at `now_ms`, (n,).
 
-    Keys come from `chance`: in a simulation they keep nothing secret.
+    Without `boards` keys come from `chance`, a master key for all: in a simulation they keep nothing secret.
     Source: RoboRebound §3.3, Alg. 2.
     """
     nodes = make_nodes(n, profile, limits)
-    master, mission, salt = chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES)
-    sealed = seal_mission_key(master, mission, salt, 1)
-    for i in range(n):
+    if not boards:
+        master, mission, salt = chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES), chance.bytes(KEY_BYTES)
+        boards = [(master, seal_mission_key(master, mission, salt, 1))] * n
+    for i, (master, sealed) in enumerate(boards):
         nodes.load_master(i, master, i + 1)
         if i in before_key:
             before_key[i](i + 1, profile, nodes.anode[i], limits.f_max)
@@ -123,7 +128,8 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
     snode, anode = np.zeros((n, 8), np.uint8), np.zeros((n, 8), np.uint8)
     if setup.profile != PLAIN:
         limits = limits_of(setup.bti, setup.radio)
-        nodes = power_up(n, setup.profile, limits, boot_us // 1000, chance, setup.before_key, setup.make_nodes)
+        before_key, boot_ms = setup.before_key, boot_us // 1000
+        nodes = power_up(n, setup.profile, limits, boot_ms, chance, before_key, setup.make_nodes, setup.boards)
         snode, anode = nodes.snode, nodes.anode
     world = World(
         clock=make_clock(),

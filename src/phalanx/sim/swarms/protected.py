@@ -7,7 +7,7 @@ is logged, replayed and audited like everything else.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -28,7 +28,7 @@ from phalanx.robot.station import Station
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
-from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
+from phalanx.sim.audited.setup import PROFILES, Board, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.audited.world import PYTHON, World, clock_ms
 from phalanx.sim.radio.channel import BROADCAST
@@ -76,6 +76,23 @@ def draw_places(count: int, chance: np.random.Generator) -> NDArray[np.float64]:
     return places
 
 
+@dataclass(frozen=True, slots=True, repr=False)
+class SwarmKeys:
+    """What a swarm's owner gives it for one mission."""
+
+    mission: int
+    boards: Sequence[Board]  # of each robot, in the order of ids
+    gateway: Ed25519PrivateKey  # signs visitors' orders
+    operator: Ed25519PrivateKey  # and who stops all
+
+
+def drawn_keys(seed: int) -> SwarmKeys:
+    """Those of a simulation of its own, where they keep nothing secret: each world draws its boards' itself."""
+    chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, STATION])))
+    gateway, operator = (Ed25519PrivateKey.from_private_bytes(chance.bytes(SIGNER_KEY_BYTES)) for _ in range(2))
+    return SwarmKeys(MISSION, (), gateway, operator)
+
+
 class StationAir:
     """The simulated radio as the station in the middle has it: the row behind the robots'."""
 
@@ -100,7 +117,7 @@ class ProtectedSwarm(Ordered):
     """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970. If the
-    same robots were there `now`, they stay where they are, and stop.
+    same robots were there `now`, they stay where they are, and stop. Without `keys` they have keys of their own.
     Raises: UsageError: the count is out of range.
     """
 
@@ -113,20 +130,15 @@ class ProtectedSwarm(Ordered):
         defence: str = "bound",
         f_max: int = 3,
         now: Sequence[Robot] = (),
+        keys: SwarmKeys | None = None,
     ) -> None:
         if not least_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
                 f"{count} robots in one radio range cannot audit each other with f_max {f_max}",
                 f"{least_robots(f_max)} to {MOST_ROBOTS} robots; or --defence none",
             )
-        keys = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, STATION])))
-        # In a simulation they keep nothing secret.
-        station = Station(
-            *(
-                Signer(Ed25519PrivateKey.from_private_bytes(keys.bytes(SIGNER_KEY_BYTES)), MISSION, who)
-                for who in (GATEWAY, OPERATOR)
-            )
-        )
+        keys = keys or drawn_keys(seed)
+        station = Station(Signer(keys.gateway, keys.mission, GATEWAY), Signer(keys.operator, keys.mission, OPERATOR))
         super().__init__((member(i) for i in range(count)), range(1, count + 1), station)
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0x7077])))
         self._chance, self._clock = chance, clock
@@ -145,7 +157,7 @@ class ProtectedSwarm(Ordered):
                 params=wheels.CONTROLLER.params(
                     WheelsConfig(
                         state_every=self._config.steps_per_state,
-                        mission=MISSION,
+                        mission=keys.mission,
                         gateway_key=station.gateway.public,
                         operator_key=station.operator.public,
                     )
@@ -156,6 +168,7 @@ class ProtectedSwarm(Ordered):
                 bti=self._config,
                 radio=RadioConfig(),
                 area_m=(AREA_MM[0] / 1000, AREA_MM[1] / 1000),
+                boards=keys.boards,
             ),
             chance,
         )
