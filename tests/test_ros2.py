@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 ROOT = Path(__file__).parent.parent
 WORLD = (sys.executable, str(ROOT / "examples" / "ros2_world.py"))
 # A machine that does other things too makes readings late: those who may, go before the others.
-GUARD = ("nice", "-n", "-10", sys.executable, "-m", "phalanx", "--log-level", "error", "robot", "ros2")
+GUARD = ("chrt", "--rr", "1", sys.executable, "-m", "phalanx", "--log-level", "error", "robot", "ros2")
 APART_M, CONTACT_M, ENVELOPE_M, AHEAD_M, BRAKE_S = 8.0, 0.6, 1.0, 0.2, 1.0
 HIJACKED_S = 5
 T_VAL_S, P_CHECK_S, SCHEDULING_S = 2.5, 0.1, 1.0

@@ -12,6 +12,8 @@ from phalanx.cli.main import run_command
 from phalanx.daemon.ros2 import ahead
 from phalanx.daemon.ros2.ahead import Place
 from phalanx.daemon.ros2.diagnostics import ERROR, OK, WARN, told_of
+from phalanx.daemon.ros2.sweep import Track, beams_of
+from phalanx.errors import UsageError
 
 AHEAD_M, STEP_S = 0.3, 1e-6
 
@@ -56,3 +58,74 @@ def test_who_has_no_ros_is_told_what_to_install(tmp_path, capsys, monkeypatch):
     said = capsys.readouterr().err
     assert "ROS 2 is not installed" in said
     assert "pip install 'phalanx-swarm[ros2]'" in said
+
+
+class TestSweep:
+    """Drivers' scans, each of the same room: what a mission's lidar there would have seen."""
+
+    LIMITS = 0.1, 10.0
+    FULL = 360
+
+    @pytest.mark.parametrize("first_rad", [0.0, -math.pi, 0.5, -math.pi / 2])
+    @pytest.mark.parametrize("clockwise", [False, True])
+    @pytest.mark.parametrize("mounted_rad", [0.0, math.pi, 1.003])
+    @pytest.mark.parametrize("again", [0, 1])
+    def test_beams_of_a_whole_turn_are_where_they_point(self, first_rad, clockwise, mounted_rad, again):
+        step = math.tau / self.FULL * (-1 if clockwise else 1)
+        bearings = [first_rad + k * step for k in range(self.FULL + again)]
+        beams = beams_of(len(bearings), first_rad, step, self.LIMITS, 0.01, Place(x_m=0.1, yaw_rad=mounted_rad))
+        # What it measures is where the beam points, seen from the robot: a metre and up to two more.
+        scan = beams.scan_of([2.0 + math.sin(bearing + mounted_rad) for bearing in bearings])
+        assert (beams.lidar.beams, beams.eye.x_m) == (self.FULL, 0.1)
+        assert abs(beams.eye.yaw_rad) <= abs(step) / 2 + 1e-9
+        for k, measured in enumerate(scan.ranges_m):
+            points = beams.eye.yaw_rad + scan.angle_min_rad + k * scan.angle_increment_rad
+            assert measured == pytest.approx(2.0 + math.sin(points), abs=1e-6)
+
+    def test_a_lidar_that_sees_ahead_alone_keeps_its_beams(self):
+        step = math.radians(0.25)
+        beams = beams_of(1081, -540 * step, step, self.LIMITS, 0.01, Place())
+        scan = beams.scan_of([1.0 + k / 1000 for k in range(1081)])
+        assert scan.ranges_m[540] == pytest.approx(1.54)
+        ahead = beams.eye.yaw_rad + scan.angle_min_rad + 540 * scan.angle_increment_rad
+        assert ahead == pytest.approx(0.0, abs=1e-9)
+
+    @pytest.mark.parametrize(
+        ("count", "first_rad", "step_rad", "trouble"),
+        [
+            (1, 0.0, 0.1, "a scan of 1 beams"),
+            (360, math.nan, 0.1, "a scan of 360 beams"),
+            (360, 0.0, 0.0, "a scan of 360 beams"),
+            (362, 0.0, math.tau / 360, "a scan of 362 beams"),
+            (90, 0.0, math.tau / 360, "45 degrees aside"),
+        ],
+    )
+    def test_a_scan_that_is_none_is_said(self, count, first_rad, step_rad, trouble):
+        with pytest.raises(UsageError, match=trouble):
+            beams_of(count, first_rad, step_rad, self.LIMITS, 0.01, Place())
+
+    def test_a_scan_with_other_beams_than_the_first_is_refused(self):
+        beams = beams_of(360, 0.0, math.tau / 360, self.LIMITS, 0.01, Place())
+        with pytest.raises(UsageError, match="359 beams"):
+            beams.scan_of([1.0] * 359)
+
+
+class TestTrack:
+    def test_the_eye_goes_where_odometry_brings_it_and_turns_add_up(self):
+        track = Track(Place(x_m=0.5))
+        assert track.at(0.0) is None
+        for k in range(9):  # on the spot, twice round
+            track.add(k, Place(x_m=7.0, y_m=-3.0, yaw_rad=1.0 + k * math.pi / 2))
+        there = track.at(8.0)
+        assert (there.x_m, there.y_m, there.yaw_rad) == pytest.approx((0.0, 0.0, 4 * math.pi))
+        half = track.at(0.5)
+        assert half.yaw_rad == pytest.approx(math.pi / 4)
+        assert track.at(99.0) is there
+        assert track.travelled_m == pytest.approx(8 * 0.5 * math.sqrt(2))
+
+    def test_what_is_no_later_than_the_last_is_left_out(self):
+        track = Track(Place())
+        for t_s, x_m in ((1.0, 0.0), (2.0, 1.0), (2.0, 5.0), (1.5, 9.0)):
+            track.add(t_s, Place(x_m=x_m))
+        assert track.travelled_m == 1.0
+        assert track.at(1.75).x_m == pytest.approx(0.75)

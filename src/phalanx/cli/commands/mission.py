@@ -223,3 +223,24 @@ def run() -> None:
     files each robot gets one, in turn. A file says neither which codes hang on the walls nor what robots can do nor
     where they begin: --furnish does.
     """
+
+
+@mission.command(
+    epilog="Example: phalanx mission ros2 office.phxm --start 2,3,90 --namespace r1 -- --ros-args -p"
+    " laser_in_base:='[-0.03, 0.0, 0.0]'"
+)
+@file_argument
+@click.argument("ros", nargs=-1, metavar="[-- ROS2 ARGUMENTS]")
+@option("--start", "said_start", help="Where base_link stands, in the map.", metavar="X,Y[,DEGREES]", required=True)
+@option("--robot", help="Which one this is.", type=click.IntRange(1, 65_535), default=1)
+@door_option
+@option("--namespace", default="", metavar="NAME", help="Of the robot's topics and node.")
+@option("--key", help="Start key of a sealed FILE; without, FILE.key.", type=FILE)
+@option("--trust", help="Refuse a FILE that none of these signed; repeatable.", multiple=True, metavar="KEY")
+@json_option
+@runs("mission.ros2", "ros2")
+def ros2() -> None:
+    """Live an encoded mission with a robot of ROS 2: scan and odom in, cmd_vel out; exit 1 if it was not completed.
+
+    The file, its start key and where the robot stands are all that it knows: no map. Needs phalanx-swarm[ros2].
+    """

@@ -13,6 +13,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import read_at_most
 from phalanx.errors import Unavailable, UsageError, did_you_mean
 from phalanx.io.private_file import write_private
@@ -257,10 +258,13 @@ class Wanted:
 def building(name: str, doors: str | None) -> FloorPlan:
     """A floor plan by name, with doors as wide as --door-width says. Raises: UsageError: there is none, or no such."""
     plan = load_floorplan(name)
-    if doors is None:
-        return plan
+    return plan if doors is None else replace(plan, extraction=doors_of(doors))
+
+
+def doors_of(said: str) -> ExtractionConfig:
+    """How scans are read where doors are as wide as --door-width says. Raises: UsageError: no doors are."""
     try:
-        least, most = map(float, doors.split(","))
+        least, most = map(float, said.split(","))
     except ValueError:
-        raise UsageError(f"--door-width {doors!r}", "like 0.7,1.3: metres") from None
-    return replace(plan, extraction=of_doors(least, most))
+        raise UsageError(f"--door-width {said!r}", "like 0.7,1.3: metres") from None
+    return of_doors(least, most)

@@ -28,6 +28,11 @@ class Place:
         x_m, y_m = turned((inner.x_m, inner.y_m), self.yaw_rad)
         return Place(x_m=self.x_m + x_m, y_m=self.y_m + y_m, yaw_rad=self.yaw_rad + inner.yaw_rad)
 
+    def sees(self, there: Place) -> Place:
+        """What has the place `there` in the frame that this place is in, in the frame that is here."""
+        x_m, y_m = turned((there.x_m - self.x_m, there.y_m - self.y_m), -self.yaw_rad)
+        return Place(x_m=x_m, y_m=y_m, yaw_rad=there.yaw_rad - self.yaw_rad)
+
 
 def turned(vector: Pair, yaw_rad: float) -> Pair:
     """The vector, turned counterclockwise."""

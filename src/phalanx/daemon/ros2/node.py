@@ -1,13 +1,12 @@
 """The ROS 2 node beside a robot's daemon: odometry and advice in, commands that the a-node let through out.
 
-Topics, parameters and QoS are called as in nav2's collision_monitor and velocity_smoother. Callbacks run in a thread of
-their own and leave what they got in one attribute each; the daemon takes it from there, and never waits.
+Topics, parameters and QoS are called as in nav2's collision_monitor and velocity_smoother. A thread of its own waits
+for advice, and tells the robot what it is to do; the daemon takes what has come when it wants it, and never waits.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import math
 import threading
@@ -15,13 +14,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import qos_profile_sensor_data, qos_profile_system_default
-from rclpy.signals import SignalHandlerOptions
+from rclpy.qos import qos_profile_system_default
 
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
@@ -30,6 +26,7 @@ from phalanx.sim.scenarios.scenario import GUARD, Scenario
 
 from .ahead import Pair, Place, point_of, twist_of, velocity_of, yaw_of
 from .diagnostics import WORD, told_of
+from .graph import RELIABLE, SENSOR, Graph
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +45,7 @@ DEFAULTS = {
     "enable_stamped_cmd_vel": False,
 }
 PATIENCE_S = 5.0
+PACE_S = 0.005
 FARTHEST_M = 1e6  # what a guard takes for a reading
 
 
@@ -68,22 +66,16 @@ class RosBase:
             )
         self._id, self._reads, self._commands = rob_id, declared.reads, declared.commands
         self._held_s = (scenario.bti.t_control_ms + 3 * scenario.bti.delta_ms) / 1000
-        self._context = rclpy.Context()
+        self._graph = Graph(NAME, namespace, arguments, DEFAULTS)
+        said = self._said = self._graph.said
         try:
-            rclpy.init(args=[*arguments], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-            self._node = rclpy.create_node(NAME, namespace=namespace, context=self._context)
-            self._said: dict[str, Any] = {
-                key: self._node.declare_parameter(key, value).value for key, value in DEFAULTS.items()
-            }
-        except Exception as error:  # rclpy has a dozen kinds, with no common one
-            rclpy.try_shutdown(context=self._context)
-            raise _refused(error) from error
-        said = self._said
-        above = "ahead_m", "smoothing_frequency", "source_timeout"
-        sound = all(0.0 < said[key] < math.inf for key in above) and all(map(math.isfinite, said["odom_in_map"]))
-        if not sound or len(said["odom_in_map"]) != 3:
-            self.close()
-            raise UsageError(f"{', '.join(above)} or odom_in_map", "finite, above 0; odom_in_map: [x, y, yaw]")
+            self._graph.check("ahead_m", "smoothing_frequency", "source_timeout")
+            if len(said["odom_in_map"]) != 3 or not all(map(math.isfinite, said["odom_in_map"])):
+                raise UsageError(f"odom_in_map {[*said['odom_in_map']]}", "[x, y, yaw], finite")
+            self._make_topics()
+        except UsageError:
+            self._graph.close()
+            raise
         x_m, y_m, yaw_rad = said["odom_in_map"]
         self._odom_in_map = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
         self._odometry: tuple[float, Place, Pair] | None = None  # when it came, where the base is, how its point moves
@@ -92,35 +84,44 @@ class RosBase:
         self._sensed_mps: Pair = (0.0, 0.0)
         self._strange: str = ""
         self._wake: Callable[[], object] = bool  # nobody is to be told yet
-        try:
-            self._make_topics()
-        except Exception as error:  # a name that is none
-            self.close()
-            raise _refused(error) from error
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._speaks = False
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
 
     def _make_topics(self) -> None:
         said = self._said
         kind = TwistStamped if said["enable_stamped_cmd_vel"] else Twist
-        self._out = self._node.create_publisher(kind, said["cmd_vel_out_topic"], 1)
-        self._diagnostics = self._node.create_publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
-        self._node.create_subscription(kind, said["cmd_vel_in_topic"], self._on_wish, 1)
-        self._node.create_subscription(Odometry, said["odom_topic"], self._on_odometry, qos_profile_sensor_data)
+        self._out = self._graph.publisher(kind, said["cmd_vel_out_topic"], RELIABLE)
+        self._diagnostics = self._graph.publisher(DiagnosticArray, "/diagnostics", qos_profile_system_default)
+        self._wishes = self._graph.inbox(kind, said["cmd_vel_in_topic"], RELIABLE)
+        self._odometries = self._graph.inbox(Odometry, said["odom_topic"], SENSOR)
 
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            self._executor.spin()
+    # --- its thread ---------------------------------------------------------------------------------------------------
 
-    # --- what comes by topics, in their thread ------------------------------------------------------------------------
+    def _live(self) -> None:
+        period_s, move_s = 1.0 / self._said["smoothing_frequency"], time.monotonic()
+        while not self._over.is_set():
+            self._graph.wait(self._wishes, min(move_s - time.monotonic(), PATIENCE_S))
+            if (wish := self._wishes.take()) is not None:
+                self._on_wish(wish)
+                self._over.wait(PACE_S)  # whoever floods us takes no core
+            if (now_s := time.monotonic()) >= move_s:
+                move_s = max(move_s + period_s, now_s)
+                self._hear()
+                if self._speaks:
+                    self._move()
 
     def _on_wish(self, message: Any) -> None:
         twist = message.twist if self._said["enable_stamped_cmd_vel"] else message
         taken, self._wish = self._wish is None, (twist.linear.x, twist.angular.z)
         if taken:
             self._wake()
+
+    def _hear(self) -> None:
+        message = self._odometries.take()
+        if message is not None:
+            self._on_odometry(message)
 
     def _on_odometry(self, message: Any) -> None:
         said, frame, child = self._said, message.header.frame_id, message.child_frame_id
@@ -148,12 +149,11 @@ class RosBase:
         message = self._out.msg_type()
         twist = message
         if self._said["enable_stamped_cmd_vel"]:
-            message.header.stamp = self._node.get_clock().now().to_msg()
+            message.header.stamp = self._graph.now()
             message.header.frame_id = self._said["base_frame_id"]
             twist = message.twist
         twist.linear.x, twist.angular.z = linear, angular
-        with contextlib.suppress(rclpy.exceptions.InvalidHandle):  # the robot has just ended
-            self._out.publish(message)
+        self._out.publish(message)
 
     def _known(self) -> tuple[Place, Pair] | None:
         """Where the base is and how its point moves; None if that was heard too long ago."""
@@ -166,7 +166,7 @@ class RosBase:
 
     async def ready(self) -> None:
         """See `Base`: odometry comes. From now on the robot is told something, at first to stand."""
-        self._node.create_timer(1.0 / self._said["smoothing_frequency"], self._move)
+        self._speaks = True
         tell_s = time.monotonic() + PATIENCE_S
         while self._known() is None:
             if time.monotonic() > tell_s:
@@ -178,11 +178,12 @@ class RosBase:
         """See `Hardware`."""
 
     def _no_odometry(self) -> Unavailable:
-        topic = self._node.resolve_topic_name(self._said["odom_topic"])
-        return Unavailable(f"no odometry on {topic}" + (f": {self._strange}" if self._strange else ""), "docs/ros2.md")
+        strange = f": {self._strange}" if self._strange else ""
+        return Unavailable(f"no odometry on {self._odometries.topic}{strange}", "docs/ros2.md")
 
     def sense(self, now_ms: int) -> bytes:
         """See `Hardware`: of the point ahead, in the map. Raises: Unavailable: odometry has ceased."""
+        self._hear()
         known = self._known()
         if known is None:
             raise self._no_odometry()
@@ -221,11 +222,11 @@ class RosBase:
     def tell(self, state: dict[str, Any]) -> None:
         """Diagnostics of what the robot tells of itself (daemon/state.py)."""
         message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = self._graph.now()
         for each in told_of(state):
             status = DiagnosticStatus(
                 level=getattr(DiagnosticStatus, WORD[each.level]),
-                name=f"{self._node.get_fully_qualified_name()}: {each.name}",
+                name=f"{self._graph.node.get_fully_qualified_name()}: {each.name}",
                 message=each.message,
                 hardware_id=f"robot {self._id}",
                 values=[KeyValue(key=key, value=str(value)) for key, value in each.values.items()],
@@ -234,19 +235,14 @@ class RosBase:
         self._diagnostics.publish(message)
 
     def close(self) -> None:
-        """See `Hardware`: the robot is told to stand, and the node is gone."""
+        """See `Hardware`: the robot is told to stand, and the node is gone; a second time nothing more."""
+        if self._over.is_set():
+            return
         self._told = None
-        if hasattr(self, "_executor"):
-            self._executor.shutdown(timeout_sec=1.0)
-            self._thread.join(timeout=1.0)
-            self._move()  # the last word: nobody else speaks any more
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
-
-
-def _refused(error: Exception) -> UsageError:
-    words = str(error).strip().splitlines()
-    return UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md")
+        self._over.set()
+        self._thread.join(timeout=PATIENCE_S)
+        self._move()  # the last word: nobody else speaks any more
+        self._graph.close()
 
 
 class _Advised(Planner):

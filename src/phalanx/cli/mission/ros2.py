@@ -1,0 +1,81 @@
+"""`phalanx mission ros2`: a robot of ROS 2 lives an encoded mission."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from phalanx.cli.run import run as run_until_stopped
+from phalanx.cli.terminal import print_json
+from phalanx.config.lidar import ExtractionConfig
+from phalanx.errors import UsageError
+from phalanx.mission import admit, check_signature
+
+from .files import doors_of, read_encoded, read_trusted, start_key_of
+from .run import parse_start
+
+
+def ros2(
+    file: Path,
+    ros: tuple[str, ...],
+    said_start: str,
+    robot: int,
+    doors: str | None,
+    namespace: str,
+    key: Path | None,
+    trust: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """A robot lives a mission until it is done, or nothing is left to try; 1 if it did not complete it."""
+    try:
+        from phalanx.daemon.ros2.ahead import Place  # noqa: PLC0415 - an extra
+        from phalanx.daemon.ros2.walk import Errand, RosWalk  # noqa: PLC0415
+    except ImportError as error:
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
+    encoded = read_encoded(file)
+    if trust or encoded.signer:
+        check_signature(encoded, [read_trusted(each) for each in trust] or None)
+    begin_s = time.time()
+    admit(encoded, robot, begin_s, ())
+    x_m, y_m, yaw_rad = parse_start(said_start)
+    errand = Errand(
+        mission=encoded,
+        key=start_key_of(file, key, encoded, "--key"),
+        robot=robot,
+        start=Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad),
+        begin_s=begin_s,
+        extraction=doors_of(doors) if doors else ExtractionConfig(),
+    )
+    walk = RosWalk(errand, namespace, ros)
+
+    async def live() -> None:
+        try:
+            await walk.live(_tell)
+        finally:
+            walk.close()
+
+    run_until_stopped(live())
+    lived = walk.lived
+    told: dict[str, Any] = {
+        "completed": lived.done,
+        "t_s": round(lived.t_s, 3),
+        "nodes": len(encoded.nodes),
+        "decoded": [{"t_s": round(t_s, 3), "node": node, "name": name} for t_s, node, name in lived.decoded],
+        "not_validated": [{"t_s": round(t_s, 3), "reason": why} for t_s, why in lived.not_validated],
+        "actions": [{"t_s": round(t_s, 3), "action": name} for t_s, name in lived.actions],
+        "pose": lived.pose and [lived.pose.x_m, lived.pose.y_m, math.degrees(lived.pose.yaw_rad)],
+    }
+    if as_json:
+        print_json(told)
+    else:
+        word = "completed" if lived.done else "not completed"
+        click.echo(f"{word}   {len(lived.decoded)} of {len(encoded.nodes)} nodes decoded   {lived.t_s:.0f} s")
+    return 0 if lived.done else 1
+
+
+def _tell(t_s: float, words: str) -> None:
+    click.echo(f"{t_s:>7.1f} s   {words}", err=True)

@@ -1,0 +1,139 @@
+"""A node of ROS 2 without an executor: whoever has it takes what its topics say when he wants it.
+
+rclpy's executor makes all that it waits for anew at each message, and turns each message into Python: it took a daemon
+more of a core than its audits do (docs/ros2.md). Here a message that nobody takes costs nothing, and the newest is the
+only one that is kept. Source: rclpy.wait_for_message, which waits and takes as this does.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from phalanx.errors import UsageError
+
+NS_PER_S = 1e9
+# As rclpy's qos_profile_sensor_data, but for its depth of 5.
+SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=1)
+TRAIL = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+# What a map server says once, for who comes later too. Source: nav2_map_server.
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Inbox:
+    """A topic's newest message; for any thread."""
+
+    def __init__(self, node: Any, kind: Any, topic: str, qos: QoSProfile) -> None:
+        self._subscription = node.create_subscription(kind, topic, _nobody, qos)
+        self._kind, self._lock = kind, threading.Lock()
+
+    @property
+    def topic(self) -> str:
+        """Its whole name."""
+        return str(self._subscription.topic_name)
+
+    @property
+    def handle(self) -> Any:
+        """For rclpy."""
+        return self._subscription.handle
+
+    def take(self) -> Any:
+        """The message that came since the last call, the newest of several; None if there was none."""
+        return (self.take_all() or [None])[-1]
+
+    def take_all(self) -> list[Any]:
+        """All that came since the last call and was kept, the oldest first."""
+        came = []
+        with self._lock:
+            while taken := self.handle.take_message(self._kind, False):
+                came.append(taken[0])
+        return came
+
+
+class Graph:
+    """A node, until `close`.
+
+    Args:
+        arguments: ROS 2's own, from `--ros-args` on.
+        parameters: by name, with what they are if nobody says otherwise.
+
+    Attributes:
+        node: rclpy's.
+        said: the parameters.
+        is_open: it was not closed.
+    Raises: UsageError: of these.
+    """
+
+    def __init__(self, name: str, namespace: str, arguments: Sequence[str], parameters: Mapping[str, Any]) -> None:
+        self.context = rclpy.Context()
+        try:
+            rclpy.init(args=[*arguments], context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+            # Services that nobody would answer are none: parameters are read once.
+            self.node = rclpy.create_node(
+                name, namespace=namespace, context=self.context, start_parameter_services=False
+            )
+            self.said: dict[str, Any] = {
+                key: self.node.declare_parameter(key, value).value for key, value in parameters.items()
+            }
+        except Exception as error:  # rclpy has a dozen kinds, with no common one
+            rclpy.try_shutdown(context=self.context)
+            raise refused(error) from error
+        self.is_open, self._waiting = True, threading.Lock()
+        assert self.context.handle, "it was just begun"
+        self._waits = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, self.context.handle)
+
+    def inbox(self, kind: Any, topic: str, qos: QoSProfile) -> Inbox:
+        """What comes on that topic. Raises: UsageError: no such name."""
+        try:
+            return Inbox(self.node, kind, topic, qos)
+        except Exception as error:
+            raise refused(error) from error
+
+    def publisher(self, kind: Any, topic: str, qos: QoSProfile) -> Any:
+        """What says something there. Raises: UsageError: no such name."""
+        try:
+            return self.node.create_publisher(kind, topic, qos)
+        except Exception as error:
+            raise refused(error) from error
+
+    def wait(self, inbox: Inbox, most_s: float) -> None:
+        """A message waits there, or so much time is over; one thread alone waits."""
+        with self._waiting:
+            if self.is_open:
+                self._waits.clear_entities()
+                self._waits.add_subscription(inbox.handle)
+                self._waits.wait(int(max(0.0, most_s) * NS_PER_S))
+
+    def check(self, *names: str) -> None:
+        """Nothing, if these parameters are numbers above 0. Raises: UsageError."""
+        if not all(0.0 < self.said[name] < math.inf for name in names):
+            raise UsageError(f"{', '.join(names)}: {[self.said[name] for name in names]}", "finite, above 0")
+
+    def now(self) -> Any:
+        """The time, as a message's stamp."""
+        return self.node.get_clock().now().to_msg()
+
+    def close(self) -> None:
+        """The node is gone, when nobody waits any more."""
+        with self._waiting:
+            self.is_open = False
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+
+def refused(error: Exception) -> UsageError:
+    """What ROS 2 says, in a line."""
+    words = str(error).strip().splitlines()
+    return UsageError(f"ROS 2: {words[0] if words else type(error).__name__}", "docs/ros2.md")
+
+
+def _nobody(_message: Any) -> None:
+    """Without an executor nobody calls this."""
