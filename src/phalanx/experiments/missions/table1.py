@@ -32,7 +32,7 @@ def compare(table: Table) -> list[Statement]:
     """Table I, and ours: robots by rank."""
     out, area_pct = [], 100 * _ends(table, AREA)
     for words, papers, ours, near, why in (
-        (f"hashes found of {LANDMARKS}", PAPER_FOUND, _ends(table, FOUND), 4, "the paper's routes are not known"),
+        (f"hashes found of {LANDMARKS}", PAPER_FOUND, _ends(table, FOUND), 2, "the paper's routes are not known"),
         (
             "area known, %",
             PAPER_AREA_PCT,
