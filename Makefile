@@ -189,6 +189,7 @@ bench: setup-dev
 	$(BIN)/python benchmarks/bench_radio.py
 	$(BIN)/python benchmarks/bench_link.py --soak-minutes 10
 	$(BIN)/python benchmarks/bench_attacks.py
+	$(BIN)/python benchmarks/bench_sweep.py
 	$(BIN)/python benchmarks/bench_mission.py
 	$(BIN)/python benchmarks/bench_scan.py
 	$(BIN)/python benchmarks/bench_mission_run.py

@@ -14,9 +14,13 @@ import pytest
 
 from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
+from phalanx.experiments.figure import Figure
+from phalanx.experiments.library import FIGURES
 from phalanx.experiments.sweep.cluster import run_job
+from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.sweep.plan import read_sweep
 from phalanx.experiments.sweep.store import OUTCOME, Store, points
+from phalanx.experiments.table import read_table
 from phalanx.sim import simulate
 from phalanx.sim.scenarios.file import find_scenario
 
@@ -304,7 +308,7 @@ class TestCluster:
         each_once(tmp_path / "out", 1)
 
     def test_no_scheduler_there_is_one_line(self, written, tmp_path, phalanx, monkeypatch):
-        monkeypatch.setattr("phalanx.experiments.sweep.cluster.CONNECT_S", 1.0)
+        monkeypatch.setattr("phalanx.experiments.sweep.dealing.CONNECT_S", 1.0)
         code, _, err = phalanx(
             "sweep", str(written(SMALL)), "--out", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:9"
         )
@@ -312,3 +316,28 @@ class TestCluster:
         assert err.splitlines()[-2] == "phalanx: error: no dask scheduler at tcp://127.0.0.1:9"
         code, _, _ = phalanx("sweep", str(written(SMALL)), "--scheduler", "tcp://127.0.0.1:9", "--workers", "2")
         assert code == 2
+
+    def test_cases_of_a_figure_are_dealt_out_and_come_to_the_same(self, tmp_path, phalanx, monkeypatch):
+        monkeypatch.setattr("phalanx.experiments.table.version", lambda: "of a test")
+        tables = []
+        for words in (("--workers", "2"), ()):
+            code, _, err = phalanx("reproduce", "bti-fig9", "--seeds", "1", "--out", str(tmp_path / str(words)), *words)
+            assert code == 0, err
+            tables.append(read_table(tmp_path / str(words) / "bti-fig9.csv", "bti-fig9"))
+        dealt, alone = tables
+        assert dealt.cases.keys() == alone.cases.keys() == {"honest seed 0", "attacked seed 0"}
+        assert all((dealt.cases[case] == alone.cases[case]).all() for case in alone.cases)
+        assert dealt.kept == alone.kept
+
+    def test_a_case_that_cannot_be_measured_leaves_the_others(self, tmp_path):
+        figure = Figure(name="of-nothing", about="a test", made_by="bti.fig9:FLOCK")
+        each, told = deal_cases(None, 1), []
+        with pytest.raises(Unavailable, match="1 of 2 failed, as no such case: ValueError"):
+            told.extend(each(figure, ["no such case", "honest seed 0"], print))
+        assert [case for case, _ in told] == ["honest seed 0"]
+
+    @pytest.mark.parametrize("figure", [name for name, each in FIGURES.items() if each.alone])
+    def test_what_times_something_is_measured_here_alone(self, figure, phalanx):
+        code, _, err = phalanx("reproduce", figure, "--workers", "2")
+        assert code == 2
+        assert "--workers" in err

@@ -15,7 +15,8 @@ from phalanx.experiments.library import FIGURES
 from phalanx.experiments.page import Shown, page
 from phalanx.experiments.plot import draw
 from phalanx.experiments.statement import report
-from phalanx.experiments.table import Table, measure, read_table
+from phalanx.experiments.sweep.dealing import deal_cases
+from phalanx.experiments.table import EachCase, Table, measure, one_by_one, read_table
 from phalanx.experiments.version import version
 from phalanx.io.private_file import write_whole
 
@@ -28,7 +29,15 @@ PAGE = "reproduction.md"
 log = logging.getLogger(__name__)
 
 
-def reproduce(figure: str, quick: bool, out: Path, as_json: bool, **said: Any) -> int:
+def reproduce(
+    figure: str,
+    quick: bool,
+    out: Path,
+    as_json: bool,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    **said: Any,
+) -> int:
     """Measures the figure of that name, compares, draws; 1 if it was stopped."""
     chosen = FIGURES[figure]
     login = {"login": read_login(said.pop("broker_login"))} if chosen.has_login else {}
@@ -36,7 +45,7 @@ def reproduce(figure: str, quick: bool, out: Path, as_json: bool, **said: Any) -
     chosen.check(asked)
     warn_if_nothing_is_drawn()
     csv = chosen.csv(out)
-    if not _measure(chosen, out, asked | login):
+    if not _measure(chosen, out, asked | login, _each_case(scheduler, workers)):
         stopped(f"whole {chosen.counted} are", csv)
         return 1
     table = read_table(csv, chosen.name)
@@ -50,13 +59,18 @@ def reproduce(figure: str, quick: bool, out: Path, as_json: bool, **said: Any) -
     return 0
 
 
-def reproduce_all(quick: bool, out: Path, as_json: bool) -> int:
+def _each_case(scheduler: str | None, workers: int | None) -> EachCase:
+    return deal_cases(scheduler, workers) if scheduler or workers else one_by_one
+
+
+def reproduce_all(quick: bool, scheduler: str | None, workers: int | None, out: Path, as_json: bool) -> int:
     """Measures every figure and writes the page; 1 if it was stopped or a figure failed."""
+    each_case = _each_case(scheduler, workers)
     warn_if_nothing_is_drawn()
     path, shown, whole = out / PAGE, list[Shown](), True
     for each in FIGURES.values():
         try:
-            found = _show(each, out, quick=quick)
+            found = _show(each, out, one_by_one if each.alone else each_case, quick=quick)
         except PhalanxError as error:
             found = Shown(figure=each, failure=str(error))
         except Exception as error:  # one figure must not end the others, whatever is wrong with it
@@ -79,10 +93,10 @@ def reproduce_all(quick: bool, out: Path, as_json: bool) -> int:
     return int(any(each.failure for each in shown))
 
 
-def _show(figure: Figure, out: Path, *, quick: bool) -> Shown | None:
+def _show(figure: Figure, out: Path, each_case: EachCase, *, quick: bool) -> Shown | None:
     """What came of a figure; None if it was stopped."""
     asked = figure.asked({}, quick=quick)
-    if not _measure(figure, out, asked, f"{figure.name}: "):
+    if not _measure(figure, out, asked, each_case, f"{figure.name}: "):
         return None
     csv = figure.csv(out)
     table = read_table(csv, figure.name)
@@ -90,7 +104,7 @@ def _show(figure: Figure, out: Path, *, quick: bool) -> Shown | None:
     return Shown(figure=figure, measured=_measured(table), statements=figure.body.compare(table))
 
 
-def _measure(figure: Figure, out: Path, asked: dict[str, Any], begin: str = "") -> bool:
+def _measure(figure: Figure, out: Path, asked: dict[str, Any], each_case: EachCase, begin: str = "") -> bool:
     """Whether it was measured to its end; what is there already is not measured again."""
     body, progress = figure.body, Progress()
     tell_of_compiling()  # only what was just imported may need it
@@ -102,7 +116,7 @@ def _measure(figure: Figure, out: Path, asked: dict[str, Any], begin: str = "") 
         finished = run(body.measure(out, tell, **asked))
     else:
         try:
-            measure(out, figure, asked["seeds"], tell)
+            measure(out, figure, asked["seeds"], tell, each_case)
             finished = True
         except KeyboardInterrupt:
             finished = False

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from phalanx.errors import UsageError
 from phalanx.experiments.sweep.cluster import run_sweep
 from phalanx.experiments.sweep.plan import Plan, read_sweep
 from phalanx.experiments.sweep.store import OUTCOME, Store, points
@@ -46,8 +45,6 @@ def make_runs(
 
     `run` makes a job's row; None for a sweep's. Raises: UsageError, Unavailable.
     """
-    if scheduler and workers:
-        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
     progress, failed, stopped = Progress(), list[str](), False
 
     def tell(done: int, of: int) -> None:

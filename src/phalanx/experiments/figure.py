@@ -55,6 +55,8 @@ class Figure:
     options: tuple[Option, ...] = (SEEDS,)  # what can be asked of it
     quick: Mapping[str, float | str] = field(default_factory=lambda: QUICK)  # what is asked for a small form of it
     has_login: bool = False  # whether it asks for a broker's login
+    # Whether it measures how long something takes: then nothing may run beside it.
+    alone: bool = False
     counted: str = "cases"  # what is counted while it is measured
     size_in: tuple[float, float] = (11.0, 5.5)
 

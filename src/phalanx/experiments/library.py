@@ -26,6 +26,7 @@ FIGURES = {
             options=(BROKER, DURATION),
             quick={"duration": 10.0},
             has_login=True,
+            alone=True,
             example="--broker mqtts://broker.hivemq.com:8883 --duration 54000 (the paper's)",
             counted="packets of each kind",
             size_in=(11.0, 5.4),
@@ -90,6 +91,7 @@ FIGURES = {
             name="mission-fig8c",
             about="Time to find landmarks in a scan and to search their hashes (Encoded graphs Fig. 8c)",
             made_by="missions.fig8c",
+            alone=True,
         ),
         Figure(
             name="mission-fig9",

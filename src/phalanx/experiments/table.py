@@ -14,7 +14,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -180,8 +180,23 @@ def seed_of(case: str) -> int:
     return int(case.rpartition("seed ")[2])
 
 
+# Of each of these cases, in whatever order they come, its name and what the figure measured of it; a case that is
+# under way may tell which share of it is done.
+EachCase = Callable[[Figure, Sequence[str], Callable[[float], None]], Iterable[tuple[str, Any]]]
+
+
+def one_by_one(figure: Figure, todo: Sequence[str], tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+    """An `EachCase` in this process."""
+    for case in todo:
+        yield case, figure.body.measure_case(case, tell)
+
+
 def measure(
-    folder: Path, figure: Figure, seeds: int, on_progress: Callable[[float, int], None] = lambda _done, _of: None
+    folder: Path,
+    figure: Figure,
+    seeds: int,
+    on_progress: Callable[[float, int], None] = lambda _done, _of: None,
+    each: EachCase = one_by_one,
 ) -> Path:
     """The CSV in `folder` with all cases in it; goes on where an earlier measurement was stopped.
 
@@ -191,19 +206,20 @@ def measure(
     """
     figure.check({"seeds": seeds})
     body, path = figure.body, figure.csv(folder)
-    todo = body.cases(seeds)
+    cases = body.cases(seeds)
     origin = body.origin() if hasattr(body, "origin") else {}
     done = 0
 
     def tell(share: float) -> None:
-        on_progress(done + share, len(todo))
+        on_progress(done + share, len(cases))
 
     head = Head(figure=figure.name, columns=body.COLUMNS, origin={**origin, "version": version()})
     with TableFile(path, head, getattr(body, "check", lambda _table: None)) as file:
-        for case in todo:
-            if case not in file.done:
-                measured = body.measure_case(case, tell)
-                file.append(case, *(measured if isinstance(measured, tuple) else (measured,)))
+        todo = [case for case in cases if case not in file.done]
+        done = len(cases) - len(todo)
+        tell(0.0)
+        for case, measured in each(figure, todo, tell):
+            file.append(case, *(measured if isinstance(measured, tuple) else (measured,)))
             done += 1
             tell(0.0)
     return path

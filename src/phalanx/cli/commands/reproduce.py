@@ -26,6 +26,17 @@ FINDINGS = (
 quick_option = option("--quick", help="Measure little: two seeds, say, where no other number is given.", is_flag=True)
 
 
+dealing_options = together(
+    option("--scheduler", metavar="ADDRESS", help="Measure at a dask scheduler's workers, as tcp://10.0.0.1:8786."),
+    option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Measure in so many processes of this machine; without, in this one.",
+        metavar="N",
+    ),
+)
+
+
 @click.group(epilog="Example: phalanx reproduce link-fig4 --duration 600")
 def reproduce() -> None:
     """Measure a figure of one of the papers and draw ours beside it."""
@@ -33,6 +44,7 @@ def reproduce() -> None:
 
 @reproduce.command("all", epilog="Example: phalanx reproduce all --quick --out out/papers")
 @quick_option
+@dealing_options
 @out_folder_option
 @json_option
 @runs("reproduce", "reproduce_all")
@@ -40,7 +52,8 @@ def reproduce_all() -> None:
     """Measure all figures and tables, and write one page: what each paper says, ours, and whether they agree.
 
     The page is reproduction.md, beside the CSVs and pictures. Each figure goes on where it was stopped, and one that
-    cannot be measured does not end the others. Ends with 1 if it was stopped, or one could not be measured.
+    cannot be measured does not end the others. Figures that time something are measured here, whatever --workers and
+    --scheduler say. Ends with 1 if it was stopped, or one could not be measured.
     """
 
 
@@ -51,7 +64,10 @@ def _command(figure: Figure) -> click.Command:
         option(f"--{each.name}", help=f"{each.help}  [default: {each.default}]", type=type(each.default))
         for each in figure.options
     ]
-    command = together(*[login_option] * figure.has_login, *own, quick_option, out_folder_option, json_option)(command)
+    dealt = [] if figure.alone else [dealing_options]
+    command = together(*[login_option] * figure.has_login, *own, quick_option, *dealt, out_folder_option, json_option)(
+        command
+    )
     example = f"Example: phalanx reproduce {figure.name} {figure.example}"
     notes = NOTES + FINDINGS * (SEEDS in figure.options)
     return click.command(figure.name, help=f"{figure.about}.\n\n{notes}", epilog=example)(command)

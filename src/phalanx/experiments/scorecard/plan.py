@@ -14,7 +14,8 @@ from pathlib import Path
 from phalanx.config import BtiConfig
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.errors import UsageError, did_you_mean
-from phalanx.experiments.sweep.plan import Cell, content_of, key_of
+from phalanx.experiments.sweep.dealing import key_of
+from phalanx.experiments.sweep.plan import Cell, content_of
 from phalanx.robot.attacks.attack import Attack, Scene
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.sim.builtin import built_in

@@ -1,27 +1,20 @@
-"""A sweep's runs, dealt out by dask to processes of this machine, or of a cluster that there is."""
+"""A sweep's runs, made by whichever process is free and kept in its folder."""
 
 from __future__ import annotations
 
 import contextlib
-import logging
 import sys
 import time
-from collections.abc import Callable, Iterator
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any
 
-from phalanx.errors import PhalanxError, Unavailable
 from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
+from .dealing import dealt, why_not
 from .plan import Job, Plan, Planned
-from .store import SWEEP_HINT, Store, outcome
-
-CONNECT_S = 15.0
-# Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
-DEATHS = 5
-AHEAD = 8  # runs that wait for each process, so that none waits for us
+from .store import Store, outcome
 
 
 def run_sweep(
@@ -52,27 +45,14 @@ def run_sweep(
     if scheduler is None:
         _compile(todo[0])
     failed: list[str] = []
-    with _client(scheduler, workers) as (dask, client):
-        ahead = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-        waiting = iter(todo)
-
-        def submit(count: int) -> list[Any]:
-            given = [job for _, job in zip(range(count), waiting, strict=False)]
-            return [client.submit(run or run_job, job, key=job.key, pure=False) for job in given]
-
-        going = dask.as_completed(submit(ahead), loop=client.loop)
-        left = len(todo)
-        for future in going:
-            job = jobs[future.key]
-            if future.status == "finished":
-                store.add(job, future.result())
-            elif future.status == "cancelled":
-                raise Unavailable(f"the scheduler at {scheduler} went away", "the same command goes on")
-            else:
-                failed.append(f"{_named(job)}: {_said(future.exception())}")
-            left -= 1
-            on_progress(len(jobs) - left, len(jobs))
-            going.update(submit(1))
+    left = len(todo)
+    for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
+        if isinstance(row, BaseException):
+            failed.append(f"{_named(jobs[key])}: {why_not(row)}")
+        else:
+            store.add(jobs[key], row)
+        left -= 1
+        on_progress(len(jobs) - left, len(jobs))
     return failed
 
 
@@ -97,43 +77,3 @@ def _compile(job: Any) -> None:
 
 def _named(job: Planned) -> str:
     return ", ".join(f"{name} {value}" for name, value in (*job.point, ("seed", job.seed)))
-
-
-def _said(error: BaseException | None) -> str:
-    if isinstance(error, PhalanxError):
-        return str(error)
-    if type(error).__name__ == "KilledWorker":
-        return f"{DEATHS} processes died of it, one after the other"
-    return f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-@contextlib.contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
-    """Dask's own module, and a client of it."""
-    try:
-        dask: Any = import_module("distributed")
-    except ImportError as error:
-        raise Unavailable("dask.distributed is not installed", SWEEP_HINT) from error
-    # It logs what we tell in a line, or mend.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(import_module("dask").config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}))
-        where: Any = scheduler
-        if scheduler is None:
-            # Whoever reaches a worker runs what he likes as us: certificates of this run's own, nobody else's.
-            where = stack.enter_context(
-                dask.LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    security=True,
-                    dashboard_address=None,
-                    worker_dashboard_address=None,
-                    silence_logs=logging.CRITICAL,
-                )
-            )
-        try:
-            client = stack.enter_context(dask.Client(where, timeout=CONNECT_S, set_as_default=False))
-        except (OSError, TimeoutError, ValueError) as error:
-            raise Unavailable(f"no dask scheduler at {scheduler}", "for example tcp://10.0.0.1:8786") from error
-        yield dask, client

@@ -20,6 +20,8 @@ from phalanx.sim.scenarios.file import DERIVED, find_scenario
 from phalanx.sim.scenarios.own import find_attack, is_file, no_controller
 from phalanx.sim.scenarios.scenario import Scenario, in_scenarios
 
+from .dealing import key_of
+
 Cell = str | int | float
 
 
@@ -143,11 +145,6 @@ class Sweep:
     @cached_property
     def _digests(self) -> dict[str, str]:
         return {}
-
-
-def key_of(*said: object) -> str:
-    """Of a run that this is all of."""
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
 
 
 def content_of(words: str) -> str:

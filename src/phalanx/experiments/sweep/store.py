@@ -18,9 +18,9 @@ from typing import Any, Self
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.private_file import write_whole
 
+from .dealing import SWEEP_HINT
 from .plan import Cell, Plan, Planned, Sweep
 
-SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
 ELSEWHERE = "choose another folder with --out, or move this one away"
 WRITE_S, WRITE_ROWS = 1.0, 500  # a part has what came in a second, or so many
 # What a run comes to. Arrow's types.

@@ -1,0 +1,115 @@
+"""Jobs dealt out by dask to processes of this machine, or of a cluster that there is; a figure's cases among them."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+from phalanx.errors import PhalanxError, Unavailable, UsageError
+from phalanx.experiments.figure import Figure
+from phalanx.experiments.table import EachCase
+from phalanx.experiments.version import version
+
+SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
+CONNECT_S = 15.0
+# Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
+DEATHS = 5
+AHEAD = 8  # runs that wait for each process, so that none waits for us
+
+
+def key_of(*said: object) -> str:
+    """Of a run that this is all of: two of the same key are one."""
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:24]
+
+
+def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
+    """What measures a figure's cases as `run_sweep` makes runs, for `phalanx.experiments.table.measure`.
+
+    Raises there, when all others are measured: Unavailable: a case could not be.
+    """
+
+    def each(figure: Figure, todo: Sequence[str], _tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
+        jobs = {key_of(figure.name, version(), case): (figure, case) for case in todo}
+        failed: list[str] = []
+        for key, measured in dealt(jobs, _measure_case, scheduler, workers) if jobs else ():
+            case = jobs[key][1]
+            if isinstance(measured, BaseException):
+                failed.append(f"{case}: {why_not(measured)}")
+            else:
+                yield case, measured
+        if failed:
+            raise Unavailable(f"{len(failed)} of {len(todo)} failed, as {failed[0]}", "the others are measured")
+
+    return each
+
+
+def _measure_case(job: tuple[Figure, str]) -> Any:
+    figure, case = job
+    return figure.body.measure_case(case, lambda _share: None)
+
+
+def dealt(
+    jobs: Mapping[str, Any], run: Callable[[Any], Any], scheduler: str | None, workers: int | None
+) -> Iterator[tuple[str, Any]]:
+    """Of each job its key, and what it came to or the exception that it ended with: as they come."""
+    with _client(scheduler, workers) as (dask, client):
+        ahead = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+        waiting = iter(jobs.items())
+
+        def submit(count: int) -> list[Any]:
+            given = [job for _, job in zip(range(count), waiting, strict=False)]
+            return [client.submit(run, job, key=key, pure=False) for key, job in given]
+
+        going = dask.as_completed(submit(ahead), loop=client.loop)
+        for future in going:
+            if future.status == "cancelled":
+                raise Unavailable(f"the scheduler at {scheduler} went away", "the same command goes on")
+            yield future.key, future.result() if future.status == "finished" else future.exception()
+            going.update(submit(1))
+
+
+def why_not(error: BaseException | None) -> str:
+    """What a job ended with, as a line."""
+    if isinstance(error, PhalanxError):
+        return str(error)
+    if type(error).__name__ == "KilledWorker":
+        return f"{DEATHS} processes died of it, one after the other"
+    return f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+@contextlib.contextmanager
+def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
+    """Dask's own module, and a client of it."""
+    if scheduler and workers:
+        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+    try:
+        dask: Any = import_module("distributed")
+    except ImportError as error:
+        raise Unavailable("dask.distributed is not installed", SWEEP_HINT) from error
+    # It logs what we tell in a line, or mend.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(import_module("dask").config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}))
+        where: Any = scheduler
+        if scheduler is None:
+            # Whoever reaches a worker runs what he likes as us: certificates of this run's own, nobody else's.
+            where = stack.enter_context(
+                dask.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    security=True,
+                    dashboard_address=None,
+                    worker_dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        try:
+            client = stack.enter_context(dask.Client(where, timeout=CONNECT_S, set_as_default=False))
+        except (OSError, TimeoutError, ValueError) as error:
+            raise Unavailable(f"no dask scheduler at {scheduler}", "for example tcp://10.0.0.1:8786") from error
+        yield dask, client
