@@ -407,11 +407,11 @@ class TestUp:
     async def test_robots_drive_before_all_is_compiled_and_get_their_shields_where_they_stand(self, monkeypatch):
         compiled = asyncio.Event()
 
-        async def elsewhere(_: str, tell: Callable[[str], None]) -> None:
+        async def elsewhere(_: str, _protocol: str, tell: Callable[[str], None]) -> None:
             tell("half is compiled")
             await compiled.wait()
 
-        monkeypatch.setattr("phalanx.demo.simulated.is_compiled", lambda _: False)
+        monkeypatch.setattr("phalanx.demo.simulated.is_compiled", lambda *_: False)
         monkeypatch.setattr("phalanx.demo.simulated.rehearse_elsewhere", elsewhere)
         events: asyncio.Queue[dict] = asyncio.Queue()
         lines: list[str] = []
@@ -474,7 +474,7 @@ class TestUp:
     async def test_a_gateway_whose_code_does_not_compile_says_so_in_a_line(self, monkeypatch):
         monkeypatch.setattr("sys.executable", "/bin/false")
         with pytest.raises(Unavailable, match="cannot be compiled: exit code 1"):
-            await rehearse_elsewhere("bound", lambda _: None)
+            await rehearse_elsewhere("bound", "", lambda _: None)
 
     async def test_frames_alone_tell_all_that_a_page_needs(self):
         frames: list[dict] = []

@@ -45,6 +45,7 @@ log = logging.getLogger(__name__)
 def up(
     robots: int | None,
     swarm_url: str | None,
+    protocol: str | None,
     seed: int,
     missions: tuple[str, ...],
     furnish: str | None,
@@ -66,7 +67,14 @@ def up(
         raise UsageError(f"seed {seed} is negative", "0 or more")
     on_mission = bool(missions) or world is not None
     if swarm_url is not None:
-        said = {"mission": missions, "world": world, "defence": defence, "f_max": f_max, "keys": keys}
+        said = {
+            "scenario": protocol,
+            "mission": missions,
+            "world": world,
+            "defence": defence,
+            "f_max": f_max,
+            "keys": keys,
+        }
         _refuse_beside_real_robots(robots=robots, **said)
     count = robots if robots is not None else ROBOTS_ON_MISSION if on_mission else ROBOTS
     token = kept_token(operator_token_file) if operator_token_file else ""
@@ -85,6 +93,8 @@ def up(
         raise UsageError("--passphrase-file without --keys", "both, or neither")
     if keys is not None and on_mission:
         raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
+    if protocol is not None and on_mission:
+        raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
     owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, count, defence, f_max)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
@@ -92,7 +102,11 @@ def up(
         if swarm_url is not None
         else _robots(wanted, world, count, seed, defence, f_max) as lived
     ):
-        swarm = partial(simulated_swarm, count, seed, defence, f_max, talk, owned) if lived is None else lambda: lived
+        swarm = (
+            partial(simulated_swarm, count, seed, defence, f_max, talk, owned, protocol or "")
+            if lived is None
+            else lambda: lived
+        )
         if events:
             lines = EventLines()
             try:

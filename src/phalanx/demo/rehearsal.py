@@ -1,6 +1,7 @@
 """What robots that audit each other run is compiled before visitors wait for it, once on a machine.
 
-`python -m phalanx.demo.rehearsal DEFENCE` does it at low priority, in a process of its own: a gateway goes on.
+`python -m phalanx.demo.rehearsal DEFENCE PROTOCOL` does it at low priority, in a process of its own: a gateway goes on.
+PROTOCOL is "" for none.
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ PIECE_S = 0.1
 NICE = 10
 
 
-def is_compiled(defence: str) -> bool:
+def is_compiled(defence: str, protocol: str = "") -> bool:
     """Whether a rehearsal has come to its end on this machine, with these kernels."""
-    note = _note(defence)
+    note = _note(defence, protocol)
     return note is None or note.exists()
 
 
-def rehearse(defence: str, wanted: Callable[[], bool] = lambda: True) -> None:
+def rehearse(defence: str, protocol: str = "", wanted: Callable[[], bool] = lambda: True) -> None:
     """Every order is given and every attack is run, in a swarm of its own; or a part of that, if no more is wanted.
 
-    So it is all compiled, kept on disk, and loaded into this process.
+    So it is all compiled, kept on disk, and loaded into this process; with a `protocol`, what its robots run.
     """
-    swarm = ProtectedSwarm(30, 0, lambda: 0.0, defence=defence)
+    swarm = ProtectedSwarm(30, 0, lambda: 0.0, defence=defence, protocol=protocol)
     addresses = [robot.address for robot in swarm.robots()]
     swarm.drive(addresses[0], 50, 50)
     swarm.set_led(addresses[1], Led(1, 2, 3))
@@ -56,11 +57,11 @@ def rehearse(defence: str, wanted: Callable[[], bool] = lambda: True) -> None:
         if not wanted():
             return
         swarm.step(PIECE_S)
-    if note := _note(defence):
+    if note := _note(defence, protocol):
         note.touch()
 
 
-async def rehearse_elsewhere(defence: str, tell: Callable[[str], None]) -> None:
+async def rehearse_elsewhere(defence: str, protocol: str, tell: Callable[[str], None]) -> None:
     """A process of its own has rehearsed; it ends when we do. `tell` hears how far it is.
 
     Raises: Unavailable: it failed.
@@ -70,6 +71,7 @@ async def rehearse_elsewhere(defence: str, tell: Callable[[str], None]) -> None:
         "-m",
         "phalanx.demo.rehearsal",
         defence,
+        protocol,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
@@ -91,16 +93,16 @@ async def rehearse_elsewhere(defence: str, tell: Callable[[str], None]) -> None:
         raise Unavailable(f"what robots run cannot be compiled: {last[0]}", "phalanx up --defence none does without")
 
 
-async def rehearse_here(defence: str) -> None:
+async def rehearse_here(defence: str, protocol: str = "") -> None:
     """This process has rehearsed too, in a thread: with all on disk it takes a second, in which visitors drive on."""
     over = threading.Event()
     try:
-        await asyncio.to_thread(rehearse, defence, lambda: not over.is_set())
+        await asyncio.to_thread(rehearse, defence, protocol, lambda: not over.is_set())
     finally:
         over.set()
 
 
-def _note(defence: str) -> Path | None:
+def _note(defence: str, protocol: str) -> Path | None:
     """The file that says so, beside the kernels and named for what they are made of and by; None where none are.
 
     Of our sources all count: to rehearse once more with most of it compiled takes seconds.
@@ -113,7 +115,7 @@ def _note(defence: str) -> Path | None:
     made_of = hashlib.sha256(repr(made_by).encode())
     for source in sorted(Path(phalanx.__file__).parent.rglob("*.py")):
         made_of.update(source.read_bytes())
-    return kept_in(run) / f"rehearsed-{defence}-{made_of.hexdigest()[:16]}"
+    return kept_in(run) / f"rehearsed-{defence}-{protocol}{made_of.hexdigest()[:16]}"
 
 
 def _say(_: str, share: float) -> None:
@@ -123,4 +125,4 @@ def _say(_: str, share: float) -> None:
 if __name__ == "__main__":
     os.nice(NICE)
     with telling_of_compiling(_say):
-        rehearse(sys.argv[1])
+        rehearse(sys.argv[1], sys.argv[2])

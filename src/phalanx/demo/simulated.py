@@ -15,6 +15,7 @@ from phalanx.sim.signals import handled_by
 from phalanx.sim.swarms.dotbots import MAX_ROBOTS, Dotbots
 from phalanx.sim.swarms.mission import MissionSwarm, ShieldedMissionSwarm
 from phalanx.sim.swarms.protected import MOST_ROBOTS, ProtectedSwarm, SwarmKeys, least_robots
+from phalanx.sim.swarms.work import check_work
 
 from .rehearsal import is_compiled, rehearse, rehearse_elsewhere, rehearse_here
 
@@ -62,36 +63,47 @@ def simulated_swarm(
     f_max: int | None,
     talk: Callable[[str], None],
     keys: SwarmKeys | None = None,
+    protocol: str = "",
 ) -> Dotbots | ProtectedSwarm:
     """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
 
-    What people should know is told `talk`, in one line. For `defence` and `f_max` see `choose_protection`.
-    Raises: UsageError: a number is out of range.
+    What people should know is told `talk`, in one line. For `defence` and `f_max` see `choose_protection`; with a
+    `protocol` they do its work while nobody drives them.
+    Raises: UsageError: a number is out of range, or no wheels do that.
     """
+    if protocol:
+        check_work(protocol, robots)
     protection = choose_protection(robots, defence, f_max)
+    if protocol and protection.defence == "none":
+        raise UsageError(f"{protocol}, and robots that do not audit each other", "leave one out")
     if not 1 <= robots <= MAX_ROBOTS:
         raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
     if protection.note:
         talk(protection.note)
     if protection.defence == "none":
         return Dotbots(robots, seed, time.time, unprotected=protection.note)
-    if not is_compiled(protection.defence):
+    if not is_compiled(protection.defence, protocol):
         # Before the code is shown: lines below would push it out of a small terminal.
         talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
-        return SoonProtected(robots, seed, protection, keys)
+        return SoonProtected(robots, seed, protection, keys, protocol)
     # An event loop hears of Ctrl-C when it has its turn.
     with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
-        rehearse(protection.defence)
-    return ProtectedSwarm(robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys)
+        rehearse(protection.defence, protocol)
+    return ProtectedSwarm(
+        robots, seed, time.time, defence=protection.defence, f_max=protection.f_max, keys=keys, protocol=protocol
+    )
 
 
 class SoonProtected(Dotbots):
     """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
 
-    def __init__(self, robots: int, seed: int, protection: Protection, keys: SwarmKeys | None) -> None:
+    def __init__(
+        self, robots: int, seed: int, protection: Protection, keys: SwarmKeys | None, protocol: str = ""
+    ) -> None:
         self.preparing = "no shields yet"
         super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
         self._count, self._seed, self._protection, self._keys = robots, seed, protection, keys
+        self._protocol = protocol
 
     async def ready(self) -> ProtectedSwarm:
         """The same robots, where they are when all is compiled, auditing each other.
@@ -99,10 +111,18 @@ class SoonProtected(Dotbots):
         Raises: Unavailable: it cannot be compiled.
         """
         defence = self._protection.defence
-        await rehearse_elsewhere(defence, self._hear)
-        await rehearse_here(defence)
-        more = {"f_max": self._protection.f_max, "now": self.robots(), "keys": self._keys}
-        return ProtectedSwarm(self._count, self._seed, time.time, defence=defence, **more)
+        await rehearse_elsewhere(defence, self._protocol, self._hear)
+        await rehearse_here(defence, self._protocol)
+        return ProtectedSwarm(
+            self._count,
+            self._seed,
+            time.time,
+            defence=defence,
+            f_max=self._protection.f_max,
+            now=self.robots(),
+            keys=self._keys,
+            protocol=self._protocol,
+        )
 
     def _hear(self, how_far: str) -> None:
         self.preparing = f"no shields yet, {how_far}"

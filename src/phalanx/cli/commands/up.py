@@ -35,6 +35,12 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
     " controller there (docs/dotbots.md), which is waited for as long as a broker.",
     metavar="FILE.yaml|dotbot://HOST:PORT",
 )
+@option(
+    "--scenario",
+    "protocol",
+    help="What simulated robots do while nobody drives them: patrol, or exploration (docs/protocols.md).",
+    metavar="NAME",
+)
 @option("--seed", help="Of the robots' places and batteries.", default=0)
 @option(
     "--mission",

@@ -91,7 +91,10 @@ class Liar(CNode):
         self._steps = 0
         r = fleet.robot[i]
         if r.alive:  # taken over in the middle of a mission
-            self._honest.decode(fleet.state[i, : r.state_len].tobytes())
+            remembered = fleet.state[i, : r.state_len].tobytes()
+            self._honest.decode(remembered)
+            if self.controller:
+                self.controller.decode(remembered)
             self._steps = int(r.step)
         self._put_out: list[Output] | None = None
 

@@ -6,7 +6,7 @@ import math
 from typing import Any, ClassVar
 
 from phalanx.robot.cnode import EVERYBODY, Action
-from phalanx.robot.controllers.peers import fields_of
+from phalanx.robot.controllers.peer_bodies import fields_of
 from phalanx.robot.controllers.places import PLACES
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SIGHTING

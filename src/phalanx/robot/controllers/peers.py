@@ -9,22 +9,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, NOWHERE, PEER, PEER_MEMORY
-from phalanx.wire.record import LARGEST_NUMBER, MalformedRecord, Record
-from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_STATE, SENSOR, STATE
+from phalanx.wire.record import MalformedRecord
 
+from .peer_bodies import BEHIND_T, ID, DrivenWheels, PeerBody, PointMass, fields_of, is_fine
 from .protocol import Point, Task
-from .python_controller import Act, Controller, Output, Send
+from .python_controller import Controller, Output, Send
 
-COMMAND = ACCELERATION.form
-ID, BEHIND_T = 1, 3  # of the fields of what robots say, sense and do, by number: kind, id, t, and the rest
-MOST_MPS2 = 5.0  # along each axis, as the body can
 # Periods of broadcasts after which who has not been heard is taken to be silent for good.
 SILENT_PERIODS = 4
-# Of the drive: pace for each metre that is left, and share of a wrong pace that is undone in a second.
-PACE_PER_S, HASTE_PER_S = 1.5, 3.0
 
 
 @dataclass(slots=True)
@@ -43,7 +38,7 @@ class PeerController(Controller):
     """A robot that takes on one place after another, and says so.
 
     Class attributes:
-        pace_mps: its top speed along each axis.
+        pace_mps: its top speed along each axis; wheels have their own.
 
     Attributes:
         here, holds, wants: numbers of places: where it is, where it goes, what it asks for next.
@@ -56,6 +51,9 @@ class PeerController(Controller):
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id)
         self.task = task
+        self.body: PeerBody = (
+            PointMass(rob_id, self.pace_mps) if task.wheels is None else DrivenWheels(rob_id, task.wheels)
+        )
         self.period_ms = task.state_every * task.control_ms  # from one broadcast to the next
         self.here = self.holds = self.wants = NOWHERE
         self.done = 0
@@ -81,54 +79,46 @@ class PeerController(Controller):
         return t_ms - other.heard_ms > SILENT_PERIODS * self.period_ms
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        """What another robot of the mission says is remembered; anything else is ignored."""
-        said = fields_of(CLAIM, frame) or fields_of(STATE, frame)
-        other = self.others.get(said[ID]) if said else None
-        if said is None or other is None:
-            return
-        if said[0] == KIND_CLAIM:
+        """What another robot of the mission says is remembered; anything else is the body's matter."""
+        if (said := fields_of(CLAIM, frame)) and (other := self.others.get(said[ID])):
             other.heard_ms, was = t_ms, other.here
             other.here, other.holds, other.wants = said[BEHIND_T:]
             self.told(said[ID], t_ms, was)
+        elif where := self.body.said_where(frame):
+            if other := self.others.get(where[0]):
+                _, other.x_m, other.y_m = where
         else:
-            other.x_m, other.y_m, _, _ = said[BEHIND_T:]
+            self.body.on_recv(t_ms, frame)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
         """It drives; and in its turn it decides, and says where it is and what it takes on."""
-        own = fields_of(SENSOR, reading[: SENSOR.size])  # what else it sees is a protocol's own matter
-        if own is None or own[ID] != self.rob_id:  # a reading that makes no sense: coast, and say nothing
-            return [Act(COMMAND.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
+        place_m = self.body.where(reading)
+        if place_m is None:  # a reading that makes no sense: coast, and say nothing
+            return self.body.drive(step, t_ms, reading, None, speaks=False)
         for other in self.others.values() if step == 0 else ():
             other.heard_ms = t_ms  # nobody is silent yet
-        x_m, y_m, *paces = own[BEHIND_T:]
-        place_m = x_m, y_m
         speaks = (step + self.rob_id) % self.task.state_every == 0
         if speaks:
             self.turn(t_ms, place_m)
-        aim_m = self.aim()
-        push = [
-            HASTE_PER_S * (max(-self.pace_mps, min(self.pace_mps, PACE_PER_S * (to - at))) - pace)
-            for to, at, pace in zip(aim_m, place_m, paces, strict=True)
-        ]
-        push = [max(-MOST_MPS2, min(MOST_MPS2, each)) for each in push]
-        outputs: list[Output] = [Act(COMMAND.pack(KIND_ACCELERATION, self.rob_id, t_ms, *push))]
+        outputs = self.body.drive(step, t_ms, reading, self.aim(), speaks=speaks)
         if speaks:
-            outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[BEHIND_T:])))
             places = self.here, self.holds, self.wants
             outputs.append(Send(CLAIM.form.pack(KIND_CLAIM, self.rob_id, t_ms, *places)))
         return outputs
 
     def encode(self) -> bytes:
-        """A `peer_memory`."""
+        """What the body remembers, and a `peer_memory`."""
         peers = b"".join(
             PEER.form.pack(each.heard_ms, each.x_m, each.y_m, each.here, each.holds, each.wants)
             for each in self.others.values()
         )
-        return PEER_MEMORY.encode(here=self.here, holds=self.holds, wants=self.wants, done=self.done, rest=peers)
+        return self.body.encode() + PEER_MEMORY.encode(
+            here=self.here, holds=self.holds, wants=self.wants, done=self.done, rest=peers
+        )
 
     def decode(self, encoding: bytes) -> None:
         """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
-        memory = PEER_MEMORY.decode(encoding)
+        memory = PEER_MEMORY.decode(self.body.decode(encoding))
         if len(memory["rest"]) != PEER.size * len(self.others):
             raise MalformedRecord(f"{len(self.others)} others, and {len(memory['rest'])} bytes of them")
         peers = PEER.form.iter_unpack(memory["rest"])
@@ -137,16 +127,3 @@ class PeerController(Controller):
             raise MalformedRecord("a robot is nowhere")
         self.here, self.holds, self.wants = memory["here"], memory["holds"], memory["wants"]
         self.done = memory["done"]
-
-
-def is_fine(number: float) -> bool:
-    """Whether it is a number that a place or a pace may be: neither NaN nor beyond 10^6."""
-    return abs(number) <= LARGEST_NUMBER
-
-
-def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
-    """A record's fields, the kind first; None if it is no such, or has numbers that nothing can be."""
-    if len(said) != record.size or said[0] != record.tag:
-        return None
-    found = record.form.unpack(said)
-    return found if all(map(is_fine, found[BEHIND_T:])) else None

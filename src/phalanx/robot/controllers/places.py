@@ -25,7 +25,8 @@ PLACES_A_SIDE = 6
 
 def place_m(task: Task, place: int) -> Point:
     """Where a place is: they are a square grid of the robots' own step, from the origin."""
-    return place % PLACES_A_SIDE * task.step_m, place // PLACES_A_SIDE * task.step_m
+    x_m, y_m = task.origin_m
+    return x_m + place % PLACES_A_SIDE * task.step_m, y_m + place // PLACES_A_SIDE * task.step_m
 
 
 PLACES = range(PLACES_A_SIDE * PLACES_A_SIDE)
@@ -109,7 +110,8 @@ class PlaceStage(Stage):
     def look(self, rob_id: int, t_s: float, at_m: Point, *, lies: bool) -> bytes:
         """A robot near a place is there."""
         self.now_s = max(self.now_s, t_s)
-        column, row = (round(each / self.task.step_m) for each in at_m)
+        origin_m, step_m = self.task.origin_m, self.task.step_m
+        column, row = (round((each - first) / step_m) for each, first in zip(at_m, origin_m, strict=True))
         if not lies and 0 <= column < PLACES_A_SIDE and 0 <= row < PLACES_A_SIDE:
             place = row * PLACES_A_SIDE + column
             x, y = place_m(self.task, place)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, ClassVar
 from phalanx.config.flock import Box
 
 if TYPE_CHECKING:  # whoever asks for names need not wait for a compiler
+    from .declaration import Params
     from .python_controller import Controller
 
 Point = tuple[float, float]
@@ -33,6 +34,8 @@ class Task:
     control_ms: int  # a control step
     state_every: int  # control steps from one broadcast to the next
     doubt_ms: int  # who lied is silent so long after, at the latest
+    origin_m: Point = (0.0, 0.0)  # where the first place is
+    wheels: Params | None = None  # of robots on wheels, who obey orders too: what `wheels` are given; else point masses
 
 
 class Stage(ABC):

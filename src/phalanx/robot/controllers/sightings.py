@@ -21,7 +21,8 @@ from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTI
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import SENSOR
 
-from .peers import BEHIND_T, ID, PeerController, fields_of, is_fine
+from .peer_bodies import BEHIND_T, ID, fields_of, is_fine
+from .peers import PeerController
 from .protocol import Point, Stage, Task
 from .python_controller import Output, Send
 

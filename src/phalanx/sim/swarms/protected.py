@@ -18,7 +18,7 @@ from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
 from phalanx.robot.attacks.liar import Liar, Plan, lying
-from phalanx.robot.attacks.library import ATTACKS, IN_FLOCKS
+from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
@@ -39,7 +39,8 @@ from phalanx.wire.fields import get_u64
 
 from .dotbots import AREA_MM, BATTERY_EMPTY_MV, BATTERY_FULL_MV, DRIVE_MVPS, IDLE_MVPS
 from .ordered import Ordered
-from .roster import HISTORY_STEP_MM, member
+from .roster import HISTORY_STEP_MM, Member, member
+from .work import Work
 
 # More in one radio range than this saturate the channel: audits would come too late, and honest robots be stopped.
 MOST_ROBOTS = 100
@@ -117,7 +118,8 @@ class ProtectedSwarm(Ordered):
     """A `phalanx.robot.shield.Shielded` swarm of 2 f_max + 2 to 100 that goes on when told that time has passed.
 
     When f_max are stopped, the others still find f_max + 1 to vouch for them. The clock says seconds since 1970. If the
-    same robots were there `now`, they stay where they are, and stop. Without `keys` they have keys of their own.
+    same robots were there `now`, they stay where they are, and stop. Without `keys` they have keys of their own. With a
+    `protocol`, one of ON_WHEELS, they do its work while nobody drives them.
     Raises: UsageError: the count is out of range.
     """
 
@@ -131,6 +133,7 @@ class ProtectedSwarm(Ordered):
         f_max: int = 3,
         now: Sequence[Robot] = (),
         keys: SwarmKeys | None = None,
+        protocol: str = "",
     ) -> None:
         if not least_robots(f_max) <= count <= MOST_ROBOTS:
             raise UsageError(
@@ -148,20 +151,25 @@ class ProtectedSwarm(Ordered):
         for i, robot in here.items():
             places_mm[i] = robot.at.x_mm, robot.at.y_mm
         middle_m = np.array([AREA_MM]) / 2000
+        params = wheels.CONTROLLER.params(
+            WheelsConfig(
+                state_every=self._config.steps_per_state,
+                mission=keys.mission,
+                gateway_key=station.gateway.public,
+                operator_key=station.operator.public,
+            )
+        )
+        self._work: Work | None = None
+        if protocol:
+            self._work = Work(protocol, self._config, params, places_mm / 1000, seed)
+            self._config = self._work.bti
         self.world = make_world(
             Setup(
                 robots=count,
                 starts_m=np.vstack((places_mm / 1000, middle_m)),
                 profile=PROFILES[defence],
-                controller=dispatch.NUMBERS["wheels"],
-                params=wheels.CONTROLLER.params(
-                    WheelsConfig(
-                        state_every=self._config.steps_per_state,
-                        mission=keys.mission,
-                        gateway_key=station.gateway.public,
-                        operator_key=station.operator.public,
-                    )
-                ),
+                controller=0 if self._work else dispatch.NUMBERS["wheels"],
+                params=params,
                 body=driven_by(wheels.CONTROLLER),
                 seed=seed,
                 contact_m=0.08,
@@ -178,10 +186,15 @@ class ProtectedSwarm(Ordered):
         # Said by another thread, heard at the next step.
         self._to_stop = set[int]()
         self._liars: dict[int, CNode] = {}
+        # By row, those that run in Python.
+        self._nodes: dict[int, CNode] = {}
+        if self._work:
+            make = self._work.make_controller
+            self._nodes = {i: CNode(self.world.fleet, i, self.world.work, make) for i in range(count)}
         self._verdicts = VerdictReader(self.world)
         self._now_s = 0.0
         self._stopped_at_s: dict[int, float] = {}
-        start(self.world, {})
+        start(self.world, self._nodes)
         for i, robot in here.items():
             self.world.vel[i, 0] = robot.direction_deg
             self._battery_mv[i] = robot.battery_v * 1000
@@ -225,12 +238,12 @@ class ProtectedSwarm(Ordered):
     def step(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass."""
         self._hear_stops()
-        end_s = self._now_s + dt_s
+        end_s, stage = self._now_s + dt_s, self._work.stage if self._work else None
         while self._now_s < end_s:
             self._now_s = min(end_s, self._station.speak(self._air, self._now_s, self._now_ms))
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-                pybot.handle(self.world, self._liars)
+                pybot.handle(self.world, self._nodes, stage=stage)
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
         drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
@@ -245,6 +258,19 @@ class ProtectedSwarm(Ordered):
             if self.world.safe[i] and i not in self._stopped_at_s:
                 self._stopped_at_s[i] = self._clock()
                 each.route = ()
+            elif self._work:
+                self._show_aim(self._work, i, each)
+
+    def _show_aim(self, work: Work, i: int, each: Member) -> None:
+        """Pages draw where a robot goes by itself as a route of one point."""
+        if self._station.told(i + 1) is None or self.world.fleet.state[i][wheels.COUNT]:
+            return  # somebody's route
+        aim_m = work.aim_m(self._nodes[i], clock_ms(self.world, i))
+        if aim_m is None or self.world.safe[i]:
+            each.route = ()
+        elif not each.route or each.route[-1] != Point(aim_m[0] * 1000, aim_m[1] * 1000):
+            x_m, y_m = self.world.pos[i].tolist()
+            each.route = (Point(x_m * 1000, y_m * 1000), Point(aim_m[0] * 1000, aim_m[1] * 1000))
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -276,7 +302,12 @@ class ProtectedSwarm(Ordered):
 
     def attacks(self) -> Sequence[AttackChoice]:
         """What a robot can be made to do, first what is plain to see."""
-        choices = [AttackChoice(name, attack.does) for name, attack in IN_FLOCKS.items() if attack.on_wheels]
+        own = self._work.protocol if self._work else None
+        choices = [
+            AttackChoice(name, attack.does)
+            for name, attack in ATTACKS.items()
+            if (attack.scene == "flock" and attack.on_wheels) or (attack.scene == "protocol" and attack.against == own)
+        ]
         return sorted(choices, key=lambda choice: choice.name != PLAIN_TO_SEE)
 
     def compromise(self, address: str, attack: str) -> None:
@@ -295,8 +326,9 @@ class ProtectedSwarm(Ordered):
             stop_ms=FOREVER_MS,
             chance=self._chance,
         )
-        liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan)
-        self._liars[i] = liar
+        make = self._work.make_controller if self._work else None
+        liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan, make)
+        self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON
         pybot.wake(self.world, i, liar)
 

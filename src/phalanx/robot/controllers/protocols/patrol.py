@@ -20,7 +20,7 @@ class Patrol(PlaceController):
 
     def worth(self, t_ms: int, place: int, away_m: float) -> float:
         """How long nobody was there by the time it would be."""
-        return (t_ms - self.last_visit_ms(t_ms, place)) / 1000 - away_m / self.pace_mps
+        return (t_ms - self.last_visit_ms(t_ms, place)) / 1000 - away_m / self.body.pace_mps
 
 
 class Watch(PlaceStage):

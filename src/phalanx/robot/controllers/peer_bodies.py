@@ -1,0 +1,190 @@
+"""The bodies that protocols drive: a point mass that accelerates, and two wheels that visitors may drive as well.
+
+What a protocol decides is in metres and the same for both; here it becomes commands.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from struct import Struct
+from typing import Any, Final
+
+from phalanx.robot.follow import steer
+from phalanx.wire.fields import get_u64, row
+from phalanx.wire.record import LARGEST_NUMBER, MalformedRecord, Record
+from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_STATE, SENSOR, STATE, WHEELS_SENSOR, WHEELS_STATE
+
+from . import dispatch
+from .bundled import wheels
+from .declaration import Params
+from .orders import POINT_BYTES
+from .protocol import Point
+from .python_controller import Act, Output, Send, compiled
+from .sine import sine_cosine
+
+ID, BEHIND_T = 1, 3  # of the fields of what robots say, sense and do, by number: kind, id, t, and the rest
+MOST_MPS2 = 5.0  # along each axis, as the body can
+# Of the drive: pace for each metre that is left, and share of a wrong pace that is undone in a second.
+PACE_PER_S, HASTE_PER_S = 1.5, 3.0
+WHEELS_MPS = 0.3  # about what wheels do: only how far a place is in seconds rests on it
+# Who drives a robot by joystick has it for so long after the last word; then it goes back to its work.
+TAKEN_MS: Final = 5000
+PLACE: Final = Struct("<ff")
+
+
+def is_fine(number: float) -> bool:
+    """Whether it is a number that a place or a pace may be: neither NaN nor beyond 10^6."""
+    return abs(number) <= LARGEST_NUMBER
+
+
+def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
+    """A record's fields, the kind first; None if it is no such, or has numbers that nothing can be."""
+    if len(said) != record.size or said[0] != record.tag:
+        return None
+    found = record.form.unpack(said)
+    return found if all(map(is_fine, found[BEHIND_T:])) else None
+
+
+class PeerBody(ABC):
+    """How one robot of a protocol senses, moves, and says where it is.
+
+    Args:
+        pace_mps: its top speed along each axis.
+    """
+
+    def __init__(self, rob_id: int, pace_mps: float) -> None:
+        self.rob_id, self.pace_mps = rob_id, pace_mps
+
+    @abstractmethod
+    def where(self, reading: bytes) -> Point | None:
+        """Where the robot is, m; None if the reading makes no sense."""
+
+    @abstractmethod
+    def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:
+        """A command towards a place, or to stand; and where it is, if it is to speak."""
+
+    @abstractmethod
+    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
+        """Who says there that it is where, m; None if nobody says so."""
+
+    def is_taken(self, t_ms: int) -> bool:  # noqa: ARG002 - most obey nobody
+        """Whether it is held, or somebody drives it: what the protocol wants is not done."""
+        return False
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:  # noqa: B027 - most obey nobody
+        """A frame was heard that is no word of the protocol."""
+
+    def encode(self) -> bytes:
+        """All that it remembers."""
+        return b""
+
+    def decode(self, encoding: bytes) -> bytes:
+        """It remembers what an encoding begins with; the rest of it.
+
+        Raises: MalformedRecord: it begins with nothing that `encode` gives.
+        """
+        return encoding
+
+
+class PointMass(PeerBody):
+    """A body that accelerates, along each axis by itself."""
+
+    def where(self, reading: bytes) -> Point | None:
+        """See `PeerBody`."""
+        own = self._own(reading)
+        return (own[BEHIND_T], own[BEHIND_T + 1]) if own else None
+
+    def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
+        """See `PeerBody`."""
+        own = self._own(reading)
+        if own is None or aim_m is None:
+            return [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
+        x_m, y_m, *paces = own[BEHIND_T:]
+        push = [
+            HASTE_PER_S * (max(-self.pace_mps, min(self.pace_mps, PACE_PER_S * (to - at))) - pace)
+            for to, at, pace in zip(aim_m, (x_m, y_m), paces, strict=True)
+        ]
+        push = [max(-MOST_MPS2, min(MOST_MPS2, each)) for each in push]
+        outputs: list[Output] = [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, *push))]
+        if speaks:
+            outputs.append(Send(STATE.form.pack(KIND_STATE, self.rob_id, t_ms, *own[BEHIND_T:])))
+        return outputs
+
+    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
+        """See `PeerBody`."""
+        said = fields_of(STATE, frame)
+        return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
+
+    def _own(self, reading: bytes) -> tuple[Any, ...] | None:
+        own = fields_of(SENSOR, reading[: SENSOR.size])  # what else it sees is a protocol's own matter
+        return own if own and own[ID] == self.rob_id else None
+
+
+class DrivenWheels(PeerBody):
+    """Two wheels that obey signed orders as `wheels` do; nobody's orders, they do the protocol's work.
+
+    The operator's stop holds them. A visitor's route is driven to its end. It is a `wheels` controller that decides all
+    of that, and this takes the wheels where that leaves them idle.
+    """
+
+    def __init__(self, rob_id: int, params: Params) -> None:
+        super().__init__(rob_id, WHEELS_MPS)
+        self._driven = compiled(dispatch.NUMBERS["wheels"], params)(rob_id)
+
+    def where(self, reading: bytes) -> Point | None:
+        """See `PeerBody`."""
+        own = self._own(reading)
+        return (own[BEHIND_T] / 1000, own[BEHIND_T + 1] / 1000) if own else None
+
+    def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
+        """See `PeerBody`."""
+        outputs = list(self._driven.on_input(step, t_ms, reading))
+        own = self._own(reading)
+        if own is None or aim_m is None or self.is_taken(t_ms):
+            return outputs
+        act = bytearray(outputs[0].payload)
+        left, right = self._towards(own, aim_m)
+        act[wheels.BODY], act[wheels.BODY + wheels.COMMAND_RIGHT] = left & 255, right & 255
+        return [Act(bytes(act)), *outputs[1:]]
+
+    def said_where(self, frame: bytes) -> tuple[int, float, float] | None:
+        """See `PeerBody`."""
+        said = fields_of(WHEELS_STATE, frame)
+        if not said:
+            return None
+        # As it is remembered in a checkpoint: who replays from there is to decide the same.
+        x_m, y_m = PLACE.unpack(PLACE.pack(said[BEHIND_T] / 1000, said[BEHIND_T + 1] / 1000))
+        return said[ID], x_m, y_m
+
+    def on_recv(self, t_ms: int, frame: bytes) -> None:
+        """An order may be for it."""
+        self._driven.on_recv(t_ms, frame)
+
+    def encode(self) -> bytes:
+        """A `wheels_memory`."""
+        return self._driven.encode()
+
+    def decode(self, encoding: bytes) -> bytes:
+        """See `PeerBody`."""
+        if len(encoding) < wheels.ROUTE:
+            raise MalformedRecord(f"{len(encoding)} bytes of wheels")
+        end = wheels.ROUTE + POINT_BYTES * encoding[wheels.COUNT]
+        self._driven.decode(encoding[:end])
+        return encoding[end:]
+
+    def _own(self, reading: bytes) -> tuple[Any, ...] | None:
+        own = fields_of(WHEELS_SENSOR, reading)
+        return own if own and own[ID] == self.rob_id else None
+
+    def is_taken(self, t_ms: int) -> bool:
+        """See `PeerBody`."""
+        state = row(self._driven.encode())
+        heard_ms = get_u64(state, wheels.HEARD)
+        return bool(state[wheels.HELD] or state[wheels.COUNT] or (heard_ms and t_ms - heard_ms <= TAKEN_MS))
+
+    def _towards(self, own: tuple[Any, ...], aim_m: Point) -> tuple[int, int]:
+        x_mm, y_mm, direction_deg = own[BEHIND_T:]
+        dx, dy = aim_m[0] * 1000 - x_mm, aim_m[1] * 1000 - y_mm
+        sin, cos = sine_cosine(direction_deg)
+        return steer(dy * cos - dx * sin, -dx * cos - dy * sin, math.sqrt(dx * dx + dy * dy))
