@@ -60,7 +60,7 @@ FIGURES = {
         ),
         Figure(
             name="bti-fig7",
-            about="The same for denser flocks and for larger ones (RoboRebound Fig. 7)",
+            about="What audits send and keep in denser flocks and in larger ones (RoboRebound Fig. 7)",
             made_by="bti.fig7",
             counted="runs",
             size_in=(12.0, 8.6),

@@ -143,7 +143,8 @@ def draw(table: Table, picture: Picture) -> str:
         dense.set_xticks(SPACINGS_M, map(str, SPACINGS_M))
         dense.minorticks_off()
         constant.set(xlabel="robots", ylabel=what, ylim=(0, None))
-    for axes in (a, b, c, d):
+    for axes, letter in ((a, "a"), (b, "b"), (c, "c"), (d, "d")):
+        axes.set_ylabel(f"{letter}: {axes.get_ylabel()}")
         legend_above(axes, columns=4)
     return footer(table)
 
