@@ -80,9 +80,9 @@ def draw(name: str, lie: str) -> None:
 
 def main(names: list[str]) -> int:
     for name in names or PROTOCOLS:
-        (lie,) = (attack for attack in IN_PROTOCOLS if IN_PROTOCOLS[attack].against == name)
+        lie, *shown = (attack for attack in IN_PROTOCOLS if IN_PROTOCOLS[attack].against == name)
         draw(name, lie)
-        for attack in (lie, *OTHERS):
+        for attack in (lie, *shown, *OTHERS):
             print(f"| `{attack}` | {' | '.join(cell(name, each, attack) for each in DEFENCES)} |", flush=True)
     return 0
 

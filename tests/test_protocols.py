@@ -92,7 +92,7 @@ def test_whatever_a_frame_or_a_checkpoint_holds_nothing_raises_but_what_may(name
     robot.on_input(4, 2250, table.SENSOR.form.pack(table.KIND_SENSOR, 2, 2250, 0.0, 0.0, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("lie", IN_PROTOCOLS)
+@pytest.mark.parametrize("lie", [name for name, each in IN_PROTOCOLS.items() if each.verdicts["bound"] == "stopped"])
 def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
     run = run_of(small(IN_PROTOCOLS[lie].against, AttackSpec(name=lie, at_s=2.0, robot=2)))
     summary = run.summary()
@@ -117,6 +117,18 @@ def test_attacks_on_readings_take_those_that_see_more(name):
     drawn_m = 5.0 * 11.0 if name == "gps-spoof" else 0.0  # 5 m/s along each axis
     assert aside_m.tolist() == pytest.approx([drawn_m, -drawn_m], abs=6.0)
     assert run.in_safe_mode.tolist() == [False, name != "gps-spoof", False, False, False]
+
+
+@pytest.mark.parametrize("name, protocol", [("show-intruder", "perimeter"), ("show-target", "tracking")])
+def test_who_is_shown_what_is_not_there_says_so_in_good_faith_and_nobody_is_stopped(name, protocol):
+    run = run_of(small(protocol, AttackSpec(name=name, at_s=2.0, robot=2)))
+    (told,) = run.summary()["compromised"]
+    assert told["first_deviation_s"] is None
+    assert not run.in_safe_mode.any()
+    assert run.world.fleet.robot["audits_passed"].sum() >= ROBOTS
+    x_m, y_m = run.positions_m[1]
+    said = run.robots[0].controller.sighted[2]  # as another robot has heard
+    assert abs(said.x_m - x_m - 2.0) < 5.0 and abs(said.y_m - y_m - 2.0) < 5.0
 
 
 @pytest.mark.long

@@ -75,6 +75,13 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
         protocol("point-elsewhere", "pretences.PointElsewhere", against="tracking",
                  does="says that the target is where the robot farthest from it is",
                  stopped_by="replay says what the s-node chained that it sees, and where"),
+        protocol("show-intruder", "senses.ShowIntruder", NOT_COVERED, against="perimeter",
+                 does="somebody outside shows its sensor, close by, the intruder that was spoken of last",
+                 stopped_by="nothing: the s-node chains what the sensor says, and a robot that believes it is honest "
+                            "(§2.2)"),
+        protocol("show-target", "senses.ShowTarget", NOT_COVERED, against="tracking",
+                 does="somebody outside shows its sensor, close by, a target that is not there",
+                 stopped_by="nothing, as with an intruder"),
     ),
     "What it shows to auditors": (
         # Little, and no noise, as with `reorder-entries`: three metres in 90 s (tests/attacks/test_small_harm.py).

@@ -9,9 +9,12 @@ import numpy as np
 from phalanx.bti import rounds
 from phalanx.bti.fleet import START
 from phalanx.robot.cnode import Action
+from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
 from phalanx.wire.fields import put_u32
+from phalanx.wire.protocols import SEEN, SIGHTING
 from phalanx.wire.table import SENSOR
 
+from .attack import Scene
 from .liar import MOTION, Liar
 
 DRIFT_MPS = 5.0
@@ -28,6 +31,34 @@ class SpoofGps(Liar):
         kind, rob_id, t, x_m, y_m, vx_mps, vy_mps = MOTION.unpack_from(reading)
         aside = MOTION.pack(kind, rob_id, t, x_m + aside_m, y_m - aside_m, vx_mps, vy_mps)
         return aside + reading[SENSOR.size :]  # what it sees, it sees from where it is
+
+
+class ShowThing(Liar):
+    """Somebody outside shows its sensor, close by, the thing that was spoken of last; the robot itself is honest."""
+
+    scene: ClassVar[Scene] = "protocol"
+    ASIDE_M: ClassVar[float] = 2.0  # along each axis
+    _number = 0  # until somebody has spoken of one
+
+    def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
+        """As an honest robot, and it is noted."""
+        if said := fields_of(SIGHTING, frame):
+            self._number = said[BEHIND_T]
+        return super().on_message(now_ms, frame)
+
+    def read(self, now_ms: int, reading: bytes) -> bytes:
+        """The reading, and what is not there; nothing to a sensor that sees no things."""
+        if not self.lies(now_ms) or len(reading) != SENSOR.size + SEEN.size:
+            return reading
+        return reading[: SENSOR.size] + SEEN.form.pack(self._number, self.ASIDE_M, self.ASIDE_M)
+
+
+class ShowIntruder(ShowThing):
+    """The same of an intruder."""
+
+
+class ShowTarget(ShowThing):
+    """The same of the one target there is."""
 
 
 class StuckSensor(Liar):
