@@ -52,6 +52,13 @@ describe("a run", () => {
     expect(run.swarmAt(0, 1, 0).terms).toEqual({ needed: 2, full_ms: 10_000 });
   });
 
+  test("who lies or was stopped is drawn over the others", () => {
+    const run = new Run();
+    const at = [4, 3, 2, 1].map((robot) => [robot, 0, 0, 0] as const);
+    run.add([{ t: 0, at, lies: [[3, "spoof"]], shields: [[4, true, []], [2, false, []]] }]);
+    expect([...run.swarmAt(0, 1, 0).robots.keys()]).toEqual(["2", "1", "4", "3"]);
+  });
+
   test("an audit is seen from its moment on, for so long of the watcher's time, a refusal above the others", () => {
     const run = made();
     const refusals = (t: number, speed: number) => run.swarmAt(t, speed, 1000).audits.map(({ refusal }) => refusal);

@@ -130,7 +130,10 @@ export class Run {
     const lies = new Map(step.lies);
     const trails = step.at.length > MOST_WITH_TRAILS ? [] : this.steps.slice(Math.max(0, i - TRAIL_STEPS), i + 1);
     const robots = new Map<string, Robot>();
-    step.at.forEach(([number, x, y, heading], k) => {
+    // Over the others: among two thousand whom it is about would be under one of them.
+    const above = (number: number) => Number(lies.has(number) || shields.get(number)?.[0] === true);
+    const inOrder = step.at.map((place, k) => ({ place, k })).sort((a, b) => above(a.place[0]) - above(b.place[0]));
+    inOrder.forEach(({ place: [number, x, y, heading], k }) => {
       const to = next?.at[k];
       const glides = to?.[0] === number;
       const at = glides ? [x + (to[1] - x) * share, y + (to[2] - y) * share] as const : [x, y] as const;
