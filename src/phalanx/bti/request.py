@@ -155,22 +155,35 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
 
     Who is out of the robot's hearing, and knows when it asks, could talk over each of its requests: so it waits a time
     that nobody knows who has not heard this request, out of a MAC in it, and each time about twice as long. A robot of
-    which nothing arrived may be asked again at such a time too.
+    which nothing arrived may be asked again at such a time too. The first f_max of those in a round are not waited for:
+    else as many that are gone would cost others a round and more.
     Source: docs/adr/0028; RoboRebound §5.2.
     """
     r, s = f.robot[i], f.settings[0]
     if r.request_len == 0:
         return
     chance = mixed(drawn(f, i), r.repeats)
-    if r.repeats < REPEATS:
+    nothing = r.request_next == 1
+    if r.repeats < REPEATS and not (nothing and _moves_on(f, i, now)):
         r.request_next = max(r.request_next - 1, 0)
         r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
         r.repeats += 1
         return
-    if r.request_next == 1:
+    if nothing:
         f.peer[i, peer_at(f, i, r.request_to)].asked_ms = now - again_after(f) + chance % (s.t_audit // 2)
     withdraw(f, i)
     r.quota += 1
+
+
+@kernel
+def _moves_on(f: Fleet, i: int, now: int) -> bool:
+    """Whether a robot of which nothing arrived counts as gone: so may f_max in a round, while others can be asked."""
+    r, silent = f.robot[i], 0
+    for k in range(r.peers):
+        silent += f.peer[i, k].asked == r.round_no and f.peer[i, k].answered != r.round_no
+    tor = next_candidate(f, i, now)
+    others = tor != 0 and f.peer[i, peer_at(f, i, tor)].asked != r.round_no
+    return bool(others and silent <= f.settings[0].f_max)
 
 
 @kernel
