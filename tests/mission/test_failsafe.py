@@ -163,6 +163,22 @@ class TestExploring:
         assert (state.at, state.target, outcome.decoded) == (1, 3, None), "and nothing is done there again"
 
     @both
+    def test_a_bare_place_is_passed_by_who_is_less_sure_for_nothing_is_to_be_seen_there(self, profile):
+        draft = Draft("between")
+        draft.node("start", Position(0, 0), start=True)
+        for i, x in enumerate((12, -12)):
+            draft.node(f"d{i}", Landmark("doorway", x, 0, 0.1))
+            draft.way("start", f"d{i}", both=True)
+        walker = walker_for(draft, profile)
+        state, _ = walker.step(State(), Experience(0, 0, 0, 0))
+        state, _ = until_decoded(walker, state, Experience(1, 9, 0, 0, 9.0, (Landmark("doorway", 12, 0, 0.1),)))
+        assert (state.at, state.target) == (1, 0)
+        lost, _ = walker.step(state, Experience(20, 0, 0.2, 0, 20.0, spread=(0.64, 0.0, 0.0, 0.16, 0.0, 0.01)))
+        assert lost.at == 1, "who is unsure by 0.8 m is anywhere"
+        state, _ = walker.step(state, Experience(20, 0, 0.2, 0, 20.0, spread=(0.36, 0.0, 0.0, 0.16, 0.0, 0.01)))
+        assert (state.at, state.target) == (0, 2), "who is unsure by 0.6 m goes on"
+
+    @both
     def test_without_a_final_node_all_are_visited_the_nearest_first_and_then_it_is_done(self, profile):
         draft = Draft("explore")
         draft.node("start", Position(0, 0), start=True)

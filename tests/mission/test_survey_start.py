@@ -19,9 +19,10 @@ from phalanx.errors import UsageError
 from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M
 from phalanx.mission.authoring.survey import START, begun_at, roomiest, survey
-from phalanx.mission.landmarks import floorplan_of_yaml
+from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
+from phalanx.mission.worth.feasible import look_ahead
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.missions.report import Report
 from phalanx.sim.missions.run import summary
@@ -36,11 +37,32 @@ ROOMS = b"walls: [[0,0,9,0],[9,0,9,4],[9,4,0,4],[0,4,0,0],[3,0,3,4]]\n"
 HALL = b"walls: [[0,0,60,0],[60,0,60,4],[60,4,0,4],[0,4,0,0]]\n"
 
 
+# A corridor around a block of 18 m: from the start, the middle of a side, no corner's end is in sight of the other's.
+RING = (
+    b"size: [23, 23]\nstart_pose: [11.5, 1.25, 0]\nwalls: [[0,0,23,0],[23,0,23,23],[23,23,0,23],[0,23,0,0],"
+    b"[2.5,2.5,20.5,2.5],[20.5,2.5,20.5,20.5],[20.5,20.5,2.5,20.5],[2.5,20.5,2.5,2.5]]\n"
+)
 # A shelf, 0.1 m from the wall behind it.
 SHELF = (
     b"size: [10, 8]\nstart_pose: [2, 4, 0]\nwalls: [[0,0,10,0],[10,0,10,8],[10,8,0,8],[0,8,0,0],"
     b"[4,0.1,4.4,0.1],[4.4,0.1,4.4,1.6],[4.4,1.6,4,1.6],[4,1.6,4,0.1]]\n"
 )
+
+
+# A door in a wall whose sides show it 0.12 m apart, as walls of maps that robots drew often do.
+RAGGED = (
+    b"size: [12, 6]\nstart_pose: [2, 3, 0]\nwalls: [[0,0,12,0],[12,0,12,6],[12,6,0,6],[0,6,0,0],[6,0,6,3],[6,3,6.2,3.12],"
+    b"[6.2,3.12,6.2,0],[6,6,6,4.4],[6,4.4,6.2,4.52],[6.2,4.52,6.2,6]]\n"
+)
+
+
+def corridor(long_m: float, wide_m: float = 3.0) -> FloorPlan:
+    """Two rooms with a door each, at both ends of a bare corridor."""
+    a, b = 6.0, 6.0 + long_m
+    walls = [[0, 0, a, 0], [a, 6, 0, 6], [0, 6, 0, 0], [a, 0, a, 2.3], [a, 3.7, a, 6]]
+    walls += [[b, 0, b + 6, 0], [b + 6, 0, b + 6, 6], [b + 6, 6, b, 6], [b, 0, b, 2.3], [b, 3.7, b, 6]]
+    walls += [[a, 3 + side, b, 3 + side] for side in (-wide_m / 2, wide_m / 2)]
+    return floorplan_of_yaml(f"size: [{b + 6}, 6]\nstart_pose: [3, 3, 0]\nwalls: {walls}\n".encode())
 
 
 def command(*words: object) -> Result:
@@ -59,6 +81,40 @@ def test_behind_a_shelf_where_no_robot_gets_through_no_way_leads_from_one_end_to
     ways = {(way.source, way.target) for way in mission.ways}
     assert (left, right) not in ways
     assert {(START, left), (START, right)} & ways, "to the end that is in sight of the start one does"
+
+
+@pytest.mark.parametrize(
+    ("long_m", "wide_m", "is_kept"), [(12, 3, True), (22, 3, True), (22, 2, False), (30, 3, False)]
+)
+def test_at_the_far_end_of_a_bare_corridor_stands_what_a_robot_can_be_expected_to_know_there(
+    long_m: float, wide_m: float, is_kept: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of the narrow one's door scans show nothing on the way, and the longest is longer than a direction is followed."""
+    plan = corridor(long_m, wide_m)
+    mission = survey(plan)
+    beyond = [node.name for node in mission.nodes if node.place and node.place[0] > 6 + long_m / 2]
+    assert bool(beyond) == is_kept
+    assert look_ahead(mission, None, plan).completes(mission)
+    assert ("left out" in caplog.text) is not is_kept
+
+
+def test_around_a_ring_ways_do_not_lead_over_a_start_at_which_nothing_is_to_be_seen() -> None:
+    mission = survey(floorplan_of_yaml(RING))
+    ways = {(way.source, way.target) for way in mission.ways if START not in (way.source, way.target)}
+    names = {node.name for node in mission.nodes} - {START}
+    assert len(names) == 4
+    reached = {min(names)}
+    for _ in names:
+        reached |= {b for a, b in ways if a in reached}
+    assert reached == names
+
+
+def test_a_door_that_a_ragged_map_shows_at_two_places_is_one_between_them() -> None:
+    door = next(node for node in survey(floorplan_of_yaml(RAGGED)).nodes if node.name.startswith("door"))
+    assert door.place == pytest.approx((6.1, 3.76), abs=0.05)
+    thing = door.see[0][0]
+    assert isinstance(thing, Landmark)
+    assert thing.apart_m > 5
 
 
 def test_what_a_scan_shows_only_if_a_beam_is_aimed_at_it_is_no_landmark() -> None:

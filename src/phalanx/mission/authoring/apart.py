@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from phalanx.config.mission import MissionConfig
 from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, look_alikes_of
 from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
@@ -20,8 +21,8 @@ Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 # Orientations that differ by less may be taken for one another: two bins of headings.
 ALIKE_RAD = math.radians(30)
-# What is nearer is the same thing, drawn twice.
-SAME_M = 0.1
+# What is nearer is the same thing, drawn twice, or seen at two places of a ragged map: the walker takes it for one too.
+SAME_M = MissionConfig().agree_m / 2
 
 
 def apart_in(plan: FloorPlan, mission: Mission) -> Mission:

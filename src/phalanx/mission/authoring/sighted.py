@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.mission.landmarks import FloorPlan, Site, extract
@@ -153,16 +154,24 @@ def _is(found: Landmark, truth: Landmark) -> bool:
 
 
 def _as_seen(alias: Landmark, looks: Sequence[Sequence[Landmark]]) -> Landmark | None:
-    """The alias where most looks show it; None where they do not agree, or none does."""
+    """The alias where most looks show it; None where they do not agree, or none does.
+
+    Where a ragged map shows it at two places, it is between them.
+    """
     places = np.array([_nearest(alias, look) for look in looks if any(_is(found, alias) for found in look)])
     if not len(places):
         return None
-    middle = np.median(places, axis=0)
-    away = np.hypot(*(places[:, :2] - middle[:2]).T)
-    if np.quantile(away, STEADY_SHARE) > STEADY_M:
+    middles = (np.median(places, axis=0), np.mean(places, axis=0))
+    middle = next((each for each in middles if _is_steady(places, each)), None)
+    if middle is None:
         return None
     turn = None if alias.orientation_rad is None else alias.orientation_rad + float(middle[2])
     return replace(alias, x_m=float(middle[0]), y_m=float(middle[1]), orientation_rad=turn)
+
+
+def _is_steady(places: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
+    away = np.hypot(*(places[:, :2] - middle[:2]).T)
+    return bool(np.quantile(away, STEADY_SHARE) <= STEADY_M)
 
 
 def _nearest(alias: Landmark, look: Sequence[Landmark]) -> tuple[float, float, float]:

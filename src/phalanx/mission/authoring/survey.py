@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
+from collections.abc import Container
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,13 +18,15 @@ from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
+from phalanx.mission.worth.feasible import look_ahead
 
 from .apart import alone, told_apart
 from .free import STAND_M, Free
 from .sighted import sighted
 
-# Landmarks further apart are not in each other's sight for certain; ways that long are not straight.
-WAY_LIMIT_M = 16.0
+# Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
+# to what no others lead to, as the far end of a bare corridor, if a robot can be expected to know it there.
+WAY_LIMIT_M, FAR_LIMIT_M = 16.0, 24.0
 NEIGHBOURS = 6
 # A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
 CLEARANCE_M = 0.3
@@ -52,7 +56,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     Convex corners are left out: every room has four, and tells them apart by more than each alone. So is, with a
     warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
     something beside it that looks the same: no robot would know one from the other. Ways lead to each from the six
-    nearest in sight that a robot comes from, on the side from which it is seen, and back.
+    nearest in sight that a robot comes from, on the side from which it is seen, and back. Longer ways lead to what no
+    others lead to, if robots can be expected to find it there.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6.
@@ -67,10 +72,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
-    x0, y0, x1, y1 = plan.bounds
-    draft = Draft(f"explore {plan.name}", coding=coding, area_m=(x0, y0, x1, y1), floor_plan=plan.name)
     start = (plan.start[0], plan.start[1])
-    draft.node(START, Position(*start), start=True)
     named: dict[str, Site] = {}
     counts: Counter[str] = Counter()
     for site in sites:
@@ -78,8 +80,17 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
     places = {START: start, **{name: site.place_m for name, site in named.items()}}
-    ways = _joined(*_ways(plan, Free(plan, [start]), places, named))
+    free = Free(plan, [start])
+    near, behind = _ways(plan, free, places, named)
+    ways = _joined(near, behind)
+    sure = _reached(START, ways)
+    ways = _with_far(plan, free, places, ways, behind)
     reached = _reached(START, ways)
+    made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named, ways)
+    mission = told_apart(made(reached), (*all_aliases, *others))
+    if reached != sure:
+        reached -= look_ahead(mission, None, plan, lidar).infeasible.keys() - sure
+        mission = told_apart(made(reached), (*all_aliases, *others))
     if len(reached) == 1:
         raise UsageError(
             f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}", "another start"
@@ -87,13 +98,26 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     if len(reached) <= len(sites):
         away = len(sites) + 1 - len(reached)
         log.warning("%s: %d of %d landmarks left out: no way from the start", plan.name, away, len(sites))
+    return mission
+
+
+def _made(
+    draft: Draft,
+    start: tuple[float, float],
+    named: dict[str, Site],
+    ways: set[tuple[str, str]],
+    kept: Container[str],
+) -> Mission:
+    """The mission of these places and of the ways between them."""
+    draft = replace(draft, nodes=[], ways=[])
+    draft.node(START, Position(*start), start=True)
     for name, site in named.items():
-        if name in reached:
+        if name in kept:
             draft.node(name, *site.aliases, width_m=site.width_m or None)
     for source, target in sorted(ways):
-        if source in reached and target in reached:
+        if source in kept and target in kept:
             draft.way(source, target)
-    return told_apart(draft.mission(), (*all_aliases, *others))
+    return draft.mission()
 
 
 def begun_at(plan: FloorPlan, start: tuple[float, float, float]) -> FloorPlan:
@@ -182,6 +206,44 @@ def _joined(ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tup
         ways = ways | more
         reached = _reached(START, ways)
     return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
+
+
+def _with_far(
+    plan: FloorPlan,
+    free: Free,
+    places: dict[str, tuple[float, float]],
+    ways: set[tuple[str, str]],
+    behind: set[tuple[str, str]],
+) -> set[tuple[str, str]]:
+    """The ways; the shortest of the long ones to what they do not lead to, one after the other; and those back.
+
+    Likewise to what they lead to over the start alone: there may be nothing in sight, and who comes back would not know
+    that it is there.
+    """
+    tried = set[tuple[str, str]]()
+
+    def joins(a: str, b: str, away_m: float) -> bool:
+        tried.add((a, b))
+        one, other = (free.beside(plan, places[name]) for name in (a, b))
+        return _is_clear(plan, places[a], places[b], away_m) and free.has_way(one, other, DETOUR * away_m + DETOUR_M)
+
+    def longer(reached: set[str], left: set[str]) -> bool:
+        pairs = {(a, b) for a in reached for b in left} - tried
+        far = sorted((away, a, b) for a, b in pairs if (away := math.dist(places[a], places[b])) <= FAR_LIMIT_M)
+        found = next(((a, b) for away, a, b in far if away > CLEARANCE_M and joins(a, b, away)), None)
+        if found is not None:
+            nonlocal ways
+            ways = _joined(ways | {found, found[::-1]}, behind)
+        return found is not None
+
+    while longer(reached := _reached(START, ways), set(places) - reached):
+        pass
+    firsts = sorted((math.dist(places[START], places[name]), name) for source, name in ways if source == START)
+    while firsts:
+        beyond = _reached(firsts[0][1], {way for way in ways if START not in way})
+        if not longer(beyond, _reached(START, ways) - beyond - {START}):
+            break
+    return ways
 
 
 def _shows_itself(site: Site | None, place: tuple[float, float]) -> bool:

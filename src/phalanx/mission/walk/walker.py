@@ -292,7 +292,9 @@ class Walker:
         known = state.opened.get(state.target) if state.target is not None else None
         if state.phase is not Phase.SEEKING or known is None or known.place_m is None:
             return False
-        is_sure = 2 * pose_doubt_m(seen) <= self.config.arrive_m
+        # At a landmark who is unsure may yet see it; at a bare place nothing ever makes a robot surer.
+        sigmas = 1 if known.landmark is None else 2
+        is_sure = sigmas * pose_doubt_m(seen) <= self.config.arrive_m
         return is_sure and self._is_near(state.target, state, seen)
 
     def _is_near(self, node: int | None, state: State, seen: Experience) -> bool:
