@@ -98,6 +98,15 @@ def test_at_the_far_end_of_a_bare_corridor_stands_what_a_robot_can_be_expected_t
     assert ("left out" in caplog.text) is not is_kept
 
 
+@pytest.mark.parametrize(("gap_m", "leads"), [(0.44, False), (0.6, True)])
+def test_ways_do_not_lead_through_gaps_that_a_pilot_may_not_find_its_way_through(gap_m: float, leads: bool) -> None:
+    """In willow-full a robot stood before such a gap, between legs of chairs, until its time was over."""
+    low, high = 3 - gap_m / 2, 3 + gap_m / 2
+    walls = f"[[0,0,12,0],[12,0,12,6],[12,6,0,6],[0,6,0,0],[6,0,6,{low}],[6,{high},6,6],[9,2,10,2]]"
+    mission = survey(floorplan_of_yaml(f"size: [12, 6]\nstart_pose: [2, 3, 0]\nwalls: {walls}\n".encode()))
+    assert any(node.place and node.place[0] > 6.5 for node in mission.nodes) == leads
+
+
 def test_around_a_ring_ways_do_not_lead_over_a_start_at_which_nothing_is_to_be_seen() -> None:
     mission = survey(floorplan_of_yaml(RING))
     ways = {(way.source, way.target) for way in mission.ways if START not in (way.source, way.target)}

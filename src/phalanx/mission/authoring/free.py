@@ -11,6 +11,8 @@ from phalanx.mission.landmarks import FloorPlan
 
 # A robot's radius, 0.175 m, and a little.
 STAND_M = 0.2
+# And what a pilot finds its way through for certain; robots may begin nearer to things, and leave within a metre.
+PASS_M, LEAVE_M = 0.25, 1.0
 GRID_M = 0.2  # of where robots can be
 BESIDE_M = 0.7  # a place in a wall is reached from so near
 Place = tuple[float, float]
@@ -18,9 +20,14 @@ Cell = tuple[int, int]
 
 
 class Free:
-    """What is free in a building, and joined to where robots begin: cells of a grid."""
+    """What is free in a building, and joined to where robots begin: cells of a grid.
 
-    def __init__(self, plan: FloorPlan, starts: Sequence[Place]) -> None:
+    Args:
+        room_m: that there is on a way to all sides.
+    """
+
+    def __init__(self, plan: FloorPlan, starts: Sequence[Place], room_m: float = STAND_M) -> None:
+        self._starts, self._room_m = tuple(starts), room_m
         self._origin = starts[0] if starts else (0.0, 0.0)
         waiting = [self._cell(*start) for start in starts]
         self._cells = set(waiting)
@@ -74,7 +81,9 @@ class Free:
 
     def _is_free(self, plan: FloorPlan, cell: Cell) -> bool:
         (x, y), (x0, y0, x1, y1) = self._place(cell), plan.bounds
-        return x0 <= x <= x1 and y0 <= y <= y1 and plan.clearance_m(x, y) >= STAND_M
+        leaves = any(math.dist((x, y), start) <= LEAVE_M for start in self._starts)
+        least_m = STAND_M if leaves else self._room_m
+        return x0 <= x <= x1 and y0 <= y <= y1 and plan.clearance_m(x, y) >= least_m
 
     def _cell(self, x_m: float, y_m: float) -> Cell:
         return round((x_m - self._origin[0]) / GRID_M), round((y_m - self._origin[1]) / GRID_M)

@@ -21,7 +21,7 @@ from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import look_ahead
 
 from .apart import alone, told_apart
-from .free import STAND_M, Free
+from .free import PASS_M, STAND_M, Free
 from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
@@ -80,7 +80,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
     places = {START: start, **{name: site.place_m for name, site in named.items()}}
-    free = Free(plan, [start])
+    free = Free(plan, [start], PASS_M)
     near, behind = _ways(plan, free, places, named)
     ways = _joined(near, behind)
     sure = _reached(START, ways)
