@@ -30,7 +30,7 @@ def test_a_bundle_shares_its_arrays_with_compiled_code():
     queue = make_queue(4)
     assert push(queue, 5, 7, 8, 9) == 0
     assert queue.tally[0] == 1
-    queue.data[0, 1] = 80  # written in Python, read in compiled code
+    queue.event[0].robot = 80  # written in Python, read in compiled code
     assert pop(queue) == (5, 7, 80, 9)
 
 

@@ -6,11 +6,13 @@ import mmap
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phalanx.memory import sparse
+from phalanx.kernel import kernel
+from phalanx.memory import fetch, sparse
 from phalanx.pool import give_back, lend, make_pool
 from phalanx.wire import fields
 
@@ -73,6 +75,20 @@ def test_sparse_rows_take_memory_where_they_are_written():
     rows[::100, 50_000] = 1
     assert resident_bytes() - before < 10e6
     assert int(rows[:, 50_000].sum()) == 20
+
+
+@kernel
+def fetched(rows, i):
+    """What is asked for ahead of time is there."""
+    fetch(rows, i, 0, 200)
+    return rows[i % len(rows), 3]
+
+
+def test_what_is_fetched_stays_as_it_is_and_may_lie_behind_the_end():
+    rows = np.arange(40, dtype=np.uint8).reshape(10, 4)
+    for read in both(fetched):
+        assert [int(read(rows, i)) for i in (0, 9, 1000)] == [3, 39, 3]
+    assert np.array_equal(rows.ravel(), np.arange(40))
 
 
 def test_too_many_are_a_memory_error():

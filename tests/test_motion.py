@@ -81,10 +81,22 @@ class TestReach:
         pos = np.array(points)
         reach = make_reach(len(pos), 1.0, skin=skin)
         for share, seed in [(0.0, 0), *steps]:
-            pos = pos + share * np.random.default_rng(seed).uniform(-1.0, 1.0, pos.shape)
+            chance = np.random.default_rng(seed)
+            pos = pos + share * chance.uniform(-1.0, 1.0, pos.shape) + chance.integers(-2, 3, 2)
             anew = make_reach(len(pos), 1.0)
             assert max(rebuild(reach, pos), rebuild(anew, pos)) <= len(reach.maybe)
             assert near(pos, reach) == near(pos, anew)
+
+    def test_who_all_go_the_same_way_are_not_sorted_anew(self):
+        pos = np.random.default_rng(1).uniform(0.0, 5.0, (40, 2))
+        reach = make_reach(40, 1.0)
+        rebuild(reach, pos)
+        rebuild(reach, pos + np.array([30.0, -20.0]))
+        assert np.array_equal(reach.sorted_at, pos)
+        away = pos.copy()
+        away[7] += 0.2
+        rebuild(reach, away)
+        assert np.array_equal(reach.sorted_at, away)
 
     def test_a_crowd_whose_candidates_find_no_room_is_listed_all_the_same(self):
         # In pairs that see each other only; within the skin of each are a dozen.

@@ -75,16 +75,16 @@ typedef struct {
     uint8_t sealed;                        /* the port has its radio go through phx_seal.h */
 } phx_flash;
 
-/* What s-node and a-node have in common. */
+/* What s-node and a-node have in common; at the front, what every frame needs. */
 typedef struct {
-    phx_flash flash;
     uint8_t has_key;
     uint8_t was_keyed;                     /* since power-up */
     uint8_t safe;
-    phx_mac_key key;                       /* of the mission */
     uint32_t batched;                      /* entries in the batch, which is hashed as it comes */
     phx_hash batch;
     uint8_t top[PHX_HASH_BYTES];
+    phx_flash flash;
+    phx_mac_key key;                       /* of the mission */
 } phx_node;
 
 /* A leaky bucket, in units of what it hands out. */

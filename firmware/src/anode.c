@@ -183,8 +183,8 @@ int phx_anode_check(phx_anode *a, uint32_t now)
     /* Grace: with a new key nobody can have a token yet. */
     if (!a->node.was_keyed || now - a->keyed_at_ms < limits->t_val_ms)
         return 0;
-    for (unsigned i = 0; i < PHX_TOKENS; i++)
-        valid += a->tokens[i].tor != 0 && (uint64_t)a->tokens[i].t + limits->t_val_ms >= now;
+    for (unsigned i = 0; i < PHX_TOKENS && a->tokens[i].tor != 0; i++)
+        valid += (uint64_t)a->tokens[i].t + limits->t_val_ms >= now;
     if (valid < limits->f_max + 1u)
         phx_safe_mode(&a->node);
     return a->node.safe;

@@ -7,7 +7,7 @@ Events of one microsecond come out in the order in which they went in, so that a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +15,38 @@ from numpy.typing import NDArray
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.wire.fields import whole
 
 NOTHING = -1
 NEVER_US = np.iinfo(np.int64).max
 # A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10
 # What `tally` counts: events that wait, pushes so far, pushes refused for want of room; of those that wait, how many
-# are in the heap; the first free place; and the millisecond that the heap is of.
-_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _WINDOW = range(6)
+# are in the heap; the place given back last; how many places were ever taken; and the millisecond that the heap is of.
+_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
+
+
+EVENT = np.dtype(
+    [
+        ("t_us", "i8"),
+        ("number", "i8"),  # of the push
+        # What they mean is the caller's affair.
+        ("kind", "i4"),
+        ("robot", "i4"),
+        ("arg", "i4"),
+        ("after", "i4"),  # the next place of the same bucket, or the next that is free
+    ],
+    align=True,
+)
 
 
 class Queue(NamedTuple):
     """Room for a fixed number of events, each of which has a place while it waits."""
 
     heap: NDArray[np.int32]  # (C,), places of the events that are near, the earliest first
-    key: NDArray[np.int64]  # (C, 2): time in µs, number of the push
-    data: NDArray[np.int64]  # (C, 3): kind, robot, arg; what they mean is the caller's affair
-    after: NDArray[np.int32]  # (C,): the next place of the same bucket, or the next that is free
+    event: NDArray[Any]  # (C,) EVENT
     bucket: NDArray[np.int32]  # (BUCKETS,): the first place of each
-    tally: NDArray[np.int64]  # (6,)
+    tally: NDArray[np.int64]  # (7,)
 
 
 pack = bundled(Queue)
@@ -46,16 +59,13 @@ def make_queue(capacity: int) -> Queue:
     """
     if capacity < 1:
         raise UsageError(f"queue for {capacity} events", "at least 1")
-    after = np.arange(1, capacity + 1, dtype=np.int32)
-    after[-1] = NOTHING
     queue = Queue(
         heap=np.zeros(capacity, np.int32),
-        key=np.zeros((capacity, 2), np.int64),
-        data=np.zeros((capacity, 3), np.int64),
-        after=after,
+        event=np.zeros(capacity, EVENT).view(np.recarray),
         bucket=np.full(BUCKETS, NOTHING, np.int32),
-        tally=np.zeros(6, np.int64),
+        tally=np.zeros(7, np.int64),
     )
+    queue.tally[_FREE] = NOTHING
     return pack(queue)
 
 
@@ -63,12 +73,17 @@ def make_queue(capacity: int) -> Queue:
 def push(queue: Queue, t_us: int, kind: int, robot: int, arg: int) -> int:
     """0, and the event waits for its time; or -1 if the queue is full: then it is only counted, see `refused`."""
     tally, place = queue.tally, queue.tally[_FREE]
-    if place == NOTHING:
+    if place != NOTHING:
+        tally[_FREE] = queue.event[place].after
+    elif tally[_TAKEN] < len(queue.event):
+        place = tally[_TAKEN]
+        tally[_TAKEN] += 1
+    else:
         tally[_REFUSED] += 1
         return -1
-    tally[_FREE] = queue.after[place]
-    queue.key[place, 0], queue.key[place, 1] = t_us, tally[_PUSHED]
-    queue.data[place, 0], queue.data[place, 1], queue.data[place, 2] = kind, robot, arg
+    event = queue.event[place]
+    event.t_us, event.number = t_us, tally[_PUSHED]
+    event.kind, event.robot, event.arg = kind, robot, arg
     tally[_WAITING] += 1
     tally[_PUSHED] += 1
     _wait(queue, place)
@@ -98,9 +113,19 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
         heap[at] = heap[below]
         at = below
     heap[at] = moved
-    queue.after[place] = tally[_FREE]
+    event = queue.event[place]
+    event.after = tally[_FREE]
     tally[_FREE] = place
-    return queue.key[place, 0], queue.data[place, 0], queue.data[place, 1], queue.data[place, 2]
+    return event.t_us, whole(event.kind), whole(event.robot), whole(event.arg)
+
+
+@kernel
+def peek(queue: Queue) -> tuple[int, int]:
+    """Kind and robot of the next event, if it is within this millisecond; otherwise twice NOTHING."""
+    if queue.tally[_NEAR] == 0:
+        return NOTHING, NOTHING
+    event = queue.event[queue.heap[0]]
+    return whole(event.kind), whole(event.robot)
 
 
 @kernel
@@ -109,7 +134,7 @@ def next_us(queue: Queue) -> int:
     if queue.tally[_WAITING] == 0:
         return NEVER_US
     _turn(queue)
-    return queue.key[queue.heap[0], 0]  # type: ignore[no-any-return]
+    return queue.event[queue.heap[0]].t_us  # type: ignore[no-any-return]
 
 
 @kernel
@@ -121,12 +146,13 @@ def refused(queue: Queue) -> int:
 @kernel
 def _wait(queue: Queue, place: int) -> None:
     """The event is in the heap if its time has come or is past, or else in its bucket."""
-    window = queue.key[place, 0] >> SHIFT
+    event = queue.event[place]
+    window = event.t_us >> SHIFT
     if window <= queue.tally[_WINDOW]:
         _rise(queue, place)
     else:
         bucket = window & (BUCKETS - 1)
-        queue.after[place] = queue.bucket[bucket]
+        event.after = queue.bucket[bucket]
         queue.bucket[bucket] = place
 
 
@@ -156,7 +182,7 @@ def _turn(queue: Queue) -> None:
         place = queue.bucket[bucket]
         queue.bucket[bucket] = NOTHING
         while place != NOTHING:
-            after = queue.after[place]
+            after = queue.event[place].after
             _wait(queue, place)
             place = after
 
@@ -168,12 +194,12 @@ def _earliest(queue: Queue) -> int:
     for bucket in range(BUCKETS):
         place = queue.bucket[bucket]
         while place != NOTHING:
-            window = min(window, queue.key[place, 0] >> SHIFT)
-            place = queue.after[place]
+            window = min(window, queue.event[place].t_us >> SHIFT)
+            place = queue.event[place].after
     return int(window)
 
 
 @kernel
 def _before(queue: Queue, one: int, other: int) -> bool:
-    keys = queue.key
-    return bool(keys[one, 0] < keys[other, 0] or (keys[one, 0] == keys[other, 0] and keys[one, 1] < keys[other, 1]))
+    first, second = queue.event[one], queue.event[other]
+    return bool(first.t_us < second.t_us or (first.t_us == second.t_us and first.number < second.number))

@@ -12,6 +12,7 @@ from phalanx.bti import request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.kernel import kernel
+from phalanx.memory import LINE_BYTES, fetch
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, NOBODY, TX_END
@@ -19,7 +20,7 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .events import next_us, pop, push
+from .events import next_us, peek, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import PYTHON, VERDICTS, World, clock_ms
 
@@ -30,6 +31,10 @@ MESSAGE, SENT = 16, 17
 REACHED, FOR_PYTHON = 0, 1
 # A ROUND's arg: the robot has listened before it.
 LISTENED = 1
+# What is read of each robot at every event lies at the front of its rows; of its controller's state, most are so long.
+HOT_BYTES, STATE_BYTES = 192, 256
+# Where tokens lie in an a-node (firmware/include/phx.h), and how far ahead they are asked for.
+TOKENS_AT, AHEAD = 704, 8
 
 
 @kernel
@@ -46,6 +51,8 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         while clock.next < clock.receivers:
             j = world.receivers[clock.next]
             clock.next += 1
+            if clock.next + 1 < clock.receivers:
+                fetch_robot(world, world.receivers[clock.next + 1])
             if deliver(world, j):
                 return FOR_PYTHON
         if clock.sender != NOBODY:
@@ -58,6 +65,7 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             return REACHED
         now_us, kind, i, arg = pop(world.queue)
         clock.now_us = now_us
+        fetch_next(world)
         if kind == ATTEMPT:
             radio.attempt(world.air, world.reach, world.queue, i, now_us)
         elif kind == TX_END:
@@ -89,6 +97,37 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             audit_timer(world, i, kind)
 
 
+# --- memory ---
+# Of large swarms nobody's memory is near. What is asked for early is there when it is needed.
+
+
+@kernel
+def fetch_next(world: World) -> None:
+    """What the next event reads is on its way."""
+    kind, i = peek(world.queue)
+    if kind == CONTROL:
+        fetch_robot(world, i)
+        fetch(world.fleet.snode, i, 0, HOT_BYTES)
+        fetch(world.pos, i, 0, 1)
+        fetch(world.vel, i, 0, 1)
+        fetch(world.acc, i, 0, 1)
+    elif kind in (ATTEMPT, TX_END):
+        fetch(world.air.nic, i, 0, world.air.nic.itemsize)
+        fetch(world.air.slot, i, 0, 1)
+        fetch(world.air.short, i, 0, 1)
+
+
+@kernel
+def fetch_robot(world: World, i: int) -> None:
+    """What robot i reads to hear a frame, or to decide, is on its way."""
+    f = world.fleet
+    if i < len(f.robot):
+        fetch(f.robot, i, 0, HOT_BYTES)
+        fetch(f.anode, i, 0, HOT_BYTES)
+        fetch(f.state, i, 0, STATE_BYTES)
+        fetch(f.peer_id, i, 0, 1)
+
+
 # --- sense, control, actuate, broadcast ---
 
 
@@ -98,6 +137,7 @@ def control(world: World, i: int) -> int:
     body.advance(world, i)
     if world.safe[i]:
         return 0
+    fetch(world.fleet.log, i, world.fleet.robot[i].log_len, 1)
     now = clock_ms(world, i)
     length = body.sensed(world, i, world.fleet.robot[i].id, now)
     if world.runs[i] == PYTHON:
@@ -140,6 +180,8 @@ def transmitted(world: World, i: int, arg: int) -> None:
     end = radio.finish(world.air, world.reach, world.queue, i, arg, clock.now_us, world.receivers)
     clock.next = 0
     clock.receivers = end.receivers
+    for k in range(min(2, end.receivers)):
+        fetch_robot(world, world.receivers[k])
     clock.sender = end.left
     clock.arrived = end.arrived
     n = len(end.frame)
@@ -156,6 +198,7 @@ def deliver(world: World, j: int) -> int:
         world.clock[0].kind = MESSAGE
         world.clock[0].robot = j
         return 1
+    fetch(world.fleet.log, j, world.fleet.robot[j].log_len, 1)
     now = clock_ms(world, j)
     told = node.hear(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
     if told == node.REPLY:
@@ -245,6 +288,8 @@ def enforce(world: World) -> None:
     """Each a-node has checked its tokens; those without enough of them have stopped their robot. Source: Alg. 4."""
     f = world.fleet
     for i in range(len(f.robot)):
+        fetch(f.anode, i + AHEAD, 0, HOT_BYTES)
+        fetch(f.anode, i + AHEAD, TOKENS_AT, HOT_BYTES - LINE_BYTES)
         if world.safe[i] == 0 and trusted.anode_check(f.settings[0].profile, f.anode[i], clock_ms(world, i)) != 0:
             stop(world, i)
 

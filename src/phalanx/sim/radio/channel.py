@@ -19,9 +19,10 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.memory import fetch
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
-from phalanx.wire.fields import copy
+from phalanx.wire.fields import copy, whole
 
 from .airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from .nic import (
@@ -57,15 +58,23 @@ APP_BROADCAST, APP_UNICAST, AUDIT_BROADCAST, AUDIT_UNICAST = 0, 1, 2, 3
 SENT, DUE, ARRIVED, HEARD, BYTES, AIRTIME_US, DELAY_US, DROPPED = 0, 1, 2, 3, 4, 5, 6, 7
 
 
+SLOT = np.dtype(
+    [
+        ("since", "i8"),  # when the frame was put there, µs
+        ("dst", "i4"),  # robot or BROADCAST
+        ("length", "i4"),  # bytes
+    ],
+    align=True,
+)
+
+
 class Air(NamedTuple):
     """The channel and everybody's NIC; 1.7 kB a robot by default."""
 
     nic: NDArray[np.void]  # (N,) NIC
     short: NDArray[np.uint8]  # (N, SLOTS, SHORT_BYTES), frames of the ring
     long: Pool  # of long_bytes: the one longer frame of each ring
-    dst: NDArray[np.int32]  # (N, SLOTS), robot or BROADCAST
-    length: NDArray[np.int32]  # (N, SLOTS), bytes
-    since: NDArray[np.int64]  # (N, SLOTS), when it was put there, µs
+    slot: NDArray[Any]  # (N, SLOTS) SLOT
     counts: NDArray[np.int64]  # (N, 4, 8), see APP_BROADCAST … and SENT …
     rates: Rates  # bits and times of a symbol
     half_exponents: int  # twice the exponent of the path loss
@@ -100,9 +109,7 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         nic=make_nics(robots, seed),
         short=np.zeros((robots, SLOTS, SHORT_BYTES), np.uint8),
         long=make_pool(robots, config.long_bytes),
-        dst=np.zeros((robots, SLOTS), np.int32),
-        length=np.zeros((robots, SLOTS), np.int32),
-        since=np.zeros((robots, SLOTS), np.int64),
+        slot=np.zeros((robots, SLOTS), SLOT).view(np.recarray),
         counts=np.zeros((robots, 4, 8), np.int64),
         rates=rates_of(config),
         half_exponents=round(2 * config.exponent),
@@ -143,7 +150,8 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length
         nic.long_used, nic.long_row = 1, lend(air.long)
     target = air.long.rows[nic.long_row] if is_long else air.short[robot, slot]
     copy(target, 0, frame, 0, length)
-    air.dst[robot, slot], air.length[robot, slot], air.since[robot, slot] = dst, length, now_us
+    taken = air.slot[robot, slot]
+    taken.dst, taken.length, taken.since = dst, length, now_us
     nic.waiting += 1
     if nic.waiting == 1:
         if now_us < nic.busy_until and nic.slots == 0:
@@ -182,7 +190,7 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
         return
     nic.attempt_at = NEVER
     slot = nic.head
-    length, dst = air.length[robot, slot], air.dst[robot, slot]
+    length, dst = whole(air.slot[robot, slot].length), whole(air.slot[robot, slot].dst)
     if dst == BROADCAST:
         took_us, answer_us = broadcast_us(air.rates, length), 0
     else:
@@ -205,11 +213,15 @@ def finish(
         return _finish_ack(air, queue, robot, arg - 1, now_us)
     nic = air.nic[robot]
     slot = nic.head
-    dst = air.dst[robot, slot]
+    dst = whole(air.slot[robot, slot].dst)
     frame = _bytes(air, robot, slot)
     count = 0
     if dst == BROADCAST:
-        for at in range(reach.near[robot], in_range(reach, robot)):
+        end = in_range(reach, robot)
+        for at in range(reach.near[robot], end):
+            fetch(air.nic, reach.ids[at], 0, air.nic.itemsize)
+            fetch(air.counts, reach.ids[at], 64 * _class(frame[0], dst) + 8 * HEARD, 1)
+        for at in range(reach.near[robot], end):
             other = reach.ids[at]
             if received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
@@ -253,11 +265,12 @@ def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
 def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     nic = air.nic[robot]
     slot = nic.head
-    counts = air.counts[robot, _class(_bytes(air, robot, slot)[0], air.dst[robot, slot])]
+    sent = air.slot[robot, slot]
+    counts = air.counts[robot, _class(_bytes(air, robot, slot)[0], sent.dst)]
     counts[SENT] += 1
-    counts[BYTES] += air.length[robot, slot]
-    counts[DUE] += nic.due if air.dst[robot, slot] == BROADCAST else 1
-    if air.length[robot, slot] > SHORT_BYTES:
+    counts[BYTES] += sent.length
+    counts[DUE] += nic.due if sent.dst == BROADCAST else 1
+    if sent.length > SHORT_BYTES:
         nic.long_used = 0
         give_back(air.long, nic.long_row)
     nic.waiting -= 1
@@ -279,7 +292,10 @@ def _transmit(
     nic.own_until = end_us
     nic.hears, nic.hears_until = NOBODY, now_us
     due = 0
-    for at in range(reach.near[robot], in_range(reach, robot)):
+    end = in_range(reach, robot)
+    for at in range(reach.near[robot], end):
+        fetch(air.nic, reach.ids[at], 0, air.nic.itemsize)
+    for at in range(reach.near[robot], end):
         other = air.nic[reach.ids[at]]
         if other.off:
             continue
@@ -309,7 +325,7 @@ def _class(first_byte: int, dst: int) -> int:
 
 @kernel
 def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
-    length = air.length[robot, slot]
+    length = whole(air.slot[robot, slot].length)
     if length > SHORT_BYTES:
         return air.long.rows[air.nic[robot].long_row, :length]
     return air.short[robot, slot, :length]
@@ -317,8 +333,9 @@ def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
 
 @kernel
 def _account(air: Air, robot: int, slot: int, receivers: NDArray[np.int32], count: int, now_us: int) -> None:
-    row = _class(_bytes(air, robot, slot)[0], air.dst[robot, slot])
+    sent = air.slot[robot, slot]
+    row = _class(_bytes(air, robot, slot)[0], sent.dst)
     air.counts[robot, row, ARRIVED] += count
-    air.counts[robot, row, DELAY_US] += count * (now_us - air.since[robot, slot])
+    air.counts[robot, row, DELAY_US] += count * (now_us - sent.since)
     for at in range(count):
         air.counts[receivers[at], row, HEARD] += 1

@@ -128,10 +128,19 @@ def in_range(reach: Reach, i: int) -> int:
 
 @kernel
 def _has_moved(reach: Reach, pos: NDArray[np.float64]) -> bool:
-    """Whether somebody has gone half the skin since candidates were noted, so that others may be in range."""
+    """Whether somebody has gone half the skin since candidates were noted, so that others may be in range.
+
+    What all have gone together brings nobody nearer to anybody.
+    """
     most = 0.25 * reach.skin_m * reach.skin_m
+    all_x, all_y = 0.0, 0.0
     for i in range(len(pos)):
-        dx, dy = pos[i, 0] - reach.sorted_at[i, 0], pos[i, 1] - reach.sorted_at[i, 1]
+        all_x += pos[i, 0] - reach.sorted_at[i, 0]
+        all_y += pos[i, 1] - reach.sorted_at[i, 1]
+    all_x /= len(pos)
+    all_y /= len(pos)
+    for i in range(len(pos)):
+        dx, dy = pos[i, 0] - reach.sorted_at[i, 0] - all_x, pos[i, 1] - reach.sorted_at[i, 1] - all_y
         if not (dx * dx + dy * dy <= most):  # nor where there was nobody
             return True
     return False
