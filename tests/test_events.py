@@ -22,7 +22,7 @@ def test_events_come_out_by_time_and_those_of_one_time_as_they_went_in(steps, ca
         if t_us is None:
             expected = min(model) if model else (NEVER_US, NOTHING, NOTHING, NOTHING)
             assert next_us(queue) == expected[0]
-            assert peek(queue) == ((7, expected[1]) if model else (NOTHING, NOTHING))
+            assert peek(queue) == ((7, expected[1], -expected[1]) if model else (NOTHING, NOTHING, NOTHING))
             assert pop(queue) == ((expected[0], 7, expected[1], -expected[1]) if model else expected)
             if model:
                 model.remove(expected)

@@ -1,4 +1,4 @@
-"""Whatever is computed in a clever way gives what the simple way gives: `--plain` ends in the same digest."""
+"""Whatever is computed in a clever way gives what the simple way gives: `--plain`, and two cores, end in the same digest."""
 
 from __future__ import annotations
 
@@ -20,15 +20,16 @@ CROWD = Scenario(robots=49, duration_s=8.0, grid_step_m=4.0, d_m=4.0)
 ATTACKS = ["flee", "spoof", "expel", "stale-log", "forge-checkpoint", "slot-squat", "frame-flood", "reorder-entries"]
 
 
-def told(scenario, *, plain):
-    run = Run(scenario, plain=plain)
+def told(scenario, **how):
+    run = Run(scenario, **how)
     run.advance(scenario.duration_s)
     return {name: said for name, said in run.summary().items() if name != "real_time_factor"}
 
 
 def same(scenario):
-    clever, plain = (told(scenario, plain=plain) for plain in (False, True))
+    clever, plain, two = (told(scenario, **how) for how in ({}, {"plain": True}, {"cores": 2}))
     assert clever == plain
+    assert clever == two
     return plain
 
 
@@ -50,4 +51,4 @@ def test_the_command_says_the_same_of_both(capsys):
         assert run_command(["sim", "run", "flock-12", "--duration", "5", "--json", *words]) == 0
         return json.loads(capsys.readouterr().out)["digest"]
 
-    assert digest() == digest("--plain")
+    assert digest() == digest("--plain") == digest("--cores", "2")

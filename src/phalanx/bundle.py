@@ -23,9 +23,13 @@ import numba
 import numpy as np
 from llvmlite import ir as llvm
 from numba import extending
-from numba.core import types as numba_types
-from numba.core.typing.templates import AttributeTemplate
-from numba.np import arrayobj as numba_arrays
+from numba import types as numba_types
+
+try:
+    from numba.core.typing.templates import AttributeTemplate
+    from numba.np import arrayobj as numba_arrays
+except ImportError:  # a numba that is another inside: bundles are NamedTuples, which it knows, and calls are slow
+    numba_arrays = None  # type: ignore[assignment]
 
 _T = TypeVar("_T", bound=tuple[Any, ...])
 # Untyped, all of it.
@@ -58,12 +62,14 @@ def _words(kind: Any) -> int:
 extend.register_model(BundleType)(extend.models.OpaqueModel)
 
 
-@extend.infer_getattr
-class _Attributes(AttributeTemplate):
-    key = BundleType
+if arrayobj:
 
-    def generic_resolve(self, bundle: BundleType, name: str) -> Any:  # type: ignore[override]
-        return bundle.kinds.get(name)
+    @extend.infer_getattr
+    class _Attributes(AttributeTemplate):
+        key = BundleType
+
+        def generic_resolve(self, bundle: BundleType, name: str) -> Any:  # type: ignore[override]
+            return bundle.kinds.get(name)
 
 
 @extend.lower_getattr_generic(BundleType)  # type: ignore[untyped-decorator]
@@ -126,11 +132,11 @@ def _told(value: Any) -> list[int]:
 
 
 def bundled(fields: type[_T]) -> Callable[[_T], _T]:
-    """What makes of a bundle the one that kernels take; uncompiled, that is the bundle itself."""
+    """What makes of a bundle the one that kernels take; uncompiled, or by an unknown numba, that is itself."""
     name = f"{fields.__module__}.{fields.__name__}"
 
     def pack(bundle: _T) -> _T:
-        if numba_.config.DISABLE_JIT:
+        if numba_.config.DISABLE_JIT or not arrayobj:
             return bundle
         kinds = tuple(
             (field, types.unliteral(numba_.typeof(value)))

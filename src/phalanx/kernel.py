@@ -10,6 +10,9 @@ of them with NUMBA_DISABLE_JIT=1, for a debugger. The first call compiles, which
 Rules a kernel lives by, so that both (and any two machines) agree to the bit: float64 with + - * / and `math.sqrt` in a
 written order; no other function of `math`, no sum over an array, no division by what can be zero, no dict and no set.
 Many arrays go to kernels together (bundle.py).
+
+To keep what is compiled we reach into numba, which promises nobody to stay as it is inside. Where it is not what we
+know, kernels are compiled at each start, and all else is the same; so it is in `bundle`, `memory` and `sim.compiling`.
 """
 
 from __future__ import annotations
@@ -27,12 +30,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import types
-from numba.core.caching import FunctionCache
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.runtime.nrt import rtsys
+from numba import types
+
+try:
+    from numba.core import caching
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.runtime.nrt import rtsys
+except ImportError:
+    caching = None  # type: ignore[assignment]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+FunctionCache: Any = getattr(caching, "FunctionCache", None)
 _ROOT = Path(__file__).parent
 _OPTIONS: dict[str, Any] = {
     "nogil": True,
@@ -112,6 +120,16 @@ def _alone(folder: str, name: str) -> Iterator[None]:
         fcntl.lockf(_lock_file(folder), fcntl.LOCK_UN, 1, place)
 
 
+def _cache_of(compiled: Any) -> Any:
+    """What keeps a kernel on disk, None if this numba does it in a way that we do not know."""
+    cached = FunctionCache and hasattr(compiled, "_cache") and FunctionCache(compiled.py_func)
+    on_disk = getattr(cached, "_cache_file", None)
+    known = hasattr(cached, "_load_overload") and all(
+        hasattr(on_disk, name) for name in ("_cache_path", "_index_name", "_load_index", "_source_stamp", "save")
+    )
+    return cached if known else None
+
+
 def _share(compiled: Any, stamp: Path) -> None:
     """Processes that need the same kernel at the same time compile it once, and lose nothing that another has kept.
 
@@ -121,9 +139,11 @@ def _share(compiled: Any, stamp: Path) -> None:
     compile_it = compiled.compile
 
     @cache
-    def kept() -> tuple[str, str]:
-        compiled.enable_caching()
-        on_disk = compiled._cache._cache_file  # noqa: SLF001
+    def kept() -> tuple[str, str] | None:
+        found = _cache_of(compiled)
+        if not found:
+            return None
+        on_disk = found._cache_file  # noqa: SLF001
         folder, name, save = on_disk._cache_path, on_disk._index_name, on_disk.save  # noqa: SLF001
         index = on_disk._load_index  # noqa: SLF001
 
@@ -139,11 +159,15 @@ def _share(compiled: Any, stamp: Path) -> None:
                 save(key, data)
 
         on_disk._source_stamp, on_disk.save, on_disk._load_index = _stamp(stamp), save_once, readable  # noqa: SLF001
-        _load_alone(compiled._cache)  # noqa: SLF001
+        _load_alone(found)
+        compiled._cache = found  # noqa: SLF001
         return folder, name
 
     def compile_once(signature: Any) -> Any:
-        folder, name = kept()
+        place = kept()
+        if not place:
+            return compile_it(signature)
+        folder, name = place
         # Threads first: whoever held a process's lock and waited for a thread of its own would wait for ever.
         with global_compiler_lock, _alone(folder, f"{name} {signature}"):
             return compile_it(signature)
@@ -175,7 +199,9 @@ def _take_whole_numbers_alike(compiled: Any) -> None:
 
     numba would compile it, and all that it calls, again for each.
     """
-    template = compiled.get_call_template
+    template = getattr(compiled, "get_call_template", None)
+    if not template:
+        return
 
     def of_wide(args: Any, words: Any) -> Any:
         return template(tuple(map(_wide, args)), {name: _wide(kind) for name, kind in words.items()})
@@ -198,9 +224,10 @@ def kernel(function: _F) -> _F:
     return result
 
 
-def kept_in(compiled: Any) -> Path:
-    """The folder where a kernel's compiled code is kept, called or not."""
-    return Path(FunctionCache(compiled.py_func).cache_path)  # type: ignore[no-untyped-call]
+def kept_in(compiled: Any) -> Path | None:
+    """The folder where a kernel's compiled code is kept, called or not; None if it is not."""
+    found = _cache_of(compiled)
+    return Path(found.cache_path) if found else None
 
 
 def written(declared: _F, body: list[str], scope: dict[str, Any]) -> _F:

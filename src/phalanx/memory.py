@@ -14,13 +14,18 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 from llvmlite import ir as llvm
 from numba import extending
-from numba.core import cgutils
-from numba.core import types as numba_types
-from numba.np import arrayobj
+from numba import types as numba_types
 from numpy.typing import NDArray
+
+try:
+    from numba.core import cgutils
+    from numba.np import arrayobj
+except ImportError:  # a numba that is another inside: bytes one by one, and nothing ahead of time
+    cgutils = arrayobj = None  # type: ignore[assignment]
 
 assert sys.byteorder == "little", "numbers lie in memory as they do on the wire"
 # Untyped, all of it.
@@ -29,6 +34,9 @@ types: Any = numba_types
 extend: Any = extending
 arrays: Any = arrayobj
 utils: Any = cgutils
+_CONFIG: Any = numba.config
+# Whether one thread can tell another, compiled, what it has done.
+CAN_TELL = arrays is not None and not _CONFIG.DISABLE_JIT
 WORD_BITS = 64
 LINE_BYTES = 64
 SMALL_BYTES = 1 << 20
@@ -72,7 +80,13 @@ def _loads(bits: int) -> Callable[[Any, int], int]:
 
         return types.int64(row, types.int64), generate
 
-    extend.overload(load)(lambda row, at: lambda row, at: emitted(row, at))
+    def one_by_one(row, at):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+        value: Any = 0
+        for k in range(width):
+            value |= np.int64(row[at + k]) << (8 * k)
+        return value
+
+    extend.overload(load)(lambda row, at: (lambda row, at: emitted(row, at)) if arrays else one_by_one)
 
     return load
 
@@ -94,7 +108,13 @@ def _stores(bits: int) -> Callable[[Any, int, int], None]:
 
         return types.none(row, types.int64, types.int64), generate
 
-    extend.overload(store)(lambda row, at, value: lambda row, at, value: emitted(row, at, value))
+    def one_by_one(row, at, value) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+        for k in range(width):
+            row[at + k] = (value >> (8 * k)) & 255
+
+    extend.overload(store)(
+        lambda row, at, value: (lambda row, at, value: emitted(row, at, value)) if arrays else one_by_one
+    )
 
     return store
 
@@ -103,6 +123,82 @@ def _stores(bits: int) -> Callable[[Any, int, int], None]:
 load_16, load_32, load_64 = _loads(16), _loads(32), _loads(64)
 # The lowest so many bits of `value` lie at `at`.
 store_16, store_32, store_64 = _stores(16), _stores(32), _stores(64)
+
+
+def tell(words: Any, at: int, value: int) -> None:
+    """words[at], of int64, is `value`, and so is all that was written before to who finds that by `look`."""
+    words[at] = value
+
+
+def look(words: Any, at: int) -> int:
+    """words[at] as another thread told it last."""
+    return int(words[at])
+
+
+def rest() -> None:
+    """Another thread may have the processor, if it waits for one."""
+
+
+# Looks at what another thread has done before the processor is offered to whoever waits for it.
+PATIENCE = 200
+
+
+def wait_until(words: Any, at: int, value: int) -> None:
+    """words[at] is `value` or more."""
+    looks = 0
+    while look(words, at) < value:
+        looks += 1
+        if looks % PATIENCE == 0:
+            rest()
+
+
+def _word_at(context: Any, builder: Any, kind: Any, words: Any, at: Any) -> Any:
+    return builder.gep(arrays.make_array(kind)(context, builder, words).data, [at])
+
+
+@extend.intrinsic  # type: ignore[untyped-decorator]
+def _told(_: Any, words: Any, at: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        place = _word_at(context, builder, signature.args[0], *given[:2])
+        builder.store_atomic(given[2], place, "release", 8)
+        return context.get_dummy_value()
+
+    return types.none(words, types.int64, types.int64), generate
+
+
+@extend.intrinsic  # type: ignore[untyped-decorator]
+def _looked(_: Any, words: Any, at: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return builder.load_atomic(_word_at(context, builder, signature.args[0], *given), "acquire", 8)
+
+    return types.int64(words, types.int64), generate
+
+
+@extend.intrinsic  # type: ignore[untyped-decorator]
+def _rested(_: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
+        of_c = ir.FunctionType(ir.IntType(32), [])
+        builder.call(utils.get_or_insert_function(builder.module, of_c, "sched_yield"), [])
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+def _tell_plainly(words, at, value) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    words[at] = value
+
+
+extend.overload(tell)(
+    lambda words, at, value: (lambda words, at, value: _told(words, at, value)) if arrays else _tell_plainly
+)
+extend.overload(look)(
+    lambda words, at: (lambda words, at: _looked(words, at)) if arrays else lambda words, at: words[at]
+)
+extend.overload(rest)(lambda: (lambda: _rested()) if arrays else lambda: None)
+
+
+# Compiled, it is itself.
+extend.register_jitable(wait_until)
 
 
 def move(to: Any, to_at: int, source: Any, source_at: int, length: int) -> None:
@@ -167,14 +263,35 @@ def _fetch_lines(rows, i, begin, length) -> None:  # type: ignore[no-untyped-def
         _fetched(rows, i, at)
 
 
-extend.overload(fetch)(lambda rows, i, begin, length: _fetch_lines)
+def _fetch_nothing(rows, i, begin, length) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    pass
+
+
+extend.overload(fetch)(lambda rows, i, begin, length: _fetch_lines if arrays else _fetch_nothing)
+
+
+def _moved_by_one(to, to_at, source, source_at, length) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    to[to_at : to_at + length] = source[source_at : source_at + length].copy()
+
+
+def _agreed_by_one(one, one_at, other, other_at, length) -> bool:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    for k in range(length):  # noqa: SIM110
+        if one[one_at + k] != other[other_at + k]:
+            return False
+    return True
+
+
 extend.overload(move)(
     lambda to, to_at, source, source_at, length: (
-        lambda to, to_at, source, source_at, length: _moved(to, to_at, source, source_at, length)
+        (lambda to, to_at, source, source_at, length: _moved(to, to_at, source, source_at, length))
+        if arrays
+        else _moved_by_one
     )
 )
 extend.overload(equal)(
     lambda one, one_at, other, other_at, length: (
-        lambda one, one_at, other, other_at, length: _agreed(one, one_at, other, other_at, length)
+        (lambda one, one_at, other, other_at, length: _agreed(one, one_at, other, other_at, length))
+        if arrays
+        else _agreed_by_one
     )
 )

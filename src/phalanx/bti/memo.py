@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import sparse
+from phalanx.memory import sparse, wait_until
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES
@@ -41,6 +41,30 @@ PASSED = np.dtype(
 )
 
 
+FORETOLD = np.dtype(
+    [
+        ("number", "i8"),  # of the errand by which it is told (sim/audited/errands.py), 0 of none
+        ("tee", "i8"),
+        ("length", "i8"),
+        ("refused", "i8"),  # what its audit says, once the errand is done
+    ],
+    align=True,
+)
+MOST_FORETOLD, COUNT_WORDS = 128, 48
+
+
+class Foretold(NamedTuple):
+    """Requests that a second processor audits while they are on the air: the verdict is in their bytes."""
+
+    shown: NDArray[np.uint8]  # (F, R), the requests
+    told: NDArray[Any]  # (F,) FORETOLD
+    place: NDArray[np.int64]  # (N,), where each robot's last one is or was
+    counts: NDArray[np.int64]  # of errands; the first is how many are done
+
+
+pack_foretold = bundled(Foretold)
+
+
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
@@ -49,13 +73,16 @@ class Memo(NamedTuple):
     tops: NDArray[np.uint8]  # (S, 2, 20)
     state: NDArray[np.uint8]  # (S, C + 48), the controller's, behind the rest of a checkpoint
     waiting: NDArray[np.uint8]  # (S, W), outputs that the log still has to show
+    foretold: Foretold
 
 
 pack = bundled(Memo)
 
 
-def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int) -> Memo:
-    """Nothing has passed yet."""
+def make_memo(
+    robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int, foretold: Foretold | None = None
+) -> Memo:
+    """Nothing has passed yet; what is foretold may be another's."""
     slots = min(robots, MOST_SLOTS)
     made = Memo(
         passed=np.zeros(slots, PASSED).view(np.recarray),
@@ -63,8 +90,33 @@ def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: 
         tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
         state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
         waiting=np.zeros((slots, waiting_bytes), np.uint8),
+        foretold=foretold or _nothing_foretold(robots, request_bytes),
     )
     return pack(made)
+
+
+def _nothing_foretold(robots: int, request_bytes: int) -> Foretold:
+    made = Foretold(
+        shown=sparse(MOST_FORETOLD, request_bytes),
+        told=np.zeros(MOST_FORETOLD, FORETOLD).view(np.recarray),
+        place=np.zeros(robots, np.int64),
+        counts=np.zeros(COUNT_WORDS, np.int64),
+    )
+    return pack_foretold(made)
+
+
+@kernel
+def foretold(memo: Memo, q: Row, length: int, src: int) -> int:
+    """What the audit of the request `q[:length]` has said already, 0 or a `Refusal`; -1 if there was none."""
+    known = memo.foretold
+    if src > len(known.place):
+        return -1
+    at = known.place[src - 1]
+    told = known.told[at]
+    if told.number == 0 or told.tee != src or told.length != length or not same(q, 0, known.shown[at], 0, length):
+        return -1
+    wait_until(known.counts, 0, told.number)
+    return int(told.refused)
 
 
 @kernel

@@ -14,9 +14,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import llvmlite.binding
-from numba import types
-from numba.core.datamodel.models import OpaqueModel
-from numba.core.datamodel.registry import register_default
+from numba import extending, types
 
 from phalanx._firmware_bound import ffi as bound_ffi
 from phalanx._firmware_bound import lib as bound_lib
@@ -82,7 +80,8 @@ class _CFunction(types.ExternalFunction):
         return int(self._function(*(self._cast("void *", int(x)) if pointer else int(x) for pointer, x in pairs)))
 
 
-register_default(_CFunction)(OpaqueModel)
+_EXTEND: Any = extending  # untyped
+_EXTEND.register_model(_CFunction)(_EXTEND.models.OpaqueModel)
 
 
 def _c_function(profile: int, name: str) -> _CFunction:

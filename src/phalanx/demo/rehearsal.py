@@ -109,13 +109,14 @@ def _note(defence: str, protocol: str) -> Path | None:
     """
     run: Any = loop.run
     config: Any = numba.config
-    if config.DISABLE_JIT:
+    folder = None if config.DISABLE_JIT else kept_in(run)
+    if not folder:
         return None
     made_by = (numba.__version__, sys.version, llvmlite.binding.get_host_cpu_name())
     made_of = hashlib.sha256(repr(made_by).encode())
     for source in sorted(Path(phalanx.__file__).parent.rglob("*.py")):
         made_of.update(source.read_bytes())
-    return kept_in(run) / f"rehearsed-{defence}-{protocol}{made_of.hexdigest()[:16]}"
+    return folder / f"rehearsed-{defence}-{protocol}{made_of.hexdigest()[:16]}"
 
 
 def _say(_: str, share: float) -> None:

@@ -8,15 +8,18 @@ from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
-from numba.core import event
-from numba.core.dispatcher import Dispatcher
+try:
+    from numba.core import event
+    from numba.core.dispatcher import Dispatcher
+except ImportError:  # a numba that is another inside: nobody hears of its compiling
+    event = None  # type: ignore[assignment]
 
 _EVENT: Any = event  # untyped
 # A kernel alone takes less than a second: nobody has to hear of that.
 PATIENCE_S = 1.0
 
 
-class _Clock(_EVENT.Listener):  # type: ignore[misc]
+class _Clock(_EVENT.Listener if _EVENT else object):  # type: ignore[misc]
     """Adds up what compiling takes."""
 
     def __init__(self) -> None:
@@ -37,7 +40,8 @@ class _Clock(_EVENT.Listener):  # type: ignore[misc]
 
 
 _CLOCK = _Clock()
-_EVENT.register("numba:compile", _CLOCK)
+if _EVENT:
+    _EVENT.register("numba:compile", _CLOCK)
 
 
 def working_s() -> float:
@@ -89,6 +93,9 @@ def telling_of_compiling(tell: Callable[[str, float], None]) -> Iterator[None]:
     It hears of it once a second has been spent on compiling, and nothing where all is found on disk, however slow the
     machine is. That there are about so many: which kernels one calls is read from names.
     """
+    if not _EVENT:
+        yield
+        return
     watch = _Watch(tell)
     _EVENT.register("numba:compile", watch)
     try:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
+from phalanx.memory import fetch
 from phalanx.wire.fields import whole
 
 NOTHING = -1
@@ -22,8 +23,9 @@ NEVER_US = np.iinfo(np.int64).max
 # A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10
 # What `tally` counts: events that wait, pushes so far, pushes refused for want of room; of those that wait, how many
-# are in the heap; the place given back last; how many places were ever taken; and the millisecond that the heap is of.
-_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
+# are in the heap; the place given back last; how many places were ever taken; the millisecond that the heap is of; and
+# of the next one, the place to which events are fetched, as each is found by way of the one before.
+_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW, _FETCHED = range(8)
 
 
 EVENT = np.dtype(
@@ -46,7 +48,7 @@ class Queue(NamedTuple):
     heap: NDArray[np.int32]  # (C,), places of the events that are near, the earliest first
     event: NDArray[Any]  # (C,) EVENT
     bucket: NDArray[np.int32]  # (BUCKETS,): the first place of each
-    tally: NDArray[np.int64]  # (7,)
+    tally: NDArray[np.int64]  # (8,)
 
 
 pack = bundled(Queue)
@@ -63,9 +65,9 @@ def make_queue(capacity: int) -> Queue:
         heap=np.zeros(capacity, np.int32),
         event=np.zeros(capacity, EVENT).view(np.recarray),
         bucket=np.full(BUCKETS, NOTHING, np.int32),
-        tally=np.zeros(7, np.int64),
+        tally=np.zeros(8, np.int64),
     )
-    queue.tally[_FREE] = NOTHING
+    queue.tally[_FREE] = queue.tally[_FETCHED] = NOTHING
     return pack(queue)
 
 
@@ -113,6 +115,9 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
         heap[at] = heap[below]
         at = below
     heap[at] = moved
+    if tally[_FETCHED] != NOTHING:
+        tally[_FETCHED] = queue.event[tally[_FETCHED]].after
+        fetch(queue.event, tally[_FETCHED], 0, 1)
     event = queue.event[place]
     event.after = tally[_FREE]
     tally[_FREE] = place
@@ -120,12 +125,12 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
 
 
 @kernel
-def peek(queue: Queue) -> tuple[int, int]:
-    """Kind and robot of the next event, if it is within this millisecond; otherwise twice NOTHING."""
+def peek(queue: Queue) -> tuple[int, int, int]:
+    """Kind, robot and arg of the next event, if it is within this millisecond; otherwise three times NOTHING."""
     if queue.tally[_NEAR] == 0:
-        return NOTHING, NOTHING
+        return NOTHING, NOTHING, NOTHING
     event = queue.event[queue.heap[0]]
-    return whole(event.kind), whole(event.robot)
+    return whole(event.kind), whole(event.robot), whole(event.arg)
 
 
 @kernel
@@ -185,6 +190,7 @@ def _turn(queue: Queue) -> None:
             after = queue.event[place].after
             _wait(queue, place)
             place = after
+        tally[_FETCHED] = queue.bucket[(tally[_WINDOW] + 1) & (BUCKETS - 1)]
 
 
 @kernel

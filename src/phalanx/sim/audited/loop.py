@@ -12,7 +12,7 @@ from phalanx.bti import request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.kernel import kernel
-from phalanx.memory import LINE_BYTES, fetch
+from phalanx.memory import fetch
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, NOBODY, TX_END
@@ -20,30 +20,36 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .events import next_us, peek, pop, push
+from .ahead import fetch_next, fetch_robot, fetch_tokens
+from .alone import decides_alone, foretell, hears_alone, meet
+from .errands import CONTROL, MESSAGE, give, wait_for_all
+from .events import next_us, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import PYTHON, VERDICTS, World, clock_ms
 
 # Kinds of events beside the radio's ATTEMPT and TX_END.
-CONTROL, ROUND, RETRY, CHECK, MOVE, WAKE = 10, 11, 12, 13, 14, 15
-# What only Python sees: a frame for it, and its last fragment gone.
-MESSAGE, SENT = 16, 17
+ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
+# What only Python sees: its last fragment is gone.
+SENT = 17
 REACHED, FOR_PYTHON = 0, 1
 # A ROUND's arg: the robot has listened before it.
 LISTENED = 1
-# What is read of each robot at every event lies at the front of its rows; of its controller's state, most are so long.
-HOT_BYTES, STATE_BYTES = 192, 256
-# Where tokens lie in an a-node (firmware/include/phx.h), and how far ahead they are asked for.
-TOKENS_AT, AHEAD = 704, 8
 
 
 @kernel
-def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeline, in one place
+def run(world: World, until_us: int) -> int:
     """The world at `until_us`, or at the first event that a robot in Python has to handle.
 
     Returns: REACHED or FOR_PYTHON; then `clock.kind`, `clock.robot`, `clock.arrived` and `frame` tell the event.
     Source: docs/spec/world.md.
     """
+    told = _go_on(world, until_us)
+    wait_for_all(world.errands)
+    return told
+
+
+@kernel
+def _go_on(world: World, until_us: int) -> int:  # noqa: C901, PLR0912, PLR0915 - the pipeline, in one place
     clock = world.clock[0]
     for profile in (trusted.BOUND, trusted.PAPER):
         trusted.host_use(profile, 1 - world.fleet.settings[0].plain)
@@ -51,13 +57,18 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         while clock.next < clock.receivers:
             j = world.receivers[clock.next]
             clock.next += 1
+            if hears_alone(world, j):
+                give(world.errands, MESSAGE, j, clock.now_us, world.frame, world.frame_len[0])
+                continue
             if clock.next + 1 < clock.receivers:
                 fetch_robot(world, world.receivers[clock.next + 1])
+            meet(world, j)
             if deliver(world, j):
                 return FOR_PYTHON
         if clock.sender != NOBODY:
             i = clock.sender
             clock.sender = NOBODY
+            meet(world, i)
             if frame_left(world, i, clock.arrived):
                 return FOR_PYTHON
         if next_us(world.queue) > until_us:
@@ -72,15 +83,22 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             transmitted(world, i, arg)
         elif kind == CONTROL:
             push(world.queue, now_us + clock.control_us, CONTROL, i, 0)
+            if decides_alone(world, i):
+                give(world.errands, CONTROL, i, now_us, world.frame, 0)
+                continue
+            meet(world, i)
             if control(world, i):
                 return FOR_PYTHON
         elif kind == CHECK:
             push(world.queue, now_us + clock.check_us, CHECK, 0, 0)
+            wait_for_all(world.errands)
             enforce(world)
         elif kind == MOVE:
             push(world.queue, now_us + clock.move_us, MOVE, 0, 0)
+            wait_for_all(world.errands)
             move(world)
         elif world.safe[i] == 0:
+            meet(world, i)
             if kind == ROUND:
                 if arg != LISTENED:
                     push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
@@ -95,37 +113,6 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
                 clock.robot = i
                 return FOR_PYTHON
             audit_timer(world, i, kind)
-
-
-# --- memory ---
-# Of large swarms nobody's memory is near. What is asked for early is there when it is needed.
-
-
-@kernel
-def fetch_next(world: World) -> None:
-    """What the next event reads is on its way."""
-    kind, i = peek(world.queue)
-    if kind == CONTROL:
-        fetch_robot(world, i)
-        fetch(world.fleet.snode, i, 0, HOT_BYTES)
-        fetch(world.pos, i, 0, 1)
-        fetch(world.vel, i, 0, 1)
-        fetch(world.acc, i, 0, 1)
-    elif kind in (ATTEMPT, TX_END):
-        fetch(world.air.nic, i, 0, world.air.nic.itemsize)
-        fetch(world.air.slot, i, 0, 1)
-        fetch(world.air.short, i, 0, 1)
-
-
-@kernel
-def fetch_robot(world: World, i: int) -> None:
-    """What robot i reads to hear a frame, or to decide, is on its way."""
-    f = world.fleet
-    if i < len(f.robot):
-        fetch(f.robot, i, 0, HOT_BYTES)
-        fetch(f.anode, i, 0, HOT_BYTES)
-        fetch(f.state, i, 0, STATE_BYTES)
-        fetch(f.peer_id, i, 0, 1)
 
 
 # --- sense, control, actuate, broadcast ---
@@ -167,6 +154,9 @@ def control(world: World, i: int) -> int:
 @kernel
 def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
     """The frame is in the robot's radio, for `to` (a robot's index) or BROADCAST; -1 if it is full."""
+    if world.clock[0].alone:
+        world.clock[0].said = 1
+        return -1
     return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
 
 
@@ -180,13 +170,14 @@ def transmitted(world: World, i: int, arg: int) -> None:
     end = radio.finish(world.air, world.reach, world.queue, i, arg, clock.now_us, world.receivers)
     clock.next = 0
     clock.receivers = end.receivers
-    for k in range(min(2, end.receivers)):
-        fetch_robot(world, world.receivers[k])
     clock.sender = end.left
     clock.arrived = end.arrived
     n = len(end.frame)
     copy(world.frame, 0, end.frame, 0, n)
     world.frame_len[0] = n
+    for k in range(min(2, end.receivers)):
+        if not hears_alone(world, world.receivers[k]):
+            fetch_robot(world, world.receivers[k])
 
 
 @kernel
@@ -257,7 +248,10 @@ def pump(world: World, i: int) -> None:
     if world.air.nic[i].long_used:
         return
     now = clock_ms(world, i)
+    made = f.robot[i].requests_sent
     n = node.next_frame(f, i, world.work, now)
+    if world.errands.on[0] and f.robot[i].requests_sent != made:
+        foretell(world, i)
     if n > 0:
         if pass_on(world, i, now, n, world.work.told[node.TOLD_TO] - 1) < 0:
             rounds.withdraw(f, i)
@@ -288,8 +282,7 @@ def enforce(world: World) -> None:
     """Each a-node has checked its tokens; those without enough of them have stopped their robot. Source: Alg. 4."""
     f = world.fleet
     for i in range(len(f.robot)):
-        fetch(f.anode, i + AHEAD, 0, HOT_BYTES)
-        fetch(f.anode, i + AHEAD, TOKENS_AT, HOT_BYTES - LINE_BYTES)
+        fetch_tokens(world, i)
         if world.safe[i] == 0 and trusted.anode_check(f.settings[0].profile, f.anode[i], clock_ms(world, i)) != 0:
             stop(world, i)
 

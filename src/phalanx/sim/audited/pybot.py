@@ -15,13 +15,14 @@ from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16, row
 
 from . import body, loop
+from .errands import CONTROL, MESSAGE
 from .events import push
 from .world import World, clock_ms
 
 # What hears of each kind of event.
 METHODS = {
-    loop.CONTROL: "on_sensor",
-    loop.MESSAGE: "on_message",
+    CONTROL: "on_sensor",
+    MESSAGE: "on_message",
     loop.ROUND: "on_round",
     loop.RETRY: "on_retry",
     loop.SENT: "on_sent",
@@ -48,7 +49,7 @@ def handle(
     now_ms = clock_ms(world, i)
     if i in planners:
         _plan(world, cnode, planners[i], kind, now_ms)
-    seen = _look(world, cnode, stage, now_ms) if stage and kind == loop.CONTROL else b""
+    seen = _look(world, cnode, stage, now_ms) if stage and kind == CONTROL else b""
     actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms, seen))
     if cnode.is_own:
         _check_commands(world, cnode, actions)
@@ -64,9 +65,9 @@ def _look(world: World, cnode: CNode, stage: Stage, now_ms: int) -> bytes:
 
 
 def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) -> None:
-    if kind == loop.MESSAGE:
+    if kind == MESSAGE:
         overheard(planner, now_ms, world.frame[: world.frame_len[0]].tobytes())
-    elif kind == loop.CONTROL:
+    elif kind == CONTROL:
         advice = advice_of(planner, now_ms, world.reading[: world.frame_len[0]].tobytes())
         if advice:
             cnode.on_advice(advice)
@@ -86,9 +87,9 @@ def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:
 
 
 def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes) -> list[Action]:
-    if kind == loop.CONTROL:
+    if kind == CONTROL:
         return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
-    if kind == loop.MESSAGE:
+    if kind == MESSAGE:
         return cnode.on_message(now_ms, world.frame[: world.frame_len[0]].tobytes())
     if kind == loop.ROUND:
         return cnode.on_round(now_ms)

@@ -29,6 +29,7 @@ from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES
 
 from . import loop, pybot
+from .errands import CONTROL, make_errands
 from .events import make_queue, push
 from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
@@ -131,21 +132,23 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         before_key, boot_ms = setup.before_key, boot_us // 1000
         nodes = power_up(n, setup.profile, limits, boot_ms, chance, before_key, setup.make_nodes, setup.boards)
         snode, anode = nodes.snode, nodes.anode
+    fleet = make_fleet(
+        n,
+        setup.bti,
+        setup.params,
+        profile=setup.profile,
+        controller=setup.controller,
+        mission_seed=setup.seed,
+        plain=setup.plain,
+        snode=snode,
+        anode=anode,
+    )
     world = World(
         clock=make_clock(),
-        fleet=make_fleet(
-            n,
-            setup.bti,
-            setup.params,
-            profile=setup.profile,
-            controller=setup.controller,
-            mission_seed=setup.seed,
-            plain=setup.plain,
-            snode=snode,
-            anode=anode,
-        ),
+        fleet=fleet,
         work=make_work(setup.bti),
         queue=make_queue(16 * m + 64),
+        errands=make_errands(n, fleet.memo.foretold.counts),
         air=make_air(m, setup.radio, setup.seed),
         reach=make_reach(
             m,
@@ -207,7 +210,7 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
         else:
             node.boot(world.fleet, i, now_ms)
         # Half a millisecond on: the robot's clock shows the grid's own millisecond whatever the rounding.
-        push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, loop.CONTROL, i, 0)
+        push(world.queue, int(world.fleet.robot[i].phase) * 1000 + 500, CONTROL, i, 0)
         if clock.audit_us:
             first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000
             push(world.queue, first_us, loop.ROUND, i, 0)

@@ -18,6 +18,7 @@ from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
 from phalanx.sim.radio.reach import Reach
 
+from .errands import Errands
 from .events import Queue
 
 # Who runs a robot: compiled code, or Python events (a lying robot, a researcher's controller).
@@ -44,6 +45,8 @@ CLOCK = np.dtype(
         ("robot", "i8"),
         ("arrived", "i8"),
         ("verdicts", "i8"),  # ever; the ring keeps the newest
+        ("alone", "u1"),  # of the second processor: what it does concerns nobody but one robot
+        ("said", "u1"),  # and yet something was said: the run is wrong from then on
     ],
     align=True,
 )
@@ -56,6 +59,7 @@ class World(NamedTuple):
     fleet: Fleet  # the robots' nodes
     work: Work  # scratch memory
     queue: Queue  # events to come
+    errands: Errands  # what the second processor does
     air: Air  # the channel
     reach: Reach  # who hears whom, as of the last 50 ms
     pos: NDArray[np.float64]  # (M, 2), m

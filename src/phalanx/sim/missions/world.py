@@ -24,6 +24,7 @@ from phalanx.robot.controllers.mission.controller import Assignment, Missions, m
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import POINT_MASS
+from phalanx.sim.audited.errands import CONTROL
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader
@@ -187,7 +188,7 @@ class MissionWorld:
     def _advance(self, until_us: int) -> None:
         cnodes, (kind, robot) = self._cnodes, self._event
         while loop.run(self.world, until_us) == loop.FOR_PYTHON:
-            if kind[0] == loop.CONTROL:
+            if kind[0] == CONTROL:
                 self._control(int(robot[0]))
             else:
                 pybot.handle(self.world, cnodes)
