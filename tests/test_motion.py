@@ -82,17 +82,23 @@ class TestReach:
         reach = make_reach(len(pos), 1.0, skin=skin)
         for share, seed in [(0.0, 0), *steps]:
             chance = np.random.default_rng(seed)
+            pos = pos * chance.choice([0.7, 0.9, 1.0, 1.0, 1.0, 1.1, 1.4])
             pos = pos + share * chance.uniform(-1.0, 1.0, pos.shape) + chance.integers(-2, 3, 2)
             anew = make_reach(len(pos), 1.0)
             assert max(rebuild(reach, pos), rebuild(anew, pos)) <= len(reach.maybe)
             assert near(pos, reach) == near(pos, anew)
 
-    def test_who_all_go_the_same_way_are_not_sorted_anew(self):
+    def test_who_all_go_the_same_way_or_to_the_same_place_are_not_sorted_anew(self):
         pos = np.random.default_rng(1).uniform(0.0, 5.0, (40, 2))
         reach = make_reach(40, 1.0)
         rebuild(reach, pos)
-        rebuild(reach, pos + np.array([30.0, -20.0]))
-        assert np.array_equal(reach.sorted_at, pos)
+        for goal, share in (
+            (np.array([30.0, -20.0]), 0.0),
+            (np.array([3.0, 2.0]), 0.15),
+            (np.array([900.0, 0.0]), 0.15),
+        ):
+            rebuild(reach, pos + goal - share * (pos - goal))
+            assert np.array_equal(reach.sorted_at, pos)
         away = pos.copy()
         away[7] += 0.2
         rebuild(reach, away)

@@ -4,8 +4,9 @@ The cost is linear in robots and neighbours. Lists are symmetric, in the order o
 positions. Everything else that asks for robots nearby (carrier sense, overlaps, contacts) goes through these lists.
 
 Robots are sorted into cells only now and then: candidates are noted from a little farther than the range (the skin),
-and until somebody has gone half of that, nobody else can be in range (Verlet 1967). Who of them is in range is found
-for each robot when somebody first asks, as most robots say nothing between two looks at where all are.
+and until somebody has gone half of that, beside what all have gone, nobody else can be in range (Verlet 1967). Who of
+them is in range is found for each robot when somebody first asks, as most robots say nothing between two looks at where
+all are.
 """
 
 from __future__ import annotations
@@ -128,20 +129,38 @@ def in_range(reach: Reach, i: int) -> int:
 
 @kernel
 def _has_moved(reach: Reach, pos: NDArray[np.float64]) -> bool:
-    """Whether somebody has gone half the skin since candidates were noted, so that others may be in range.
+    """Whether somebody has gone so far since candidates were noted that others may be in range.
 
-    What all have gone together brings nobody nearer to anybody.
+    What all have gone together, and that all have come nearer to each other by the same share, as a flock does on its
+    way to a goal, does not count. Two that were no candidates were farther apart than range and skin: that share of
+    their distance, and what each has gone beside it, would have to make up for the skin.
     """
-    most = 0.25 * reach.skin_m * reach.skin_m
-    all_x, all_y = 0.0, 0.0
-    for i in range(len(pos)):
-        all_x += pos[i, 0] - reach.sorted_at[i, 0]
-        all_y += pos[i, 1] - reach.sorted_at[i, 1]
-    all_x /= len(pos)
-    all_y /= len(pos)
-    for i in range(len(pos)):
-        dx, dy = pos[i, 0] - reach.sorted_at[i, 0] - all_x, pos[i, 1] - reach.sorted_at[i, 1] - all_y
-        if not (dx * dx + dy * dy <= most):  # nor where there was nobody
+    count = len(pos)
+    gone_x, gone_y, mean_x, mean_y, along, spread = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(count):
+        x, y = reach.sorted_at[i, 0], reach.sorted_at[i, 1]
+        dx, dy = pos[i, 0] - x, pos[i, 1] - y
+        gone_x += dx
+        gone_y += dy
+        mean_x += x
+        mean_y += y
+        along += dx * x + dy * y
+        spread += x * x + y * y
+    gone_x /= count
+    gone_y /= count
+    mean_x /= count
+    mean_y /= count
+    along -= count * (gone_x * mean_x + gone_y * mean_y)
+    spread -= count * (mean_x * mean_x + mean_y * mean_y)
+    share = along / spread if spread > 0.0 else 0.0
+    room = 0.5 * (reach.skin_m - abs(share) * (reach.range_m + reach.skin_m))
+    if not (room >= 0.0 and abs(share) < 1.0):  # nor where there was nobody
+        return True
+    for i in range(count):
+        x, y = reach.sorted_at[i, 0], reach.sorted_at[i, 1]
+        dx = pos[i, 0] - x - gone_x - share * (x - mean_x)
+        dy = pos[i, 1] - y - gone_y - share * (y - mean_y)
+        if not (dx * dx + dy * dy <= room * room):
             return True
     return False
 
