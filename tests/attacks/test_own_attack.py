@@ -69,3 +69,14 @@ def test_the_example_of_the_page_is_stopped_in_time():
     told = re.search(r"'attack': 'brake', 'first_deviation_s': ([0-9.]+), 'safe_mode_s': ([0-9.]+)", child.stdout)
     began_s, stopped_s = map(float, told.groups())
     assert 10.0 <= began_s < stopped_s <= began_s + 10.251
+
+
+def test_who_would_wait_for_ever_to_be_called_out_of_turn_is_told():
+    class Shout(Liar):
+        def on_wake(self, now_ms):
+            return []
+
+    with pytest.raises(UsageError, match="Shout has on_wake, and no period_ms"):
+        own_attack(Shout)
+    Shout.period_ms = 100
+    assert own_attack(Shout).name == "shout"

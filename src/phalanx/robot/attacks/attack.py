@@ -108,13 +108,21 @@ class Attack:
 def own_attack(made: Attack | type[Any]) -> Attack:
     """The record of an attack that is not in the library; a class's name and docstring say what it is.
 
-    Raises: UsageError: it is neither.
+    Raises: UsageError: it is neither, or never does what its `on_wake` says.
     """
     if isinstance(made, Attack):
         return made
     scene = getattr(made, "scene", None)
     if not isinstance(made, type) or scene is None:
         raise UsageError(f"{made!r} is no attack", "a class that derives from Liar (docs/attacks.md), or an Attack")
+    if _never_wakes(made):
+        raise UsageError(f"{made.__name__} has on_wake, and no period_ms", "period_ms = 250: how often it is called")
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", made.__name__).lower()
     does = (made.__doc__ or "").strip().partition("\n")[0].rstrip(".")
     return Attack(name, made, does=does, scene=scene)
+
+
+def _never_wakes(made: Any) -> bool:
+    """Whether a `Liar` has something to do out of turn, and is never called for it."""
+    roots = [each for each in made.__mro__ if "period_ms" in vars(each)]
+    return bool(roots) and not made.period_ms and made.on_wake is not roots[-1].on_wake
