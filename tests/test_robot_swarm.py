@@ -19,6 +19,7 @@ from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.mission.files import read_signing_key
 from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.proofs import mac_of, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
@@ -27,10 +28,10 @@ from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
 from phalanx.io import Client
 from phalanx.io.keyring import Keys, pem
-from phalanx.io.mission_key import issued
+from phalanx.io.mission_key import issued, read_mission_key
 from phalanx.robot import Led, Point
 from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
-from phalanx.wire.table import AUDIT_TOKEN, WHEELS_STATE
+from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, REQUEST, SEAL, TOKEN, WHEELS_STATE
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
 PHALANX = (sys.executable, "-m", "phalanx", "--log-level", "error")
@@ -42,6 +43,7 @@ bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 200, steps_per_s
 """
 NAMED = f"gateway_key: {PUBLIC[GATEWAY].hex()}\noperator_key: {PUBLIC[OPERATOR].hex()}\n"
 MOST_FRAMES = 30  # beacons among them: one a second
+HCKPT, OTHER = bytes(range(20)), bytes(20)
 STATE = {"t": 1, "x_mm": 500.0, "y_mm": 600.0, "direction_deg": 90.0, "red": 1, "green": 2, "blue": 3}
 
 
@@ -99,6 +101,32 @@ def file(tmp_path, robots):
     return path
 
 
+@pytest.fixture
+def protected(file):
+    """A swarm's file with trusted nodes of the gateway's own, and the mission's key."""
+    keys = Keys.new("test")
+    for rob_id in (1, 2, 9):
+        master = keys.provision(rob_id, "2026-01-01")
+    file.with_name("gateway.bin").write_bytes(BOARD.encode(id=9, master=master))
+    file.with_name("key.json").write_bytes(issued(*keys.issue(), {}))
+    nodes = {"trusted": "process:gateway.flash", "number": 9, "board": "gateway.bin"}
+    file.write_text(json.dumps(json.loads(file.read_text()) | nodes))
+    return file, unsealed(master, read_mission_key(file.with_name("key.json"), 9))
+
+
+def claims(robots, which, tee, hckpt):
+    """A robot begins to show what it wants a token for."""
+    head = bytearray(REQUEST.size)
+    head[REQUEST.at("hckpt") : REQUEST.at("hckpt") + len(hckpt)] = hckpt
+    robots.say(which, AUDIT_FRAGMENT.encode(src=tee, dst=1, request=1, index=0, count=1, bytes=bytes(head)))
+
+
+def vouches(robots, which, key, tor, tee, t, hckpt):
+    """A robot says a token for another."""
+    mac = mac_of(key, TOKEN.encode(tor=tor, tee=tee, t=t, hckpt=hckpt))
+    robots.say(which, AUDIT_TOKEN.encode(src=tor, dst=tee, request=1, t=t, mac=mac))
+
+
 @contextmanager
 def gateway(file, clock=time.time):
     with RobotSwarm(read_swarm(file), KEYS[GATEWAY], KEYS[OPERATOR], clock) as swarm:
@@ -110,6 +138,14 @@ def waiting(radio: socket.socket) -> Iterator[bytes]:
     with suppress(BlockingIOError):
         while True:
             yield radio.recv(2048)
+
+
+def waiting_now(radio: socket.socket) -> list[bytes]:
+    """The same, of a radio that waits otherwise."""
+    radio.setblocking(False)
+    came = list(waiting(radio))
+    radio.settimeout(5)
+    return came
 
 
 def soon(is_so) -> None:
@@ -144,15 +180,27 @@ class TestFile:
         with pytest.raises(UsageError, match="no key for robot 3"):
             read_swarm(file)
 
-    @pytest.mark.parametrize(
-        "radio", [{"group": "239.1.2.3:4410"}, {"frames": "sealed"}], ids=["a group", "frames: sealed"]
-    )
-    def test_a_radio_on_which_orders_do_not_work_is_refused(self, file, request, radio):
+    def test_a_group_on_which_orders_do_not_work_is_refused(self, file):
         driven = {"robot": 1, "mission": "mission.yaml", "key": "key.json", "driver": "python:none.py:None"}
-        radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.2:4410"], **radio}
+        radio = {"here": "127.0.0.1:4410", "peers": ["127.0.0.2:4410"], "group": "239.1.2.3:4410"}
         file.with_name("robot.yaml").write_text(json.dumps(driven | {"radio": radio}))
-        with pytest.raises(UsageError, match=request.node.callspec.id):
+        with pytest.raises(UsageError, match="a group"):
             mission_of(read_robot(file.with_name("robot.yaml")))
+
+    @pytest.mark.parametrize(
+        ("said", "trouble"),
+        [
+            ({"trusted": "process:g.flash"}, "trusted nodes of number 0"),
+            ({"number": 9}, "trusted nodes of number 9"),
+            ({"trusted": "process:g.flash", "number": 2}, "trusted nodes of number 2"),
+            ({"frames": "sealed"}, "frames: sealed, without trusted"),
+            ({"trusted": "carrier:pigeon", "number": 9}, "carrier:pigeon"),
+        ],
+    )
+    def test_trusted_nodes_that_cannot_be_a_gateways_are_told_of(self, file, said, trouble):
+        file.write_text(json.dumps(json.loads(file.read_text()) | said))
+        with pytest.raises(UsageError, match=trouble):
+            assert read_swarm(file).own
 
     def test_real_robots_are_as_many_as_they_are(self, file):
         ended = called("up", "--swarm", str(file), "--robots", "4")
@@ -235,20 +283,34 @@ class TestSwarm:
         with pytest.raises(Unavailable, match="cannot read"):
             gateway(file).__enter__()
 
-    def test_shields_are_the_tokens_that_came_by(self, file, robots):
+    def test_without_nodes_of_its_own_it_shows_no_shields(self, file, robots):
+        with gateway(file) as swarm:
+            robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
+            soon(swarm.robots)
+            assert (swarm.shields(), swarm.attacks()) == ((), ())
+            assert "no shields" in swarm.unchecked
+
+    def test_shields_are_the_tokens_that_came_by_and_were_made_by_a_robots_nodes(self, protected, robots):
+        file, key = protected
         with gateway(file) as swarm:
             for which in (0, 1):
                 robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
-            token = {"request": 1, "t": 5, "mac": bytes(8)}
-            robots.say(0, AUDIT_TOKEN.encode(src=1, dst=2, **token))
-            robots.say(0, AUDIT_TOKEN.encode(src=2, dst=1, **token))  # in another's name
-            robots.say(0, AUDIT_TOKEN.encode(src=1, dst=1, **token))
-            soon(lambda: len(swarm.robots()) == 2 and any(shield.vouchers for shield in swarm.shields()))
+            claims(robots, 1, 2, HCKPT)
+            claims(robots, 1, 1, bytes(20))  # the second, in the first one's name
+            vouches(robots, 0, key, 1, 2, 5, OTHER)  # for a checkpoint that it did not show
+            vouches(robots, 0, bytes(20), 1, 2, 5, HCKPT)  # with another mission's key
+            vouches(robots, 0, key, 2, 1, 5, HCKPT)  # in another's name
+            vouches(robots, 0, key, 1, 1, 5, HCKPT)
+            vouches(robots, 0, key, 1, 2, 9, HCKPT)
+            vouches(robots, 0, key, 1, 2, 9, HCKPT)  # again
+            vouches(robots, 0, key, 1, 2, 8, HCKPT)
+            robots.say(0, WHEELS_STATE.encode(id=1, **STATE | {"red": 77}))  # behind all of it
+            soon(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == 77)
             audits = swarm.new_audits()
             first, second = swarm.shields()
             assert (first.vouchers, first.safe_mode, second.safe_mode, second.needed) == ((), False, False, 2)
             ((auditor, left_s),) = second.vouchers
-            assert auditor == first.address == audits[0].auditor
+            assert [auditor] == [audit.auditor for audit in audits] == [first.address]
             assert 2 < left_s <= 2.5
             # Neither speaks any more, and one token is not enough.
             soon(lambda: all(shield.safe_mode for shield in swarm.shields()))
@@ -256,11 +318,36 @@ class TestSwarm:
             with pytest.raises(Unknown):
                 swarm.compromise(first.address, "hijack")
 
+    def test_no_seal_is_older_than_one_of_a_start_before(self, protected, robots):
+        file, _ = protected
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"frames": "sealed"}))
+        newest = 0
+        for _ in range(3):
+            with gateway(file) as swarm:
+                swarm.hold()
+                seals = [SEAL.decode(robots.sockets[0].recv(2048)[-SEAL.size :]) for _ in range(3)]
+            assert {each["src"] for each in seals} == {9}
+            assert min(each["t"] for each in seals) > newest
+            newest = max(each["t"] for each in seals)
+            for frame in waiting_now(robots.sockets[0]):
+                newest = max(newest, SEAL.decode(frame[-SEAL.size :])["t"])
 
-async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path):
+    def test_what_is_not_sealed_was_not_said(self, protected, robots):
+        file, _ = protected
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"frames": "sealed"}))
+        with gateway(file) as swarm:
+            robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
+            robots.say(0, b"short")
+            robots.say(0, bytes(SEAL.size))
+            soon(lambda: swarm._node.refused == {"bad_mac": 1, "short": 2})
+            assert swarm.robots() == []
+
+
+@pytest.mark.parametrize("more", [("--sealed",), pytest.param((), marks=pytest.mark.long)], ids=["sealed", "plain"])
+async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path, more):
     (tmp_path / "mission.yaml").write_text(MISSION)
     kept = tmp_path / "kept"
-    words = ("robot", "arena", str(tmp_path / "mission.yaml"), "--duration", "9", "--keep", str(kept), "--json")
+    words = ("robot", "arena", str(tmp_path / "mission.yaml"), "--duration", "9", "--keep", str(kept), "--json", *more)
     arena = subprocess.Popen((*PHALANX, *words), stdout=subprocess.PIPE, text=True)
     try:
         await eventually((kept / "robot-3.json").exists, 120)  # their mission has begun

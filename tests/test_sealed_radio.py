@@ -264,8 +264,10 @@ def test_a_mission_with_more_neighbours_than_are_remembered_is_refused_and_frame
     assert with_room_for_seals(scenario).bti.frame_max_bytes == FRAME_MAX - SEAL.size
     with pytest.raises(UsageError, match="n_max"):
         with_room_for_seals(replace(scenario, n_max=SENDERS + 1))
-    with pytest.raises(UsageError, match="gateway"):
-        with_room_for_seals(replace(scenario, controller="wheels", robots=4, grid_step_m=0.5))
+    driven = replace(scenario, controller="wheels", robots=4, grid_step_m=0.5)
+    assert with_room_for_seals(replace(driven, n_max=SENDERS - 1)).n_max == SENDERS - 1
+    with pytest.raises(UsageError, match="n_max is 64"):  # the gateway seals too
+        with_room_for_seals(replace(driven, n_max=SENDERS))
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,11 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
 
     settings = read_swarm(Path(words))
     folder, said = settings.path.parent, settings.said
-    return RobotSwarm(settings, read_signing_key(folder / said.gateway), read_signing_key(folder / said.operator))
+    keys = read_signing_key(folder / said.gateway), read_signing_key(folder / said.operator)
+    swarm = RobotSwarm(settings, *keys)
+    if swarm.unchecked:
+        talk(swarm.unchecked)
+    return swarm
 
 
 @contextlib.contextmanager

@@ -64,6 +64,10 @@ def lay_out(
         write_private(folder / f"board-{rob_id}.bin", board)
         places.sensors.append(_listens(sense_path(folder, rob_id)))
         places.wheels.append(_listens(wheels_path(folder, rob_id)))
+    with_station = len(ports) > scenario.robots
+    number = scenario.robots + 1
+    if with_station:
+        write_private(folder / "gateway.bin", BOARD.encode(id=number, master=keys.provision(number, today)))
     for name in ("key.json", "foreign-key.json"):
         write_private(folder / name, issued(*keys.issue(), {}))
     strangers = {each.robot for each in on_air.attacks if each.name == "foreign-key"}
@@ -84,9 +88,10 @@ def lay_out(
         path = folder / f"robot-{rob_id}.yaml"
         write_private(path, json.dumps(said, indent=1).encode())
         places.robots.append(read_robot(path))
-    if len(ports) > scenario.robots:
+    if with_station:
         here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
-        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at}
+        nodes = {"trusted": "process:gateway.flash", "number": number, "board": "gateway.bin", "frames": frames}
+        said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at, **nodes}
         for role, who in STATION.items():
             write_private(folder / f"{role}.pem", pem(keys.signer(who)))
             said[role] = f"{role}.pem"

@@ -62,13 +62,14 @@ def mission_key_of(kept: Kept, keys_file: Path, passphrase: str, issued: Path) -
 
 def unsealed(master: bytes, sealed: MissionKey) -> bytes:
     """The mission key, as trusted nodes with this master key have it. Raises: UsageError: it was sealed for others."""
-    if not hmac.compare_digest(_mac(master, MKEY.encode(k=sealed.k, r=sealed.r, seq=sealed.seq)), sealed.mac):
+    if not hmac.compare_digest(mac_of(master, MKEY.encode(k=sealed.k, r=sealed.r, seq=sealed.seq)), sealed.mac):
         raise UsageError("the mission's key was issued with other keys", "those with which the robot was provisioned")
     blind = hashlib.sha1(sealed.r + master, usedforsecurity=False).digest()
     return bytes(a ^ b for a, b in zip(sealed.k, blind, strict=True))
 
 
-def _mac(key: bytes, message: bytes) -> bytes:
+def mac_of(key: bytes, message: bytes) -> bytes:
+    """The MAC that trusted nodes with this key make of these bytes. Source: docs/spec/rebound-nodes.md."""
     mac = np.zeros(MAC_BYTES, np.uint8)
     assert len(key) == KEY_BYTES
     trusted.lightmac(row(key), row(message), len(message), mac)
@@ -112,6 +113,6 @@ def proven(kept: Kept, mission_key: bytes) -> Proven:
 
 def _is_true(key: bytes, robot: int, tops: list[bytes], tor: int, head: dict[str, Any]) -> bool:
     """Whether both nodes made MACs over these tops, the s-node's for the a-node's request."""
-    asked = _mac(key, TREQ.encode(t=head["t"], tee=robot, tor=tor, thash_a=tops[1]))
-    shown = _mac(key, AUTH_S.encode(thash=tops[0], id=robot, nonce=asked))
+    asked = mac_of(key, TREQ.encode(t=head["t"], tee=robot, tor=tor, thash_a=tops[1]))
+    shown = mac_of(key, AUTH_S.encode(thash=tops[0], id=robot, nonce=asked))
     return hmac.compare_digest(asked, head["treq_mac"]) and hmac.compare_digest(shown, head["auth_s_mac"])

@@ -41,8 +41,6 @@ def mission_of(settings: RobotSettings) -> Scenario:
     scenario = mission_in(settings.base, settings.said.mission)
     if scenario.controller == WHEELS and settings.said.radio.group:
         raise UsageError("a group, for robots that obey orders", "peers alone: each would log what the others are told")
-    if scenario.controller == WHEELS and settings.said.radio.frames == "sealed":
-        raise UsageError("frames: sealed, for robots that obey orders", "without: a gateway has no a-node that seals")
     return with_room_for_seals(scenario) if settings.said.radio.sealed else scenario
 
 

@@ -1,7 +1,7 @@
 """Robots that are processes of their own, as a `phalanx.robot.shield.Shielded` swarm: a gateway's radio among theirs.
 
-It tells them signed orders, and hears where they say they are and which tokens they give each other. Nothing that it
-hears is checked but for where it comes from: it is for people to look at, and no robot's life depends on it.
+It tells them signed orders, and hears where they say they are and which tokens they give each other. With trusted nodes
+of its own it shows a token that those found to be true, and no other; where robots are is what they say.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -26,8 +27,17 @@ from phalanx.robot.station import Station
 from phalanx.sim.swarms.ordered import Ordered
 from phalanx.sim.swarms.roster import HISTORY_STEP_MM, member
 from phalanx.wire.driven import EVERYBODY, GATEWAY, OPERATOR
-from phalanx.wire.table import AUDIT_TOKEN, KIND_AUDIT, KIND_WHEELS_STATE, TOKEN_REPLY, WHEELS_STATE
+from phalanx.wire.table import (
+    AUDIT_FRAGMENT,
+    AUDIT_TOKEN,
+    FRAGMENT,
+    KIND_AUDIT,
+    KIND_WHEELS_STATE,
+    TOKEN_REPLY,
+    WHEELS_STATE,
+)
 
+from .gateway_node import GatewayNode
 from .swarm_file import SwarmSettings
 
 log = logging.getLogger(__name__)
@@ -45,10 +55,13 @@ SUB = AUDIT_TOKEN.at("sub")
 class RobotSwarm(Ordered):
     """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
 
-    A robot is there from when it was heard first. What it shows of the shields is what it hears: a token counts from
-    when it came by. The clock says seconds since 1970.
+    A robot is there from when it was heard first. A token counts from when it came by; without nodes to check it there
+    are no shields. The clock says seconds since 1970.
 
-    Raises: UsageError: the mission names other keys; Unavailable: it cannot listen, or keep what it has said.
+    Attributes:
+        unchecked: what is to be said of that, "" if they are checked.
+    Raises: UsageError: the mission names other keys; Unavailable: it cannot listen, its nodes do not answer, or it
+        cannot keep what it has said.
     """
 
     def __init__(
@@ -69,6 +82,9 @@ class RobotSwarm(Ordered):
         self._heard_at_s: dict[int, float] = {}
         self._first_at_s: dict[int, float] = {}
         self._tokens: dict[tuple[int, int], float] = {}
+        self._newest_ms: dict[tuple[int, int], int] = {}
+        self._node: GatewayNode | None = None
+        self.unchecked = "" if settings.own else "no trusted nodes of its own check tokens: pages show no shields"
         self._audits: deque[Audit] = deque(maxlen=1000)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._live, name="robots", daemon=True)
@@ -80,6 +96,12 @@ class RobotSwarm(Ordered):
         # This clock goes on while the machine sleeps: what robots learnt of it stays true.
         self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
         self._radio = UdpRadio(self._settings.said.here, self._peers)
+        if own := self._settings.own:
+            try:
+                self._node = GatewayNode(own, self._settings.scenario, self._beside("clock"))
+            except BaseException:
+                self._radio.close()
+                raise
         self._thread.start()
         return self
 
@@ -89,11 +111,17 @@ class RobotSwarm(Ordered):
         self._over.set()
         self._thread.join(LAST_WORDS_S + 1)
         self._radio.close()
+        if self._node:
+            self._node.close()
+
+    def _beside(self, what: str) -> Path:
+        """A file that is kept beside the gateway's own, of this mission."""
+        return self._settings.path.with_name(f"mission-{self._settings.mission}.{what}")
 
     def _reserve(self) -> int:
         """From here on the words of this start count, ms; what is said is above all that was ever said."""
         mission, now_ms = self._settings.mission, int(self._clock() * 1000)
-        path = self._settings.path.with_name(f"mission-{mission}.said")
+        path = self._beside("said")
         try:
             first_ms = max(now_ms, int(path.read_text()) + YEAR_MS)
         except FileNotFoundError:
@@ -112,12 +140,17 @@ class RobotSwarm(Ordered):
     # --- its thread ---------------------------------------------------------------------------------------------------
 
     def _live(self) -> None:
-        until_s, times, under_way = float("inf"), LAST_TIMES, list[str]()
+        until_s, times, under_way, trouble = float("inf"), LAST_TIMES, list[str](), ""
         while (now_s := time.monotonic()) < until_s and (times or self._station.has_to_speak):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
                 select.select([self._radio], [], [], min(max(0.0, next_s - now_s), TURN_S))
                 self._radio.read(self._hear)
+            except Unavailable as error:  # its own nodes are gone, and robots hear nothing unsealed
+                if str(error) != trouble:
+                    log.warning("%s", error)
+                trouble = str(error)
+                time.sleep(TURN_S)
             except Exception:  # whatever it was, a stop has still to be said
                 log.exception("the robots' radio")
                 time.sleep(TURN_S)
@@ -147,17 +180,24 @@ class RobotSwarm(Ordered):
 
     def say(self, frame: bytes, robot: int) -> None:
         """See `phalanx.robot.station.Air`."""
+        if self._node and not (frame := self._node.seal(frame)):
+            return
         if robot == EVERYBODY:
             self._radio.send(frame)
         else:
             self._radio.send_to(frame, self._at[robot])
 
     def _hear(self, frame: bytes) -> None:
+        if self._node and not (frame := self._node.open(frame)):
+            return
         try:
             if frame[0] == KIND_WHEELS_STATE:
                 self._hear_state(WHEELS_STATE.decode(frame))
-            elif frame[0] == KIND_AUDIT and len(frame) > SUB and frame[SUB] == TOKEN_REPLY:
-                self._hear_token(AUDIT_TOKEN.decode(frame))
+            elif self._node and frame[0] == KIND_AUDIT and len(frame) > SUB:
+                if frame[SUB] == FRAGMENT and self._is(AUDIT_FRAGMENT.decode(frame)["src"]):
+                    self._node.hear_fragment(frame)
+                elif frame[SUB] == TOKEN_REPLY:
+                    self._hear_token(self._node, AUDIT_TOKEN.decode(frame))
         except PeerError:
             log.debug("a frame that is none")
 
@@ -183,9 +223,12 @@ class RobotSwarm(Ordered):
             if (last.x_mm - x_mm) ** 2 + (last.y_mm - y_mm) ** 2 <= each.threshold_mm**2:
                 each.route = ()
 
-    def _hear_token(self, token: dict[str, Any]) -> None:
-        tor, tee = token["src"], token["dst"]
-        if self._is(tor) and tee in self._at and tor != tee:
+    def _hear_token(self, node: GatewayNode, token: dict[str, Any]) -> None:
+        tor, tee, t = token["src"], token["dst"], token["t"]
+        if not self._is(tor) or tee not in self._at or tor == tee or t <= self._newest_ms.get((tor, tee), 0):
+            return
+        if node.is_token(tor, tee, t, token["mac"]):
+            self._newest_ms[tor, tee] = t
             self._tokens[tor, tee] = time.monotonic()
             self._audits.append(Audit(auditor=self._address(tor), auditee=self._address(tee), refusal=""))
 
@@ -226,7 +269,9 @@ class RobotSwarm(Ordered):
     # --- the shields --------------------------------------------------------------------------------------------------
 
     def shields(self) -> Sequence[Shield]:
-        """One for every robot that was ever heard."""
+        """One for every robot that was ever heard; none, if nobody checks tokens."""
+        if self._node is None:
+            return ()
         now_s = time.monotonic()
         return [self._shield(robot, now_s) for robot in self._ids if robot in self._heard_at_s]
 

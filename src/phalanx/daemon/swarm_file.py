@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -16,6 +17,8 @@ from phalanx.robot.signer import Signer
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario
 
 from .run import mission_in
+from .sealed_air import with_room_for_seals
+from .settings import TRUSTED, RadioFile, RobotFile, RobotSettings
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
@@ -42,11 +45,22 @@ class SwarmFile:
     operator: str = field(metadata=told("signs the operator's stop: the same"))
     here: str = field(metadata=told("where the gateway's radio listens, ADDRESS:PORT; a peer of each robot's"))
     robots: tuple[RobotAt, ...] = field(metadata=told("all that visitors may drive"))
+    trusted: str = field(
+        default="", metadata=told(f"where trusted nodes of the gateway's own are, which check tokens: {TRUSTED}")
+    )
+    number: int = field(default=0, metadata={"within": (0, 0xFFFF), **told("that these have, and no robot")})
+    board: str = field(default="", metadata=told("what phalanx keys provision wrote for that number"))
+    frames: Literal["plain", "sealed"] = field(default="plain", metadata=told("as the robots' radios have it"))
 
     def __post_init__(self) -> None:
+        check_limits(self)
         numbers = [each.robot for each in self.robots]
         if not numbers or len(set(numbers)) < len(numbers):
             raise UsageError("robots are none, or one is there twice", "each robot once")
+        if bool(self.trusted) != bool(self.number) or self.number in numbers:
+            raise UsageError(f"trusted nodes of number {self.number}", "trusted with a number that no robot has")
+        if self.frames == "sealed" and not self.trusted:
+            raise UsageError("frames: sealed, without trusted", "a gateway's own nodes seal what it says")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +71,23 @@ class SwarmSettings:
     path: Path
     scenario: Scenario
     mission: int
+
+    @property
+    def own(self) -> RobotSettings | None:
+        """The gateway as if it were a robot, if it has trusted nodes."""
+        said = self.said
+        if not said.trusted:
+            return None
+        as_robot = RobotFile(
+            robot=said.number,
+            mission=said.mission,
+            key=said.key,
+            board=said.board,
+            trusted=said.trusted,
+            driver="python:",
+            radio=RadioFile(here=said.here, peers=tuple(each.at for each in said.robots), frames=said.frames),
+        )
+        return RobotSettings(as_robot, self.path.parent)
 
     def signer(self, key: Ed25519PrivateKey, who: int) -> Signer:
         """Who signs with that key. Raises: UsageError: the mission names another."""
@@ -75,5 +106,7 @@ def read_swarm(path: Path) -> SwarmSettings:
     scenario = mission_in(path.parent, said.mission)
     if scenario.controller != WHEELS:
         raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
+    if said.frames == "sealed":
+        scenario = with_room_for_seals(scenario)
     mission = {read_mission_key(path.parent / said.key, each.robot).seq for each in said.robots}
     return SwarmSettings(said, path, scenario, mission.pop())

@@ -1,0 +1,142 @@
+"""Trusted nodes of a gateway's own: they seal what it says to robots, and check the tokens that it hears.
+
+They are a robot's nodes, under a number of their own among the mission's keys, with limits that stop nobody: no robot
+audits a gateway. Whoever has them can seal frames and vouch, as any one robot can. Source: docs/adr/0034.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import defaultdict, deque
+from dataclasses import replace
+from pathlib import Path
+
+from phalanx.bti.nodes import Limits
+from phalanx.bti.trusted import REASONS
+from phalanx.errors import PeerError, Unavailable, UsageError
+from phalanx.io.mission_key import read_mission_key
+from phalanx.io.private_file import write_private
+from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire import lines
+from phalanx.wire.fields import get_u32, row
+from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY_HEADER_BYTES, HASH_BYTES, REQUEST, SEAL
+
+from .settings import RobotSettings
+from .trusted import AT_T, WHAT_TIME, give_keys, open_nodes, start
+
+AT_HCKPT = REQUEST.at("hckpt")
+# Nobody vouches for a gateway: its nodes ask for no tokens for as long as their clock counts, 49 days.
+T_VAL_MS = 0xFFFFFFFF
+# Its station speaks at a pace of its own.
+ALL_US = 1_000_000
+# A process begins its clock anew at each start, and robots take no seal that is older than one before. So its clock
+# begins where none of its seals can have been: a file says up to where it may have sealed, and is ahead by so much.
+RESERVED_MS = 3_600_000
+LAST_MS = 1 << 31  # of what a process's clock begins with
+CLAIMS = 4  # checkpoints of a robot that a token may be for, the newest
+
+
+class GatewayNode:
+    """Nodes with the mission's key, until `close`.
+
+    Args:
+        settings: a robot's, as if the gateway were one.
+        clock_file: keeps up to where a process may have sealed.
+
+    Attributes:
+        refused: frames that were not taken, by reason.
+    Raises: UsageError: a file, or the nodes, are another's; Unavailable: nobody answers, or they have had the key.
+    """
+
+    def __init__(self, settings: RobotSettings, scenario: Scenario, clock_file: Path) -> None:
+        said = settings.said
+        self._is_sealed, self._file = said.radio.sealed, clock_file
+        self._is_process = said.trusted.startswith("process:")
+        self._reserved_ms = 0
+        if self._is_process:
+            self._reserved_ms = _kept(clock_file)
+            settings = replace(settings, said=replace(said, clock_ahead_ms=self._reserved_ms))
+            # It is made anew: a process has its key as long as it lives, and takes no mission's twice.
+            settings.path(said.trusted.partition(":")[2]).unlink(missing_ok=True)
+        self._node = open_nodes(settings)
+        try:
+            self._begin(settings, scenario)
+        except BaseException:
+            self._node.close()
+            raise
+        self.refused: defaultdict[str, int] = defaultdict(int)
+        self._claims: defaultdict[int, deque[bytes]] = defaultdict(lambda: deque(maxlen=CLAIMS))
+
+    def _begin(self, settings: RobotSettings, scenario: Scenario) -> None:
+        sealed = read_mission_key(settings.path(settings.said.key), settings.said.robot)
+        if self._node.about.seq == sealed.seq and self._node.ask(lines.SEND, frame=WHAT_TIME)[0] > 0:
+            return  # a board that kept its power: the gateway alone was started again
+        start(self._node, give_keys(self._node, settings, gateway_limits(scenario)))
+        self._reserve(self._reserved_ms)
+
+    def seal(self, frame: bytes) -> bytes:
+        """The frame as it goes out; b"" if the nodes do not let it. Raises: Unavailable: they are gone."""
+        if not self._is_sealed:
+            return frame
+        code, result = self._node.ask(lines.SEND, frame=frame)
+        if code < 0:
+            self.refused[REASONS[code]] += 1
+            return b""
+        self._reserve(get_u32(row(result), AT_T))
+        return result[ENTRY_HEADER_BYTES:]
+
+    def open(self, raw: bytes) -> bytes:
+        """The frame in what came; b"" if robots' nodes would not take it. Raises: Unavailable: ours are gone."""
+        if not self._is_sealed:
+            return raw
+        if len(raw) <= SEAL.size:
+            self.refused["short"] += 1
+            return b""
+        code, _ = self._node.ask(lines.RECV, frame=raw)
+        if code < 0:
+            self.refused[REASONS[code]] += 1
+            return b""
+        return raw[: -SEAL.size]
+
+    def hear_fragment(self, frame: bytes) -> None:
+        """A piece of a request: its first one says which checkpoint tokens will be for."""
+        with contextlib.suppress(PeerError):
+            said = AUDIT_FRAGMENT.decode(frame)
+            hckpt = said["bytes"][AT_HCKPT : AT_HCKPT + HASH_BYTES]
+            if said["index"] == 0 and len(hckpt) == HASH_BYTES and hckpt not in self._claims[said["src"]]:
+                self._claims[said["src"]].append(hckpt)
+
+    def is_token(self, tor: int, tee: int, t: int, mac: bytes) -> bool:
+        """Whether tor's nodes made this, for a checkpoint that tee was heard to show."""
+        return any(
+            self._node.ask(lines.CHECK_TOKEN, tor=tor, tee=tee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
+            for hckpt in reversed(self._claims[tee])
+        )
+
+    def _reserve(self, now_ms: int) -> None:
+        if self._is_process and now_ms + RESERVED_MS // 2 >= self._reserved_ms:
+            self._reserved_ms = now_ms + RESERVED_MS
+            write_private(self._file, b"%d\n" % self._reserved_ms, replace=True)
+
+    def close(self) -> None:
+        """Nobody asks them any more."""
+        self._node.close()
+
+
+def gateway_limits(scenario: Scenario) -> Limits:
+    """What a gateway's nodes are made with."""
+    limits = limits_of(scenario.bti, scenario.radio)
+    return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
+
+
+def _kept(path: Path) -> int:
+    try:
+        kept = int(path.read_text())
+    except FileNotFoundError:
+        return 0
+    except (OSError, ValueError) as error:
+        raise Unavailable(f"cannot read {path}", "remove it, and issue the next mission's key") from error
+    if not 0 <= kept < LAST_MS:
+        raise UsageError(f"{path} says {kept} ms", "the mission is old: issue the next one's key")
+    return kept
