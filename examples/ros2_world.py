@@ -78,7 +78,7 @@ def towards(now, wanted, most, step):
 
 def bases(node, spin, args):
     robots = [Base(node, robot) for robot in range(1, args.robots + 1)]
-    while not all(each.told_s for each in robots):
+    while not (args.at_once or all(each.told_s for each in robots)):
         spin(0.05)
     began_s = then_s = time.monotonic()
     nearest_m = math.inf
@@ -149,6 +149,7 @@ def main():
     parser.add_argument("what", choices=["bases", "planners"])
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--duration", type=float, default=30.0, help="seconds, of the bases")
+    parser.add_argument("--at-once", action="store_true", help="bases wait for nobody")
     parser.add_argument("--topic", default="cmd_vel_raw", help="what planners publish; cmd_vel: past the guard")
     parser.add_argument("--hijacked", type=int, default=0, help="this robot's planner is taken over")
     parser.add_argument("--at", type=float, default=3.0, help="when, seconds from the first odometry")

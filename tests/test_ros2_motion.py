@@ -11,9 +11,11 @@ import pytest
 from phalanx.cli.main import run_command
 from phalanx.daemon.ros2 import ahead
 from phalanx.daemon.ros2.ahead import Place
-from phalanx.daemon.ros2.diagnostics import ERROR, OK, WARN, told_of
+from phalanx.daemon.ros2.diagnostics import ERROR, ODOM_IN_MAP, OK, WARN, place_in, told_of
+from phalanx.daemon.ros2.on_page import Area, pose_of, steered
 from phalanx.daemon.ros2.sweep import Track, beams_of
 from phalanx.errors import UsageError
+from phalanx.robot import Point
 
 AHEAD_M, STEP_S = 0.3, 1e-6
 
@@ -41,12 +43,14 @@ def test_a_place_in_a_frame_that_is_turned_itself():
 def test_diagnostics_tell_of_shield_and_verdicts():
     state = {"tokens": [{"auditor": 2, "left_s": 1.25}], "tokens_needed": 1, "safe_mode": False, "given": {4: 7}}
     refused = [{"auditee": 3, "reason": "output wrong", "times": 2}]
-    shield, verdicts = told_of(state | {"refused": refused})
-    assert (shield.level, shield.values) == (OK, {"robot 2": "1.2 s"})
+    place = Place(x_m=8.0, yaw_rad=0.1)
+    shield, verdicts = told_of(state | {"refused": refused}, place)
+    assert (shield.level, shield.values) == (OK, {ODOM_IN_MAP: "8.0, 0.0, 0.1", "robot 2": "1.2 s"})
+    assert place_in(shield.values[ODOM_IN_MAP]) == place
     assert (verdicts.level, verdicts.values) == (WARN, {"robot 3: output wrong": 2, "robot 4: tokens given": 7})
-    shield, verdicts = told_of(state | {"refused": [], "tokens_needed": 2})
+    shield, verdicts = told_of(state | {"refused": [], "tokens_needed": 2}, place)
     assert (shield.level, verdicts.level) == (WARN, OK)
-    assert told_of(state | {"refused": [], "safe_mode": True})[0].level == ERROR
+    assert told_of(state | {"refused": [], "safe_mode": True}, place)[0].level == ERROR
 
 
 def test_who_has_no_ros_is_told_what_to_install(tmp_path, capsys, monkeypatch):
@@ -129,3 +133,37 @@ class TestTrack:
             track.add(t_s, Place(x_m=x_m))
         assert track.travelled_m == 1.0
         assert track.at(1.75).x_m == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize("words", ["", "1, 2", "1, 2, x", "nan, 0, 0", "1, 2, 3, 4"])
+def test_what_says_no_place_is_none(words):
+    assert place_in(words) is None
+
+
+class TestOnPage:
+    def test_a_map_servers_grid_is_the_page_and_its_corners_are_where_they_are(self):
+        area = Area.of(200, 100, 0.05, Place(x_m=-3.0, y_m=-2.0))
+        assert area.size_mm == (10_000, 5_000)
+        assert pose_of(area, Place(x_m=-3.0, y_m=3.0))[0] == Point(0.0, 0.0)
+        assert pose_of(area, Place(x_m=7.0, y_m=-2.0))[0] == Point(10_000.0, 5_000.0)
+        assert area.place_of(Point(1000.0, 2000.0)) == (-2.0, 1.0)
+        turned = Area.of(200, 100, 0.05, Place(yaw_rad=math.pi / 2))
+        assert turned.size_mm == (5_000, 10_000)
+        assert (turned.left_m, turned.top_m) == pytest.approx((-5.0, 10.0))
+
+    @pytest.mark.parametrize("grid", [(0, 5, 1.0), (5, 5, math.nan), (5, 5, -1.0), (10**9, 5, 1.0)])
+    def test_a_grid_that_is_none_leaves_the_usual_page(self, grid):
+        assert Area.of(*grid, Place()) == Area()
+        assert Area.of(5, 5, 1.0, Place(x_m=math.inf)) == Area()
+
+    @pytest.mark.parametrize(("yaw_deg", "degrees"), [(0, 270), (90, 180), (180, 90), (-90, 0), (-91, 1)])
+    def test_directions_are_those_of_the_vocabulary(self, yaw_deg, degrees):
+        assert pose_of(Area(), Place(yaw_rad=math.radians(yaw_deg)))[1] == degrees
+
+    def test_who_says_it_is_elsewhere_is_shown_at_the_edge(self):
+        assert pose_of(Area(), Place(x_m=-1e9, y_m=1e9))[0] == Point(0.0, 0.0)
+
+    def test_a_robot_makes_straight_for_a_place_and_slows_down_before_it(self):
+        assert steered(Place(x_m=1.0, y_m=1.0), (1.0, 11.0), 0.5) == (0.0, 0.5)
+        assert steered(Place(), (-0.3, 0.4), 0.5) == pytest.approx((-0.15, 0.2))
+        assert steered(Place(), (0.0, 0.0), 0.5) == (0.0, 0.0)

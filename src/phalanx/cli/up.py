@@ -145,6 +145,8 @@ def keys_for_next_mission(
 
 
 def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
+    if words == "ros2":
+        return _ros2(wait_s)
     if Path(words).suffix not in (".yaml", ".yml"):
         return _dotbots(parse_dotbot_url(words), wait_s)
     from phalanx.daemon.swarm import RobotSwarm  # noqa: PLC0415 - as much to import as all the rest
@@ -157,6 +159,18 @@ def _real_robots(words: str, wait_s: float) -> AbstractContextManager[Swarm]:
     if swarm.unchecked:
         talk(swarm.unchecked)
     return swarm
+
+
+@contextlib.contextmanager
+def _ros2(wait_s: float) -> Iterator[Swarm]:
+    """Robots of a ROS domain, when one of them has told of itself."""
+    try:
+        from phalanx.daemon.ros2.swarm import RosSwarm  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise UsageError(f"ROS 2 is not installed: {error}", "pip install 'phalanx-swarm[ros2]'") from error
+    with RosSwarm(wait_s) as swarm:
+        talk(swarm.unprotected)
+        yield swarm
 
 
 @contextlib.contextmanager

@@ -31,9 +31,10 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--swarm",
     "swarm_url",
-    help="Real robots instead: those of a file, which obey signed orders (docs/robot.md), or DotBots, behind PyDotBot's"
-    " controller there (docs/dotbots.md), which is waited for as long as a broker.",
-    metavar="FILE.yaml|dotbot://HOST:PORT",
+    help="Real robots instead: those of a file, which obey signed orders (docs/robot.md), those of a ROS 2 domain"
+    " (docs/ros2.md), or DotBots, behind PyDotBot's controller there (docs/dotbots.md). The last two are waited for as"
+    " long as a broker.",
+    metavar="FILE.yaml|ros2|dotbot://HOST:PORT",
 )
 @option(
     "--scenario",

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from .ahead import Place
+
+ODOM_IN_MAP = "odom in map"  # the value that says where a robot's odometry begins: x, y, yaw
 OK, WARN, ERROR = 0, 1, 2
 WORD = {OK: "OK", WARN: "WARN", ERROR: "ERROR"}
 
@@ -20,14 +24,15 @@ class Told:
     values: Mapping[str, Any]
 
 
-def told_of(state: Mapping[str, Any]) -> tuple[Told, Told]:
+def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
     """Whether others vouch for the robot, and what it found in them.
 
     Args:
         state: as `phalanx robot status --json` has it.
     """
     tokens, needed = state["tokens"], state["tokens_needed"]
-    values = {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
+    place = f"{odom_in_map.x_m}, {odom_in_map.y_m}, {odom_in_map.yaw_rad}"
+    values = {ODOM_IN_MAP: place} | {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
     if state["safe_mode"]:
         shield = Told(ERROR, "shield", "Safe Mode: it stands", values)
     elif len(tokens) < needed:
@@ -38,3 +43,13 @@ def told_of(state: Mapping[str, Any]) -> tuple[Told, Told]:
     given = {f"robot {auditee}: tokens given": times for auditee, times in state["given"].items()}
     level, words = (WARN, "refuses robots") if refused else (OK, "refuses nobody")
     return shield, Told(level, "verdicts", words, {**refused, **given})
+
+
+def place_in(words: str) -> Place | None:
+    """The place that `odom in map` says; None if it says none."""
+    try:
+        x_m, y_m, yaw_rad = map(float, words.split(","))
+    except ValueError:
+        return None
+    sound = all(map(math.isfinite, (x_m, y_m, yaw_rad)))
+    return Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad) if sound else None

@@ -223,7 +223,7 @@ class RosBase:
         """Diagnostics of what the robot tells of itself (daemon/state.py)."""
         message = DiagnosticArray()
         message.header.stamp = self._graph.now()
-        for each in told_of(state):
+        for each in told_of(state, self._odom_in_map):
             status = DiagnosticStatus(
                 level=getattr(DiagnosticStatus, WORD[each.level]),
                 name=f"{self._graph.node.get_fully_qualified_name()}: {each.name}",
