@@ -21,9 +21,9 @@ from phalanx.daemon import kept_log, rehearsal
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.life import Life
-from phalanx.daemon.run import mission_of
+from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
-from phalanx.daemon.trusted import open_nodes
+from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.scorecard.card import write_csv
 from phalanx.io import serial_line
@@ -141,6 +141,33 @@ def test_a_flash_that_others_may_read_gets_no_keys(tmp_path):
     flash.chmod(0o640)
     with pytest.raises(UsageError, match=r"trusted\.flash is another user's, or open to others"):
         open_nodes(settings)
+
+
+def with_nodes(tmp_path, where):
+    return robot(tmp_path, ROBOT + f'trusted: "{where}"\n')
+
+
+@pytest.mark.parametrize("where", ["192.168.1.7:4400", "board.local:4400", "[fd00::7]:4400", "0.0.0.0:4400"])
+def test_a_master_key_goes_to_nobody_over_a_network(tmp_path, where):
+    settings = with_nodes(tmp_path, f"tcp:{where}")
+    with pytest.raises(UsageError, match="a master key for whoever answers"):
+        provision(settings, tmp_path / "no.keys", "", "2026-01-01")
+    node = SimpleNamespace(about=SimpleNamespace(robot_id=0))
+    (tmp_path / "key.json").write_bytes(issued(1, {3: seal_mission_key(bytes(20), bytes(20), bytes(20), 1)}, {}))
+    with pytest.raises(UsageError, match="a master key for whoever answers"):
+        give_keys(node, settings, None)
+
+
+def test_each_start_with_nodes_on_a_network_warns(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("phalanx.daemon.trusted.open_line", lambda _: pytest.fail("opened"))
+    with pytest.raises(pytest.fail.Exception):
+        open_nodes(with_nodes(tmp_path, "tcp:192.0.2.1:4400"))
+    assert "nothing tells who answers" in caplog.text
+
+
+@pytest.mark.parametrize("here", ["tcp:127.0.0.1:9", "tcp:localhost:9", "tcp:[::1]:9", "unix:x", "serial:/dev/x"])
+def test_where_it_stays_on_this_machine_it_may(tmp_path, here):
+    check_may_have_key(with_nodes(tmp_path, here))
 
 
 def test_a_folder_that_cannot_be_written_is_found_before_the_missions_key_is_used_up(tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ from .rehearsal import rehearse
 from .sealed_air import SealedAir, with_room_for_seals
 from .settings import RobotSettings
 from .state import EVERY_S, state_of, tell
-from .trusted import OwnClock, give_keys, open_nodes, start
+from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
 
 log = logging.getLogger(__name__)
 MakeBase = Callable[[int, Scenario, Declaration], Base]
@@ -69,6 +69,7 @@ def provision(settings: RobotSettings, keys_file: Path, passphrase: str, today: 
     They are asked before the key is used up, and it is on disk as given before they have it.
     Raises: UsageError: they, or the number, have a key already, or something in a file; Unavailable: nobody answers.
     """
+    check_may_have_key(settings)
     scenario, _ = controlled(mission_of(settings), settings)
     robot = settings.said.robot
     node = open_nodes(settings)

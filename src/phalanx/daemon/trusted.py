@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ipaddress
+import logging
 import os
 import time
 from pathlib import Path
@@ -18,6 +20,8 @@ from phalanx.wire.fields import get_u32, row
 from phalanx.wire.table import AUDIT_FRAGMENT, ENTRY
 
 from .settings import RobotSettings
+
+log = logging.getLogger(__name__)
 
 # Compiled when the package is installed (release/commands.py).
 PROGRAM = Path(__file__).parents[1] / "trusted_node"
@@ -86,6 +90,10 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
     elif settings.said.wheels:
         raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")
     else:
+        if _is_far(settings.said.trusted):
+            log.warning(
+                "nothing tells who answers at %s: a cable of its own, or nothing is protected", kind + ":" + where
+            )
         line = open_line(f"unix:{settings.path(where)}" if kind == "unix" else settings.said.trusted)
     node = SerialNode(line)
     if node.about.told_clock:
@@ -106,14 +114,35 @@ def _is_ours_alone(path: Path) -> bool:
     return made.st_uid == os.geteuid() and not made.st_mode & 0o077
 
 
+def _is_far(trusted: str) -> bool:
+    """Whether they are asked over a network."""
+    kind, _, where = trusted.partition(":")
+    host = where.rpartition(":")[0].strip("[]")
+    try:
+        is_here = ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a name
+        is_here = host == "localhost"
+    return kind == "tcp" and not is_here
+
+
+def check_may_have_key(settings: RobotSettings) -> None:
+    """Nothing, if a master key may go where the nodes are. Raises: UsageError: over a network, to whoever answers."""
+    if _is_far(settings.said.trusted):
+        raise UsageError(
+            f"a master key for whoever answers at {settings.said.trusted}",
+            "give it over a serial line, or over tcp: to this machine, where an ssh -L may listen",
+        )
+
+
 def give_keys(node: SerialNode, settings: RobotSettings, limits: Limits) -> MissionKey:
     """Nodes that have no master key are made with theirs; the mission's key, for `start`.
 
-    Raises: UsageError: the files are not this robot's. Refused, Unavailable.
+    Raises: UsageError: the files are not this robot's, or the key would go over a network. Refused, Unavailable.
     """
     said = settings.said
     sealed = read_mission_key(settings.path(said.key), said.robot)
     if node.about.robot_id == 0:
+        check_may_have_key(settings)
         if not said.board:
             raise UsageError("its trusted nodes have no master key", "board: FILE, of phalanx keys provision")
         master = read_board(settings.path(said.board), said.robot)
