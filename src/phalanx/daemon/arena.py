@@ -19,7 +19,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-TURN_S = 0.05
+TURN_S, LOOK_S = 0.05, 1.0
 READY_TIMEOUT_S = 120.0
 END_TIMEOUT_S = 5.0
 LAST_ANSWERS_S = 0.2
@@ -107,14 +107,14 @@ class Arena:
                 if robots.ended() or loop.time() > until_s:
                     raise Unavailable(f"{self._ready} of {n} robots became ready", "what one said is above")
                 await asyncio.sleep(TURN_S)
-            duration_s, next_look_s = self.field.scenario.duration_s, 0.0
+            self._spawn(self._look_on())
+            duration_s, next_step_s = self.field.scenario.duration_s, 0.0
             while (now_s := loop.time() - self._began_s) < duration_s:
                 if self._weather.cut and now_s >= self._weather.cut_at_s:
                     self.field.cut(self._weather.cut)
                 self.field.advance(now_s)
-                if now_s >= next_look_s:
-                    next_look_s += 1.0
-                    self.look()
+                if now_s >= next_step_s:
+                    next_step_s += 1.0
                     on_step(self.field)
                 if recording:
                     recording.write(self.field, [])
@@ -140,10 +140,24 @@ class Arena:
 
     def look(self) -> None:
         """What robots have told of themselves is known."""
+        self._hear(self._said())
+
+    async def _look_on(self) -> None:
+        """The same, each second: a disk that is busy holds up a thread, and no robot's sensors."""
+        while True:
+            self._hear(await asyncio.to_thread(self._said))
+            await asyncio.sleep(LOOK_S)
+
+    def _said(self) -> dict[int, dict[str, Any]]:
+        said = {}
         for i, settings in enumerate(self.places.robots):
             with contextlib.suppress(UsageError):  # it has told nothing yet
-                state = told(settings.state_file)
-                self.field.hear_of(i, state, state["began_monotonic_s"] - self._began_s)
+                said[i] = told(settings.state_file)
+        return said
+
+    def _hear(self, said: dict[int, dict[str, Any]]) -> None:
+        for i, state in said.items():
+            self.field.hear_of(i, state, state["began_monotonic_s"] - self._began_s)
 
     def _is_silent(self, i: int) -> bool:
         """Whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
