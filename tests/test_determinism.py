@@ -13,7 +13,7 @@ from phalanx.cli.main import run_command
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.determinism import calls, check, watch
-from phalanx.sim.determinism.calls import ROBOT, maker
+from phalanx.sim.determinism.calls import ADVICE, ROBOT, calls_of, maker
 from phalanx.sim.determinism.check import Report, check_controller
 from phalanx.sim.determinism.trace import LIVES, live
 
@@ -106,6 +106,25 @@ def test_ours_are_the_same_everywhere(words, monkeypatch):
     assert failed(report) == {}
     assert report.agrees
     assert report.calls > 300
+
+
+def test_a_controller_that_is_advised_hears_of_it_and_nobody_else():
+    def advised(words):
+        return [call.odd for call in calls_of(maker(words), words, 0) if call.step == ADVICE]
+
+    assert advised("flock") == []
+    told = advised("guard")
+    assert {"", "again", "cut to 0 bytes", "zeros"} <= set(told)
+    assert any("0000c07f" in odd for odd in told), "not a number"
+
+
+def test_what_is_done_with_advice_is_compared(checked):
+    heeds = "def on_advice(self, advice):\n        self.heard = random.random()\n\n    def on_recv"
+    assert PROCESSES in failed(checked({"def on_recv": heeds}, first_here))
+    whole = "def on_advice(self, advice):\n        self.heard = len(advice)\n\n    def on_recv"
+    assert failed(checked({"def on_recv": whole}, first_here)) == {}
+    refuses = "def on_advice(self, advice):\n        advice[8]\n\n    def on_recv"
+    assert "on_advice raises" in failed(checked({"def on_recv": refuses}, first_here))[RAISES]
 
 
 def test_so_is_the_one_that_the_others_are_made_from(checked):

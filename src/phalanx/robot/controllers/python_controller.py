@@ -109,12 +109,15 @@ def compiled(kind: int, params: Params) -> Callable[[int], Controller]:
 
 
 class _Compiled(Controller):
+    """A bundled one; `longest_bytes` is what a scenario leaves room for."""
+
     def __init__(self, rob_id: int, *, kind: int, params: Params) -> None:
         if not 1 <= rob_id <= 0xFFFF:
             raise UsageError(f"robot id {rob_id}", "1 to 65535")
         super().__init__(rob_id)
         self._kind, self._params = int(kind), params
-        self._state = np.zeros(dispatch.capacity(self._kind, params), np.uint8)
+        self.longest_bytes = int(dispatch.capacity(self._kind, params))
+        self._state = np.zeros(self.longest_bytes, np.uint8)
         self._out = np.zeros(OUT_BYTES, np.uint8)
         dispatch.begin(self._kind, params, rob_id, self._state)
 

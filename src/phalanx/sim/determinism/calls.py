@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -12,11 +13,12 @@ from phalanx.config import BtiConfig
 from phalanx.robot.controllers.dispatch import BUNDLED, NUMBERS
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.python_controller import Controller, Output, compiled
+from phalanx.robot.planner import Planner, ToGoal, advice_of
 from phalanx.robot.signer import Signer
 from phalanx.sim.scenarios.file import find_scenario
 from phalanx.sim.scenarios.own import find_class, is_file, no_controller
 from phalanx.sim.scenarios.run import Run
-from phalanx.sim.scenarios.scenario import PROTOCOLS, Scenario
+from phalanx.sim.scenarios.scenario import GUARD, PROTOCOLS, Scenario
 from phalanx.wire import driven, table
 from phalanx.wire.fields import put_u16, put_u64
 
@@ -34,19 +36,25 @@ ODD = tuple(np.array(bits, "<u4").tobytes() for bits in (0x7FC00000, 0xFFC00001,
 # Where all frames and readings have them.
 ID_AT, T_AT, NUMBERS_AT = table.SENSOR.at("id"), table.SENSOR.at("t"), table.SENSOR.at("x_m")
 FRAMES_A_READING = 3
+FRAME, ADVICE = -1, -2
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A frame that was heard, or a reading."""
+    """A frame that was heard, advice, or a reading."""
 
-    step: int  # of a reading, how many came before it; -1 of a frame
+    step: int  # of a reading, how many came before it; FRAME or ADVICE of those
     t_ms: int  # the node's time
     payload: bytes
     odd: str = ""  # what is odd of it
 
+    @property
+    def method(self) -> str:
+        """Of a controller, that it is for."""
+        return "on_input" if self.step >= 0 else {FRAME: "on_recv", ADVICE: "on_advice"}[self.step]
+
     def __str__(self) -> str:
-        what = f"reading {self.step}" if self.step >= 0 else "frame"
+        what = f"reading {self.step}" if self.step >= 0 else {FRAME: "frame", ADVICE: "advice"}[self.step]
         return f"{what}, {self.t_ms} ms" + (f", {self.odd}" if self.odd else "")
 
 
@@ -72,8 +80,14 @@ def calls_of(make: Make, words: str, seed: int) -> list[Call]:
     Raises: whatever the controller raises in a world without liars.
     """
     chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, 0xC4EC])))
-    life = list(_driven(chance)) if _is_driven(words) else _lived(make, _world_of(words, seed))
+    is_advised = _is_advised(make, words)
+    life = list(_driven(chance)) if _is_driven(words) else _lived(make, _world_of(words, seed), is_advised)
     return [*life, *_odd(life, chance)]
+
+
+def _is_advised(make: Make, words: str) -> bool:
+    """Whether it does anything with what a planner says."""
+    return words == GUARD if words in BUNDLED else type(make(ROBOT)).on_advice is not Controller.on_advice
 
 
 def _is_driven(words: str) -> bool:
@@ -88,9 +102,9 @@ def _gateway() -> Signer:
 class _Listener(Controller):
     """Does as the controller in it, and notes what that is asked."""
 
-    def __init__(self, rob_id: int, make: Make, calls: list[Call]) -> None:
+    def __init__(self, rob_id: int, make: Make, calls: list[Call], planner: Planner | None) -> None:
         super().__init__(rob_id)
-        self._inner, self._calls = make(rob_id), calls
+        self._inner, self._calls, self._planner = make(rob_id), calls, planner
 
     def encode(self) -> bytes:
         return self._inner.encode()
@@ -99,11 +113,15 @@ class _Listener(Controller):
         self._inner.decode(encoding)
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
-        self._calls.append(Call(-1, t_ms, frame))
+        self._calls.append(Call(FRAME, t_ms, frame))
         with watched(self._inner, "on_recv", str(self._calls[-1])):
             self._inner.on_recv(t_ms, frame)
 
     def on_input(self, step: int, t_ms: int, reading: bytes) -> list[Output]:
+        if self._planner:
+            self._calls.append(Call(ADVICE, t_ms, advice_of(self._planner, t_ms, reading)))
+            with watched(self._inner, "on_advice", str(self._calls[-1])):
+                self._inner.on_advice(self._calls[-1].payload)
         self._calls.append(Call(step, t_ms, reading))
         with watched(self._inner, "on_input", str(self._calls[-1])):
             return self._inner.on_input(step, t_ms, reading)  # type: ignore[return-value]
@@ -118,9 +136,10 @@ def _world_of(words: str, seed: int) -> Scenario:
     return Scenario(robots=ROBOTS, goal_m=GOAL_M, duration_s=LIFE_S, defence="none", seed=seed, bti=bti)
 
 
-def _lived(make: Make, scenario: Scenario) -> list[Call]:
+def _lived(make: Make, scenario: Scenario, is_advised: bool) -> list[Call]:
     calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, scenario.robots + 1)}
-    run = Run(scenario, lambda rob_id: _Listener(rob_id, make, calls[rob_id]))
+    planner = partial(ToGoal, goal_m=scenario.goal_m) if is_advised else lambda _: None
+    run = Run(scenario, lambda rob_id: _Listener(rob_id, make, calls[rob_id], planner(rob_id)))
     run.advance(LIFE_S)
     return calls[ROBOT]
 
@@ -133,12 +152,12 @@ def _driven(chance: np.random.Generator) -> Iterator[Call]:
         t_ms = 1000 + step * CONTROL_MS
         if step % 7 == 3:
             left, right = (int(pct) for pct in chance.integers(-100, 101, 2))
-            yield Call(-1, t_ms - 20, gateway.wheels(ROBOT, t_ms, left, right))
+            yield Call(FRAME, t_ms - 20, gateway.wheels(ROBOT, t_ms, left, right))
         if step % 20 == 11:
             way = [(int(x), int(y)) for x, y in chance.integers(0, 2000, (3, 2))]
-            yield Call(-1, t_ms - 10, gateway.route(ROBOT, t_ms, 60, way))
+            yield Call(FRAME, t_ms - 10, gateway.route(ROBOT, t_ms, 60, way))
         pose = {"t": t_ms, "x_mm": x_mm, "y_mm": y_mm, "direction_deg": direction_deg}
-        yield Call(-1, t_ms - 5, table.WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
+        yield Call(FRAME, t_ms - 5, table.WHEELS_STATE.encode(id=ROBOT + 1, **pose, red=0, green=0, blue=0))
         yield Call(step, t_ms, table.WHEELS_SENSOR.encode(id=ROBOT, **pose))
         x_mm += float(chance.normal(0, 20))
         y_mm += float(chance.normal(0, 20))
@@ -147,18 +166,23 @@ def _driven(chance: np.random.Generator) -> Iterator[Call]:
 
 def _odd(life: list[Call], chance: np.random.Generator) -> Iterator[Call]:
     readings = [call for call in life if call.step >= 0]
-    heard = [call.payload for call in life if call.step < 0]
+    heard = [call.payload for call in life if call.step == FRAME]
     last, step = life[-1], readings[-1].step
     state = bytes([table.KIND_STATE]) + readings[-1].payload[ID_AT:]  # if nobody broadcasts, a liar may
     usual = {(frame[0], len(frame)): frame for frame in (state, *heard)}  # one of each kind and length
     frames = list(_odd_frames(list(usual.values()), chance))
     for k, (t_offset_ms, frame, odd) in enumerate(frames):
         t_ms = min(max(0, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING) + t_offset_ms), LATEST_MS)
-        yield Call(-1, t_ms, frame, odd)
+        yield Call(FRAME, t_ms, frame, odd)
         if k % FRAMES_A_READING == 0:
             step += 1
             yield _at(readings[-1], step, last.t_ms + CONTROL_MS * (k // FRAMES_A_READING))
     now_ms = last.t_ms + CONTROL_MS * (1 + len(frames) // FRAMES_A_READING)
+    advised = [call.payload for call in life if call.step == ADVICE and call.payload]
+    for payload, odd in _odd_advice(advised[-1]) if advised else ():
+        step, now_ms = step + 1, now_ms + CONTROL_MS
+        yield Call(ADVICE, now_ms, payload, odd)
+        yield _at(readings[-1], step, now_ms)
     for k, (payload, odd) in enumerate(_odd_readings(readings)):
         yield _at(Call(step, 0, payload, odd), step + 1 + k, now_ms + k * CONTROL_MS)
 
@@ -189,6 +213,17 @@ def _odd_frames(usual: list[bytes], chance: np.random.Generator) -> Iterator[tup
         noise = bytearray(chance.bytes(int(chance.integers(1, 64))))
         noise[0] &= ~table.KIND_AUDIT & 0xFF
         yield 0, bytes(noise), "noise"
+
+
+def _odd_advice(usual: bytes) -> Iterator[tuple[bytes, str]]:
+    """What planners say that nobody can replay."""
+    yield usual, "again"
+    yield from ((usual[:n], f"cut to {n} bytes") for n in (0, 1, len(usual) // 2, len(usual) - 1))
+    yield usual + b"\0", "a byte too long"
+    yield bytes(len(usual)), "zeros"
+    yield b"\xff" * LONGEST_BYTES, f"{LONGEST_BYTES} bytes"
+    for at in range(len(usual) - 4, 0, -4):
+        yield from ((usual[:at] + odd + usual[at + 4 :], f"{odd.hex()} at byte {at}") for odd in ODD)
 
 
 def _odd_readings(readings: list[Call]) -> Iterator[tuple[bytes, str]]:

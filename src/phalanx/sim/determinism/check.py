@@ -156,8 +156,7 @@ def _named(turn: int) -> str:
 def _first_raised(calls: list[Call], steps: list[Step]) -> Finding | None:
     for k, (call, (_, _, raised, _)) in enumerate(zip(calls, steps, strict=True)):
         if raised:
-            method = "on_recv" if call.step < 0 else "on_input"
-            return Finding(k, str(call), f"{method} raises", None, "", raised, "")
+            return Finding(k, str(call), f"{call.method} raises", None, "", raised, "")
     return None
 
 

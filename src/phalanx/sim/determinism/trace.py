@@ -30,7 +30,7 @@ from phalanx.robot.controllers.python_controller import (
 )
 from phalanx.wire.record import MalformedRecord
 
-from .calls import Call, Make, maker
+from .calls import ADVICE, FRAME, Call, Make, maker
 from .watch import Endless, watched
 
 # What a controller did at one call: type and bytes of each output, what it remembers then, what it raised, and what
@@ -102,11 +102,12 @@ def _relayed(calls: list[Call], controller: Controller, following: Callable[[], 
 def _step(controller: Controller, call: Call) -> Step:
     outputs: list[Output] = []
     raised = refused = ""
-    method = "on_recv" if call.step < 0 else "on_input"
     try:
-        with watched(controller, method, str(call)):
-            if call.step < 0:
+        with watched(controller, call.method, str(call)):
+            if call.step == FRAME:
                 controller.on_recv(call.t_ms, call.payload)
+            elif call.step == ADVICE:
+                controller.on_advice(call.payload)
             else:
                 told = controller.on_input(call.step, call.t_ms, call.payload)
                 outputs = checked_outputs(told, BtiConfig().frame_max_bytes, controller)
@@ -118,7 +119,9 @@ def _step(controller: Controller, call: Call) -> Step:
     except Exception as error:  # noqa: BLE001 - it is told
         raised = _told(error)
     try:
-        state = checked_state(controller.encode(), _room(controller.state_bytes), controller)
+        state = checked_state(
+            controller.encode(), _room(getattr(controller, "longest_bytes", controller.state_bytes)), controller
+        )
     except OwnMistake as error:
         state, refused = b"", refused or str(error)
     except Exception as error:  # noqa: BLE001 - as above
