@@ -17,7 +17,7 @@ from guarded_world import MOTION, acceleration, guard, reading, state, wish
 from phalanx.config.flock import Box, Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import PeerError, UsageError
-from phalanx.robot.controllers.bundled.guard import HEAD_BYTES
+from phalanx.robot.controllers.bundled.guard import HEAD_BYTES, ROUNDED_M
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import Send, pack_outputs
 
@@ -108,7 +108,9 @@ class TestNeighbours:
         assert driven(this) == (0.0, 0.0)
 
     def test_who_is_heard_where_nobody_can_have_got_to_makes_it_stand(self):
-        for there, stands in (((60, 2), False), ((60, 9), True)):
+        # In a second, and what a broadcast may be late; and what is left to rounding.
+        most_m = CONFIG.speed_mps * (1.0 + CONFIG.radio_ms / 1000) + ROUNDED_M
+        for there, stands in (((60, most_m - 0.02), False), ((60, most_m + 0.02), True)):
             this = listened()
             this.on_recv(LISTENED_MS - 1000, state(2, (60, 0)))
             this.on_recv(LISTENED_MS, state(2, there))
