@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -96,7 +95,8 @@ def test_who_hears_no_scans_stands_and_goes_on_when_there_are_some(folder, build
         line = walk.stderr.readline()
     assert "the robot stands: nothing comes on /r1/scan" in line
     robot.send_signal(signal.SIGCONT)
-    time.sleep(1)
+    while "decoded" not in (line := walk.stderr.readline()):
+        assert line, "it goes on"
     walk.send_signal(signal.SIGINT)
     lived = json.loads(walk.communicate(timeout=20)[0])
     assert (walk.returncode, lived["completed"]) == (1, False)
