@@ -96,11 +96,12 @@ def words() -> argparse.Namespace:
 
 
 def cases_of(said: argparse.Namespace) -> list[Case]:
-    """All runs that are asked for, those of one building together. Raises: UsageError: one cannot be."""
+    """All runs that are asked for: one seed of all, those of a building together; then the next. Raises: UsageError."""
     if not said.where:
         seeds = range(said.first, said.first + max(10, said.seeds))
-        everywhere = product(MAPS, ("paper", "sealed"), ("stage", "fixed", "step"), (0, 3), seeds)
-        return [Case(*each) for each in (*everywhere, *product(wheres_of([DRAWN]), ("paper",), ("stage",), (0,), (0,)))]
+        maps = product(seeds, MAPS, ("paper", "sealed"), ("stage", "fixed", "step"), (0, 3))
+        drawn = product((0,), wheres_of([DRAWN]), ("paper",), ("stage",), (0,))
+        return [Case(*each, seed) for seed, *each in (*maps, *drawn)]
     seeds = range(said.first, said.first + said.seeds)
     profiles, noises = said.profile.split(","), said.noise.split(",")
     for profile in profiles:
@@ -109,7 +110,8 @@ def cases_of(said: argparse.Namespace) -> list[Case]:
     for noise in noises:
         OdometryNoise.parse(f"{SIGMAS},{noise}")
     people = [int(count) for count in said.people.split(",")]
-    return [Case(*each) for each in product(wheres_of(said.where), profiles, noises, people, seeds)]
+    wheres = list(wheres_of(said.where))
+    return [Case(*each, seed) for seed, *each in product(seeds, wheres, profiles, noises, people)]
 
 
 def wheres_of(names: Iterable[str]) -> Iterator[str]:
