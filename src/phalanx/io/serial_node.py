@@ -23,6 +23,9 @@ from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
 from .serial_line import SerialLine
 
 TIMEOUT_S = 1.0  # from a call to its answer, however often it is said
+# Before a mission: a process begins, flash is written, and no robot moves yet that would wait for it.
+BEGINS_TIMEOUT_S = 10.0
+BEGINS = frozenset((lines.HELLO, lines.LIMITS, lines.SEAL, lines.LOAD_MASTER, lines.LOAD_MISSION))
 AGAIN_S = 0.1  # until it is said again, beside what the bytes themselves take on the line
 DONE, SAFE = 0, 1  # what is returned by functions that make no entry
 NUMBERS = 1 << 16
@@ -59,7 +62,7 @@ class SerialNode:
 
     Args:
         line: it is ours from now on.
-        timeout_s: how long a call may take.
+        timeout_s: how long a call may take; those before a mission may take 10 s.
         again_s: after how long without an answer it is said again; twice as long each time.
     Raises: Unavailable: nobody answers, or in another version.
     """
@@ -128,7 +131,8 @@ class SerialNode:
             raise Unavailable(self._ended)
         self._number = (self._number + 1) % NUMBERS
         frame = framed(call.encode(number=self._number, **arguments))
-        end_s = time.monotonic() + self._timeout_s
+        timeout_s = max(self._timeout_s, BEGINS_TIMEOUT_S) if call in BEGINS else self._timeout_s
+        end_s = time.monotonic() + timeout_s
         # What is answered to a frame is as long, or shorter.
         again_s = self._again_s + 2 * (len(frame) + ANSWER_HEAD_BYTES) * self._line.byte_s
         first = True
@@ -144,7 +148,7 @@ class SerialNode:
                 again_s *= 2
         except Unavailable as error:
             raise self._end(str(error)) from error
-        raise self._end(f"{self._line.where} has not answered {call.name} within {self._timeout_s:g} s")
+        raise self._end(f"{self._line.where} has not answered {call.name} within {timeout_s:g} s")
 
     def _answer(self, until_s: float) -> tuple[int, bytes] | None:
         while True:
