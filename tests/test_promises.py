@@ -117,3 +117,11 @@ def test_a_table_goes_on_where_it_was_stopped(script, monkeypatch, capsys, tmp_p
     assert "crash hub f_max 1 T_audit 4 s loss 20 % seed 1, 0 from 0 s: p2:4" in told
     with pytest.raises(SystemExit):
         called("--layouts", "star")
+
+
+def test_a_run_ends_at_a_moment_that_its_clock_can_show(script):
+    """Else it is advanced for ever: 55.352000000000004 s was one."""
+    for f_max in range(1, 6):
+        case = script.Case("wrong-checkpoint", "grid", f_max, 8.0, 20.0, 1)
+        ends_s = script.scenario_of(case).duration_s
+        assert ends_s == round(1e6 * ends_s) / 1e6
