@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -20,8 +21,10 @@ from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import records
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
+from phalanx.sim.audited import loop
 from phalanx.sim.audited.events import Queue, make_queue, pack, pop, push
-from phalanx.wire.fields import whole
+from phalanx.sim.compiling import _called_by
+from phalanx.wire.fields import copy, whole
 
 SRC = Path(kernel_module.__file__).parent
 
@@ -142,6 +145,43 @@ def test_compiled_code_is_stale_when_what_it_calls_has_changed(tmp_path, changed
     after = stamps_of(tmp_path, "sim/audited/loop.py", "link/pin.py")
     assert before[0] != after[0]
     assert before[1] == after[1]
+
+
+def counts(kernel):
+    return kernel.targetoptions["_nrt"]
+
+
+def test_nobody_counts_in_the_loop_but_what_returns_a_view_of_a_bundles_array():
+    # An array that a kernel made would never be freed by one that does not count.
+    counting = {kernel.__name__ for kernel in _called_by(loop.run) if counts(kernel)}
+    assert counting == {"finish", "_finish_ack", "_bytes"}
+
+
+MAKES = re.compile(
+    r"np\.(empty|zeros|ones|full|eye|array|arange)|\.(copy|astype)\(|-> .*(NDArray|Row|Floats|Ints|Bools|End)\b"
+)
+
+
+def test_what_makes_arrays_or_returns_them_counts():
+    # A maker that another kernel has compiled would not be refused.
+    for file in SRC.rglob("*.py"):
+        for text in re.findall(r"^@kernel\n(def .*?)(?=\n\n\n|\Z)", file.read_text(), re.MULTILINE | re.DOTALL):
+            assert not MAKES.search(text), f"{file}: {text.partition('(')[0]}"
+
+
+def test_a_kernel_that_does_not_count_makes_no_array_and_keeps_none():
+    @kernel_module.kernel
+    def borrowing(n):
+        made = np.empty(n)
+        return made[0]
+
+    with pytest.raises(numba.errors.NumbaError):
+        borrowing(3)
+    row = np.arange(9, dtype=np.uint8)
+    before = sys.getrefcount(row)
+    for _ in range(9):
+        copy(row, 3, row, 0, 5)
+    assert sys.getrefcount(row) == before
 
 
 ONE_OF_TWO = """

@@ -77,6 +77,7 @@ def test_this_numba_has_all_that_we_use_of_its_inside():
     assert compiling._EVENT is not None
     assert kernel_module.kept_in(whole) is not None
     assert hasattr(whole, "get_call_template")
+    assert kernel_module._COUNTS
     copy(np.zeros(3, np.uint8), 0, np.zeros(3, np.uint8), 0, 1)
     assert isinstance(copy._cache, kernel_module.FunctionCache), "what is compiled is not kept any more"
 

@@ -9,6 +9,7 @@ of them with NUMBA_DISABLE_JIT=1, for a debugger. The first call compiles, which
 
 Rules a kernel lives by, so that both (and any two machines) agree to the bit: float64 with + - * / and `math.sqrt` in a
 written order; no other function of `math`, no sum over an array, no division by what can be zero, no dict and no set.
+Compiled, a quotient may be made in another way that gives the same bits (robot/controllers/sine.py).
 Many arrays go to kernels together (bundle.py).
 
 To keep what is compiled we reach into numba, which promises nobody to stay as it is inside. Where it is not what we
@@ -35,9 +36,10 @@ from numba import types
 try:
     from numba.core import caching
     from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.options import DefaultOptions
     from numba.core.runtime.nrt import rtsys
 except ImportError:
-    caching = None  # type: ignore[assignment]
+    caching = DefaultOptions = None  # type: ignore[assignment,misc]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 FunctionCache: Any = getattr(caching, "FunctionCache", None)
@@ -48,6 +50,8 @@ _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "no_cfunc_wrapper": True,  # nobody calls kernels from C, and it would cost a third of the compilation
 }
+# Whether it is counted who refers to an array: two calls for each array of each call. An unknown numba always does.
+_COUNTS: str | None = "_nrt" if hasattr(DefaultOptions, "_nrt") else None
 _CONFIG: Any = numba.config  # its attributes are made when it is imported
 
 
@@ -212,11 +216,24 @@ def _take_whole_numbers_alike(compiled: Any) -> None:
 _cache_somewhere()
 
 
+def counting_kernel(function: _F) -> _F:
+    """As `kernel`, of a function that makes arrays or returns them: who refers to them is counted at each call."""
+    return _compiled(function, counts=True)
+
+
 def kernel(function: _F) -> _F:
-    """`function`, compiled when first called and cached on disk until it or what it imports changes."""
+    """`function`, compiled when first called and cached on disk until it or what it imports changes.
+
+    It borrows its arrays, and makes none; nor does it call what returns one that it made, which would never be freed.
+    """
+    return _compiled(function, counts=False)
+
+
+def _compiled(function: _F, *, counts: bool) -> _F:
     file = Path(function.__code__.co_filename)
     ours = not _CONFIG.DISABLE_JIT and file.is_relative_to(_ROOT)
-    compiled: Any = numba.njit(cache=not ours, **_OPTIONS)(function)
+    options = {**_OPTIONS, _COUNTS: counts} if _COUNTS else _OPTIONS
+    compiled: Any = numba.njit(cache=not ours, **options)(function)
     if ours:
         _share(compiled, file)
         _take_whole_numbers_alike(compiled)

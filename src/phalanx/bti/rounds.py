@@ -274,7 +274,7 @@ def _keep(f: Fleet, i: int, which: int, tor: int, t: int, mac: Row) -> None:
         return
     f.token[i, which, at].tor = tor
     f.token[i, which, at].t = t
-    f.token[i, which, at].mac[:] = mac
+    copy(f.token[i, which, at].mac, 0, mac, 0, MAC_BYTES)
     if at == n:
         if which == START:
             r.tokens_start = n + 1

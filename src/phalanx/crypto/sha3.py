@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel, written
+from phalanx.kernel import counting_kernel, written
 
 DIGEST_BYTES = 32
 RATE_BYTES = 136
@@ -37,7 +37,7 @@ _IOTA = np.array(_round_constants(), dtype=np.uint64)
 _64, _LAST = np.uint64(64), np.uint64(1 << 63)
 
 
-@kernel
+@counting_kernel
 def _turn(lane: np.uint64, bits: int) -> np.uint64:
     return (lane << np.uint64(bits)) | (lane >> np.uint64(64 - bits))
 
@@ -72,7 +72,7 @@ def _permute(a: NDArray[np.uint64]) -> None:
 _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
 
 
-@kernel
+@counting_kernel
 def _hash_many(messages: NDArray[np.uint64], blocks: int, digests: NDArray[np.uint64]) -> None:
     """Digests (n, 4) of messages (n, lanes) that have their suffix; the last bit of the padding is put here."""
     a = np.empty(200, np.uint64)
@@ -93,7 +93,7 @@ def _hash_many(messages: NDArray[np.uint64], blocks: int, digests: NDArray[np.ui
                 digests[first + j, i] = a[i * 8 + j]
 
 
-@kernel
+@counting_kernel
 def find(  # noqa: C901, PLR0912  # a kernel is one function
     template: NDArray[np.uint64],
     word: int,

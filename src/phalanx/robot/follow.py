@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel, kernel
 from phalanx.wire.fields import whole
 
 FULL_PCT = 100.0
@@ -44,7 +44,7 @@ def _nearest(value: float) -> int:
     return whole(value + (0.5 if value >= 0.0 else -0.5))
 
 
-@kernel
+@counting_kernel
 def wheels_towards(
     ahead_mm: NDArray[np.float64], right_mm: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

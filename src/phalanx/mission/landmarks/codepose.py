@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
@@ -113,7 +113,7 @@ def qr_landmark(text: str, pose: CodePose, mount: Mount, x_m: float, y_m: float,
     return Landmark("qr", x_m + (cosine * x - sine * y), y_m + (sine * x + cosine * y), facing, text=text)
 
 
-@kernel
+@counting_kernel
 def _normalised(corners: Floats, fx: float, fy: float, cx: float, cy: float, k1: float, k2: float) -> Floats:
     """Pixels → x / z and y / z, without the distortion."""
     points = np.empty((4, 2))
@@ -130,7 +130,7 @@ def _normalised(corners: Floats, fx: float, fy: float, cx: float, cy: float, k1:
     return points
 
 
-@kernel
+@counting_kernel
 def _first_guess(points: Floats, rotation: Floats, at: Floats, half: float) -> bool:
     """The pose of the square -half..half by its homography."""
     x0, y0, x1, y1 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
@@ -169,14 +169,14 @@ def _first_guess(points: Floats, rotation: Floats, at: Floats, half: float) -> b
     return True
 
 
-@kernel
+@counting_kernel
 def _third_column(rotation: Floats) -> None:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation[i, 2] = rotation[j, 0] * rotation[k, 1] - rotation[k, 0] * rotation[j, 1]
 
 
-@kernel
+@counting_kernel
 def _refine(points: Floats, rotation: Floats, at: Floats, half: float) -> float:  # noqa: C901  # one system
     """Moves the pose to the least squared error; returns its root mean square, or inf."""
     matrix = np.empty((6, 7))
@@ -221,7 +221,7 @@ def _refine(points: Floats, rotation: Floats, at: Floats, half: float) -> float:
     return math.sqrt(error / 4.0)
 
 
-@kernel
+@counting_kernel
 def _solve(matrix: Floats) -> bool:
     """Gauss-Jordan with pivots on a (6, 7) system; the solution is left in the last column."""
     for p in range(6):
@@ -243,7 +243,7 @@ def _solve(matrix: Floats) -> bool:
     return True
 
 
-@kernel
+@counting_kernel
 def _turn(rotation: Floats, wx: float, wy: float, wz: float) -> None:
     """Turns a rotation by the vector w, for small w, and keeps its columns square (Gram-Schmidt)."""
     for column in range(2):
@@ -266,7 +266,7 @@ def _turn(rotation: Floats, wx: float, wy: float, wz: float) -> None:
     _third_column(rotation)
 
 
-@kernel
+@counting_kernel
 def _pose(points: Floats, size_m: float) -> tuple[bool, Floats, float, float]:
     """(found, [position, normal into the wall, the other tilt's normal], error, the other's); in focal lengths."""
     half = 0.5 * size_m

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 from .view import Limits, View
 from .walls import ALONG_X, ALONG_Y, Floats, Ints, X, Y
@@ -23,7 +23,7 @@ SLACK_POINTS = 8
 CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
-@kernel
+@counting_kernel
 def meet(walls: Floats, a: int, b: int) -> tuple[float, float, float]:
     """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
@@ -34,14 +34,14 @@ def meet(walls: Floats, a: int, b: int) -> tuple[float, float, float]:
     return walls[a, X] + s * ax, walls[a, Y] + s * ay, sine
 
 
-@kernel
+@counting_kernel
 def _grazes(x: float, y: float, walls: Floats, w: int, graze_sine: float) -> bool:
     """Whether the robot sees the point of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
 
 
-@kernel
+@counting_kernel
 def _off_line(v: View, i: int, walls: Floats, w: int) -> float:
     """Distance of point i from the line of wall `w`, positive on the robot's side."""
     off: float = walls[w, ALONG_X] * (v.y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (v.x[i] - walls[w, X])
@@ -49,7 +49,7 @@ def _off_line(v: View, i: int, walls: Floats, w: int) -> float:
     return off if robot >= 0.0 else -off
 
 
-@kernel
+@counting_kernel
 def _outermost(v: View, walls: Floats, w: int, at: int, step: int, line_m: float) -> int:
     """The last point on the wall's line, near the wall's end `at`, in the direction of `step`."""
     i = at
@@ -64,7 +64,7 @@ def _outermost(v: View, walls: Floats, w: int, at: int, step: int, line_m: float
         i = j
 
 
-@kernel
+@counting_kernel
 def _next_beam(v: View, beam: int, step: int) -> int:
     """The next beam that says something, or -1."""
     n = len(v.ranges)
@@ -79,7 +79,7 @@ def _next_beam(v: View, beam: int, step: int) -> int:
     return -1
 
 
-@kernel
+@counting_kernel
 def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -> bool:
     """Whether the surface goes on behind the line of the wall that ends at point i."""
     j = i + step
@@ -93,7 +93,7 @@ def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: in
     return there >= 0 and bool(v.ranges[there] > v.ranges[v.beam[j]] + limits.jump_m)
 
 
-@kernel
+@counting_kernel
 def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
     """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, 0.0, 0.0, 0.0)
@@ -131,12 +131,12 @@ def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) ->
     return True, edge_x, edge_y, float(here) + 0.5 * step
 
 
-@kernel
+@counting_kernel
 def _distance(ax: float, ay: float, bx: float, by: float) -> float:
     return math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by))
 
 
-@kernel
+@counting_kernel
 def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet at a corner, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
@@ -152,14 +152,14 @@ def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[
     return touching and near and abs(sine) >= limits.corner_sine, meet_x, meet_y, sine
 
 
-@kernel
+@counting_kernel
 def _store(corners: Floats, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
     corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = at
     corners[row, BEFORE], corners[row, AFTER], corners[row, CONVEX] = float(before), float(after), convex
     return row + 1
 
 
-@kernel
+@counting_kernel
 def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
     """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y
 from .view import Limits, View
@@ -26,7 +26,7 @@ WIDTH_SLACK_M = 0.05
 DOOR_X, DOOR_Y, DOOR_ALONG_X, DOOR_ALONG_Y, WIDTH, DEPTH = range(6)
 
 
-@kernel
+@counting_kernel
 def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: float) -> bool:
     """Whether all beams from `from_beam` to `to_beam` pass between jambs a and b; half of them must say something.
 
@@ -58,7 +58,7 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
         k = (k + 1) % n
 
 
-@kernel
+@counting_kernel
 def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
     """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none."""
     (jamb_x, jamb_y), (along_x, along_y) = jamb, along
@@ -79,7 +79,7 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
     return deepest
 
 
-@kernel
+@counting_kernel
 def _point_at(beam: Ints, at: float) -> int:
     """The first point whose beam is past `at`."""
     low, high = 0, len(beam)
@@ -92,7 +92,7 @@ def _point_at(beam: Ints, at: float) -> int:
     return low
 
 
-@kernel
+@counting_kernel
 def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tuple[Floats, Bools]:
     """(d, 6) doorways, and which corners are jambs.
 
@@ -154,13 +154,13 @@ def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tupl
     return doors[:found], is_jamb
 
 
-@kernel
+@counting_kernel
 def _length(walls: Floats, w: int) -> float:
     dx, dy = walls[w, TO_X] - walls[w, FROM_X], walls[w, TO_Y] - walls[w, FROM_Y]
     return math.sqrt(dx * dx + dy * dy)
 
 
-@kernel
+@counting_kernel
 def rooms_of(corners: Floats, room_min_m2: float) -> Floats:
     """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
 
@@ -81,7 +81,7 @@ def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features
     )
 
 
-@kernel
+@counting_kernel
 def _seam(ranges: Floats) -> int:
     """Where to cut a full turn open: at the largest step of the range, so that no wall is cut."""
     n = len(ranges)
@@ -99,7 +99,7 @@ def _seam(ranges: Floats) -> int:
     return at
 
 
-@kernel
+@counting_kernel
 def _extract(
     ranges: Floats,
     cosines: Floats,
@@ -121,7 +121,7 @@ def _extract(
     return walls, corners, is_jamb, doorways, rooms_of(corners, limits.room_min_m2)
 
 
-@kernel
+@counting_kernel
 def _placed(
     walls: Floats,
     corners: Floats,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import compose, words_of
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 from .outlines import Outline, outlines_of
 from .sources import Source
@@ -110,7 +110,7 @@ class FloorPlan:
         return not bool(np.any(first < last))
 
 
-@kernel
+@counting_kernel
 def _clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
     nearest = np.inf
     for i in range(len(walls)):
@@ -124,7 +124,7 @@ def _clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
     return math.sqrt(nearest)
 
 
-@kernel
+@counting_kernel
 def _is_crossed(walls: NDArray[np.float64], x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
     """Whether a wall meets the way from x, y, but for such a share of it at both ends."""
     for i in range(len(walls)):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
@@ -161,7 +161,7 @@ def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]
     )
 
 
-@kernel
+@counting_kernel
 def _contours(cells: NDArray[np.uint8]) -> tuple[Floats, Ints, Bools]:  # noqa: C901  # one walk
     """The borders of all that is not free, walked with free space on the left: middles of cells' edges, in cells.
 
@@ -223,7 +223,7 @@ def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[
     return _pieces(points[order, 0].copy(), points[order, 1].copy(), of_wall[order])
 
 
-@kernel
+@counting_kernel
 def _pieces(x: Floats, y: Floats, of_wall: Bools) -> tuple[Floats, Bools]:
     """Corners of a closed contour whose last point is its first, and whether the piece after each is a wall."""
     last = len(x) - 1

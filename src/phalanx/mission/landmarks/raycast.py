@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ class Beams(NamedTuple):
     range_max_m: float
 
 
-@kernel
+@counting_kernel
 def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
     """The beams [low, high) with bearings from..to."""
     low = (from_rad - beams.first_rad) / beams.step_rad - _SLACK_BEAMS
@@ -40,7 +40,7 @@ def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
     return (int(low) + 1 if low > 0.0 else 0), (int(high) + 1 if high < count - 1 else count)
 
 
-@kernel
+@counting_kernel
 def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges: Floats) -> None:
     """Shortens the beams that meet the wall from a to b, robot frame."""
     along_x, along_y = bx - ax, by - ay
@@ -62,7 +62,7 @@ def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges:
             ranges[k] = distance if 0.0 < distance < ranges[k] else ranges[k]
 
 
-@kernel
+@counting_kernel
 def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: Floats) -> None:
     """Shortens the beams that meet a disc, robot frame; one around the sensor is not seen."""
     squared = x * x + y * y - radius * radius
@@ -78,7 +78,7 @@ def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: Floats) 
                 ranges[k] = ahead - math.sqrt(inside)
 
 
-@kernel
+@counting_kernel
 def cast(pose: tuple[float, float, float], walls: Floats, discs: Floats, beams: Beams, ranges: Floats) -> None:
     """Writes to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
 

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import TWO_PI, sin_cos
 
 BEAMS_MAX = 8192
 FARTHEST_M = 65_534
 
 
-@kernel
+@counting_kernel
 def _sort_out(ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
     for k in range(len(ranges)):
         if ranges[k] > most_m:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,7 +25,7 @@ ROUND_M = 0.6
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
 
-@kernel
+@counting_kernel
 def points_of(ranges: Floats, cosines: Floats, sines: Floats, range_m: float) -> tuple[Floats, Floats, Ints]:
     """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
     count = 0
@@ -43,7 +43,7 @@ def points_of(ranges: Floats, cosines: Floats, sines: Floats, range_m: float) ->
     return x, y, beam
 
 
-@kernel
+@counting_kernel
 def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_slope: float) -> Bools:
     """For each point, whether it begins a new run: not on one surface with the point before it.
 
@@ -68,7 +68,7 @@ def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_
     return new_run
 
 
-@kernel
+@counting_kernel
 def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[int, float]:
     chord_x, chord_y = x[last] - x[first], y[last] - y[first]
     length = math.sqrt(chord_x * chord_x + chord_y * chord_y)
@@ -81,7 +81,7 @@ def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[i
     return at, worst
 
 
-@kernel
+@counting_kernel
 def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, starts: Ints) -> int:
     """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
 
@@ -105,7 +105,7 @@ def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, start
     return count
 
 
-@kernel
+@counting_kernel
 def fit_line(x: Floats, y: Floats, first: int, last: int) -> tuple[float, float, float, float]:
     """(x, y, along_x, along_y): the line with the least squared distances, from `first` towards `last`."""
     n = last - first + 1
@@ -133,7 +133,7 @@ def fit_line(x: Floats, y: Floats, first: int, last: int) -> tuple[float, float,
     return x[first] + mean_x, y[first] + mean_y, along_x / length, along_y / length
 
 
-@kernel
+@counting_kernel
 def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool:
     """Whether a point of first..last is farther than `split_m` from the line through them all."""
     cx, cy, ax, ay = fit_line(x, y, first, last)
@@ -143,7 +143,7 @@ def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool
     return False
 
 
-@kernel
+@counting_kernel
 def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """How far the middle third stands out of the line of both ends: 0 for a wall, not for a leg or a column."""
     cx, cy, ax, ay = line
@@ -158,7 +158,7 @@ def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, 
     return abs(middle / (last - first + 1 - 2 * third) - ends / (2 * third))
 
 
-@kernel
+@counting_kernel
 def _border(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> int:
     """The last point of wall w, where w and w + 1 meet: with it, all points lie best on the one line or the other."""
     best, sum_ = 0.0, 0.0
@@ -172,7 +172,7 @@ def _border(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> int:
     return at
 
 
-@kernel
+@counting_kernel
 def _trimmed(first: int, last: int) -> tuple[int, int]:
     """The points of first..last without the outermost, which may belong to the next wall."""
     points = last - first + 1
@@ -180,7 +180,7 @@ def _trimmed(first: int, last: int) -> tuple[int, int]:
     return first + trim, last - trim
 
 
-@kernel
+@counting_kernel
 def _part(x: Floats, y: Floats, new_run: Bools, walls: Floats, spans: Ints) -> Floats:
     """The walls, each fitted to its own points alone.
 
@@ -200,7 +200,7 @@ def _part(x: Floats, y: Floats, new_run: Bools, walls: Floats, spans: Ints) -> F
     return parted
 
 
-@kernel
+@counting_kernel
 def walls_of(
     x: Floats, y: Floats, new_run: Bools, split_m: float, line_m: float, wall_min_m: float, min_points: int
 ) -> tuple[Floats, Ints]:

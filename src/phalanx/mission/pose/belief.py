@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import sin_cos, wrap
 
 from .spread import Floats, Sight, Sighting, corrected, not_surer
@@ -38,7 +38,7 @@ class Wheels(NamedTuple):
     curve_noise: float  # radians in the first metre, likewise
 
 
-@kernel
+@counting_kernel
 def moved(
     mean: Floats, spread: Floats, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
 ) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import wrap
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ def pose_spread(spread: tuple[float, ...]) -> Floats:
     return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]], np.float64)
 
 
-@kernel
+@counting_kernel
 def not_surer(spread: Floats, place_m: float, turn_rad: float) -> Floats:
     """The spread, nowhere smaller than a map allows: the same landmark seen twice errs twice the same way."""
     sure = spread.copy()
@@ -52,7 +52,7 @@ def not_surer(spread: Floats, place_m: float, turn_rad: float) -> Floats:
     return sure
 
 
-@kernel
+@counting_kernel
 def _doubt(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(xx, xy, yy) of the covariance of where a landmark is that is seen at an offset."""
     away = math.sqrt(ox * ox + oy * oy)
@@ -64,7 +64,7 @@ def _doubt(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, f
     return xx, xy, yy
 
 
-@kernel
+@counting_kernel
 def doubt_of(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
 
@@ -78,7 +78,7 @@ def doubt_of(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float,
     return math.sqrt(xx), math.sqrt(yy), math.sqrt(most)
 
 
-@kernel
+@counting_kernel
 def _gain(spread: Floats, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[Floats, Floats, Floats]:
     """(H, S inverted, P H^T) for a landmark at an offset; without an orientation its row says nothing."""
     h = np.zeros((3, 3))
@@ -101,7 +101,7 @@ def _gain(spread: Floats, ox: float, oy: float, sight: Sight, oriented: bool) ->
     return h, inverse(s), ph
 
 
-@kernel
+@counting_kernel
 def inverse(s: Floats) -> Floats:
     """Of a symmetric, positive (3, 3)."""
     a = s[1, 1] * s[2, 2] - s[1, 2] * s[1, 2]
@@ -117,7 +117,7 @@ def inverse(s: Floats) -> Floats:
     return out
 
 
-@kernel
+@counting_kernel
 def misfit(spread: Floats, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
     """How badly a match fits: the square of its Mahalanobis distance, of 3 degrees of freedom, of 2 if not oriented."""
     oriented = not np.isnan(sighting.turn_rad)
@@ -130,7 +130,7 @@ def misfit(spread: Floats, x_m: float, y_m: float, sighting: Sighting, sight: Si
     return square
 
 
-@kernel
+@counting_kernel
 def corrected(mean: Floats, spread: Floats, sighting: Sighting, sight: Sight) -> tuple[Floats, Floats]:
     """(mean, spread) after a match; of a pose, or of a pose and more that is correlated with it.
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.crypto.sha3 import find
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
 
 CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
@@ -87,13 +87,13 @@ def spiral(rings: int) -> tuple[tuple[int, int], ...]:
 _SPIRAL = np.array(spiral(RINGS[-1]), np.int64)
 
 
-@kernel
+@counting_kernel
 def _number(value: float, offset: float, step: float) -> int:
     # rint rounds halves to even, on every machine and as `round` does.
     return int(np.rint((value - offset) / step))
 
 
-@kernel
+@counting_kernel
 def numbers_of(
     x_m: float, y_m: float, turn_rad: float, area_m2: float, offset: Steps, steps: Steps, bins: int
 ) -> Numbers:
@@ -114,7 +114,7 @@ def numbers_of(
     return max(-CELL_LIMIT, min(CELL_LIMIT, x)), max(-CELL_LIMIT, min(CELL_LIMIT, y)), turn, area
 
 
-@kernel
+@counting_kernel
 def _row(table: Table, lane: int, numbers: Numbers) -> int:
     """Where this cell is in the table, or the free row where it would be."""
     x, y, turn, area = numbers
@@ -131,7 +131,7 @@ def _row(table: Table, lane: int, numbers: Numbers) -> int:
     return row
 
 
-@kernel
+@counting_kernel
 def _add(table: Table, lane: int, numbers: Numbers) -> bool:
     """Puts a cell into the table; whether it is new."""
     row = _row(table, lane, numbers)
@@ -142,7 +142,7 @@ def _add(table: Table, lane: int, numbers: Numbers) -> bool:
     return bool(is_new)
 
 
-@kernel
+@counting_kernel
 def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
     """(level of RINGS, rings, whether the next bin may be meant, whether the one before may) around a thing's cell.
 
@@ -170,7 +170,7 @@ def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Do
     return level, RINGS[level], up, down
 
 
-@kernel
+@counting_kernel
 def search_cells(
     first: int,
     things: Floats,
@@ -234,7 +234,7 @@ def search_cells(
     return -1, -1, left, (0, 0, 0, 0), -1
 
 
-@kernel
+@counting_kernel
 def _put(trial: Words, message: Message, six: np.uint64) -> None:
     """Six bytes, behind the eight of x and y: bin and area."""
     shift = np.uint64(message.shift)
@@ -243,7 +243,7 @@ def _put(trial: Words, message: Message, six: np.uint64) -> None:
         trial[message.word + 2] ^= six >> (np.uint64(64) - shift)
 
 
-@kernel
+@counting_kernel
 def _keep(known: Known, lane: int, numbers: Numbers) -> None:
     """Nothing is around this cell."""
     if known.used[0] >= len(known.table) * 3 // 4:
@@ -252,7 +252,7 @@ def _keep(known: Known, lane: int, numbers: Numbers) -> None:
     known.used[0] += _add(known.table, lane, numbers)
 
 
-@kernel
+@counting_kernel
 def words_around(x: int, y: int, steps: NDArray[np.int64]) -> Words:
     """(n,) what eight bytes of an observable say of the cells that are `steps`, (n, 2), from a cell: x, then y."""
     words = np.empty(len(steps), np.uint64)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel, kernel
 from phalanx.memory import fetch
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
@@ -200,7 +200,7 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
     _transmit(air, reach, queue, robot, now_us, now_us + took_us, answer_us, 0)
 
 
-@kernel
+@counting_kernel
 def finish(
     air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: NDArray[np.int32]
 ) -> End:
@@ -241,7 +241,7 @@ def finish(
     return End(count, NOBODY, 0, frame)
 
 
-@kernel
+@counting_kernel
 def _finish_ack(air: Air, queue: Queue, robot: int, sender: int, now_us: int) -> End:
     nic = air.nic[sender]
     frame = _bytes(air, sender, nic.head)
@@ -323,7 +323,7 @@ def _class(first_byte: int, dst: int) -> int:
     return (AUDIT_BROADCAST if first_byte & AUDIT_BIT else APP_BROADCAST) + (dst != BROADCAST)
 
 
-@kernel
+@counting_kernel
 def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
     length = whole(air.slot[robot, slot].length)
     if length > SHORT_BYTES:

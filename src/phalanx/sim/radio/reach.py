@@ -102,7 +102,8 @@ def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
         if found > len(reach.maybe):  # a crowd: without the skin there may be room
             found = _sort(reach, pos, reach.range_m)
             reach.sorted_at[:] = np.nan
-    reach.at[:] = pos
+    for i in range(len(pos)):
+        reach.at[i, 0], reach.at[i, 1] = pos[i, 0], pos[i, 1]
     reach.looks[0] += 1
     return found  # type: ignore[no-any-return]
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos
 
 from .field import (
@@ -66,7 +66,7 @@ class Course(NamedTuple):
     waited_s: float  # before a long way around
 
 
-@kernel
+@counting_kernel
 def around(
     cells: Bytes, base: Stop, moved: Pose, goal: tuple[float, float], points: Floats, count: int
 ) -> tuple[float, float, bool, bool]:
@@ -116,7 +116,7 @@ def around(
     return ahead, aside, False, is_long
 
 
-@kernel
+@counting_kernel
 def touches(points: Floats, count: int, speed_mps: float, turn_radps: float) -> bool:
     """Whether a robot that drives so for a second comes too near to something, and nearer than it is."""
     part = ARC_S / ARC_STEPS
@@ -139,7 +139,7 @@ def touches(points: Floats, count: int, speed_mps: float, turn_radps: float) -> 
     return False
 
 
-@kernel
+@counting_kernel
 def command(
     points: Floats, count: int, to: tuple[float, float], left_m: float, turning: int
 ) -> tuple[float, float, int]:
@@ -179,7 +179,7 @@ def command(
     return 0.0, turn, turning
 
 
-@kernel
+@counting_kernel
 def looking(for_s: float) -> float:
     """How it turns when it looks around: to both sides and back, for its odometry counts every turn a little wrong.
 
@@ -190,7 +190,7 @@ def looking(for_s: float) -> float:
     return -TURN_RADPS if 0.25 <= part < 0.75 else TURN_RADPS
 
 
-@kernel
+@counting_kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes) -> tuple[float, float, Stop, Course]:
     """The next command.
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 
 from .surroundings import HALF, PER_M, SIDE, Bytes, Floats
 
@@ -35,7 +35,7 @@ PASSES = 24
 NEAR_GOAL = 3.2  # cells: a place in a wall is reached from so near
 
 
-@kernel
+@counting_kernel
 def weight(near: int) -> int:
     """What a step costs, in halves, so near to a thing."""
     if near < TOUCHES:
@@ -47,7 +47,7 @@ def weight(near: int) -> int:
     return 3 if near < 12 else 2
 
 
-@kernel
+@counting_kernel
 def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floats, near: Ints, out: Ints) -> None:
     """Where the robot stands, it stands, and may go on to where nothing is nearer; behind it cells cost more.
 
@@ -70,7 +70,7 @@ def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floa
                 out[i] = max(out[i], ABOUT_COST)
 
 
-@kernel
+@counting_kernel
 def is_nearer(points: Floats, here: Point, to_x: float, to_y: float) -> bool:
     """Whether a robot that goes straight so far, in cells, comes too near to something, and nearer than it is."""
     whole = to_x * to_x + to_y * to_y
@@ -84,7 +84,7 @@ def is_nearer(points: Floats, here: Point, to_x: float, to_y: float) -> bool:
     return False
 
 
-@kernel
+@counting_kernel
 def weights(cells: Bytes, here: Point, along: tuple[float, float], points: Floats, out: Ints) -> None:
     """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
 
@@ -115,7 +115,7 @@ def weights(cells: Bytes, here: Point, along: tuple[float, float], points: Float
     standing(cells, here, along, points, near, out)
 
 
-@kernel
+@counting_kernel
 def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) -> None:
     """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
 
@@ -139,7 +139,7 @@ def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) 
                     out[i] += UNSEEN_COST
 
 
-@kernel
+@counting_kernel
 def is_between(points: Floats, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
     """Whether something is on the straight way from here, in cells."""
     for k in range(len(points)):
@@ -150,7 +150,7 @@ def is_between(points: Floats, here: tuple[float, float], along: tuple[float, fl
     return False
 
 
-@kernel
+@counting_kernel
 def spread(leave: Ints, out: Ints) -> None:
     """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
     wide = SIDE + 2
@@ -176,7 +176,7 @@ def spread(leave: Ints, out: Ints) -> None:
             break
 
 
-@kernel
+@counting_kernel
 def downhill(costs: Ints, leave: Ints, i: int) -> int:
     """The next cell of the way; the same where it ends."""
     wide = SIDE + 2

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.landmarks.scan import LaserScan
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING, RANGE
@@ -38,14 +38,14 @@ MOST_M, MOST_RAD = 200_000.0, 2000.0
 _CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
 
 
-@kernel
+@counting_kernel
 def _words_of(ranges: NDArray[np.float64], words: NDArray[np.uint16]) -> None:
     for k in range(len(ranges)):
         millimetres = np.rint(ranges[k] * MM_PER_M)
         words[k] = SILENT if np.isnan(millimetres) else int(min(millimetres, float(MISS)))
 
 
-@kernel
+@counting_kernel
 def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64]) -> None:
     for k in range(len(words)):
         if words[k] == SILENT:
@@ -54,7 +54,7 @@ def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64]) -> None:
             ranges[k] = np.inf if words[k] == MISS else words[k] / float(MM_PER_M)
 
 
-@kernel
+@counting_kernel
 def _room_in(words: NDArray[np.uint16], each: int, clear: NDArray[np.uint8]) -> None:
     clear[:] = CLEAR
     for k in range(len(words)):

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.kernel import kernel
+from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos
 
 from .readings import CLEAR, CLEAR_STEP_M
@@ -76,13 +76,13 @@ def unpacked(raw: bytes) -> bytes:
     return np.stack([told & 3, told >> 2 & 3, told >> 4 & 3, told >> 6], axis=1).tobytes()
 
 
-@kernel
+@counting_kernel
 def cell_at(value_m: float) -> int:
     """Number of the cell on an axis."""
     return int(value_m * PER_M + _FAR) - _FAR
 
 
-@kernel
+@counting_kernel
 def look(seen: Seen, cells: Bytes, points: Floats) -> tuple[int, int, int]:
     """Takes a reading in.
 
@@ -132,7 +132,7 @@ def look(seen: Seen, cells: Bytes, points: Floats) -> tuple[int, int, int]:
     return base_x, base_y, found
 
 
-@kernel
+@counting_kernel
 def free_way(points: Floats, count: int, cosine: float, sine: float, margin_m: float) -> float:
     """How far a robot gets in a direction before something comes nearer to its middle than the margin."""
     free = np.inf
@@ -143,7 +143,7 @@ def free_way(points: Floats, count: int, cosine: float, sine: float, margin_m: f
     return free
 
 
-@kernel
+@counting_kernel
 def sight(clear: Bytes, cosines: Floats, sines: Floats, goal_x: float, goal_y: float, margin_m: float) -> bool:
     """Whether a reading shows the straight way to a place, robot frame, to be free."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
