@@ -75,13 +75,14 @@ typedef struct {
     uint8_t sealed;                        /* the port has its radio go through phx_seal.h */
 } phx_flash;
 
-/* What s-node and a-node have in common; at the front, what every frame needs. */
+/* What s-node and a-node have in common; at the front, what every frame needs, whole words first: with bytes before the
+ * batch the model checker has no memory for the proof of RECV. */
 typedef struct {
+    uint32_t batched;                      /* entries in the batch, which is hashed as it comes */
+    phx_hash batch;
     uint8_t has_key;
     uint8_t was_keyed;                     /* since power-up */
     uint8_t safe;
-    uint32_t batched;                      /* entries in the batch, which is hashed as it comes */
-    phx_hash batch;
     uint8_t top[PHX_HASH_BYTES];
     phx_flash flash;
     phx_mac_key key;                       /* of the mission */

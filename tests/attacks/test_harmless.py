@@ -71,9 +71,9 @@ def test_with_its_hole_opened_it_starves_correct_robots(made, holes, at_least, m
 
 
 def test_a_token_request_that_counts_each_time_uses_up_the_6_f_max_of_the_paper(monkeypatch):
-    """And not what we take (docs/adr/0027). Rounds each 3 s, so that honest robots need most of them."""
+    """And not what we take (docs/adr/0027). Rounds each 2 s, so that honest robots need most of them."""
     monkeypatch.setattr(BtiConfig, "audits_taken", property(lambda bti: 6 * bti.f_max))
-    made = replace(crowd("drain", t_audit_ms=3000), duration_s=30.0)
+    made = replace(crowd("drain", t_audit_ms=2000), duration_s=30.0)
     shut, opened = run(made), run_with(monkeypatch, made, *SAME_REQUEST)
     assert starved(shut) == 0
     assert starved(opened) >= 2
