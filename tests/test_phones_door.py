@@ -8,6 +8,7 @@ import json
 import os
 import ssl
 import subprocess
+import time
 import urllib.request
 
 import pytest
@@ -156,6 +157,7 @@ def test_only_what_it_says_itself_is_not_told():
 async def test_up_tells_of_an_access_control_and_that_it_was_mended_as_soon_as_the_broker_is_back(guarded):
     with a_gateway(*guarded.words("writes")) as (up, ready):
         lost = f"phones get into {guarded.ws}, but {PHONES['writes'][1]}"
+        await eventually(lambda: up.err)  # another pipe than its events
         (line,) = up.err
         assert lost in line
         assert "hint: see its access control: below /qrkey/+/ phones write" in line
@@ -180,6 +182,9 @@ def test_an_echo_and_the_doctor_tell_of_it_too(guarded, monkeypatch):
     monkeypatch.setattr("phalanx.io.phones.ARRIVE_S", 0.5)  # the doctor's, who is in this process
     with child("link", "serve", "--events", *guarded.words("reads")) as echo:
         echo.wait_for("ready")
+        until_s = time.monotonic() + 10
+        while not echo.err and time.monotonic() < until_s:  # another pipe than its events
+            time.sleep(0.02)
         (line,) = echo.err
         assert PHONES["reads"][1] in line
     for name, code in (("reads", 1), ("all", 0)):

@@ -19,19 +19,23 @@ from ordered import KEYS, PUBLIC, robot
 from phalanx.bti.refusal import Refusal
 from phalanx.cli.mission.files import read_signing_key
 from phalanx.daemon.evidence import read_kept
+from phalanx.daemon.gateway_node import gateway_limits
 from phalanx.daemon.proofs import mac_of, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
+from phalanx.daemon.trusted import program
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
 from phalanx.io import Client
 from phalanx.io.keyring import Keys, pem
 from phalanx.io.mission_key import issued, read_mission_key
+from phalanx.io.serial_line import open_line
+from phalanx.io.serial_node import SerialNode
 from phalanx.robot import Led, Point
 from phalanx.wire.driven import GATEWAY, OPERATOR, ORDER, TELL_WHEELS, WHEELS_MEMORY
-from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, REQUEST, SEAL, TOKEN, WHEELS_STATE
+from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, BOARD, KEY_BYTES, REQUEST, SEAL, TOKEN, WHEELS_STATE
 
 pytestmark = [pytest.mark.waits, pytest.mark.timeout(300)]
 PHALANX = (sys.executable, "-m", "phalanx", "--log-level", "error")
@@ -331,6 +335,24 @@ class TestSwarm:
             newest = max(each["t"] for each in seals)
             for frame in waiting_now(robots.sockets[0]):
                 newest = max(newest, SEAL.decode(frame[-SEAL.size :])["t"])
+
+    @pytest.mark.parametrize("whose", [1, None])
+    def test_a_file_that_holds_anothers_nodes_or_none_is_left_as_it_is(self, protected, whose):
+        file, _ = protected
+        flash = file.with_name("gateway.flash")
+        flash.touch(0o600)
+        if whose:
+            line = open_line(f"process:{program()},{flash}", "-", "0,0")
+            node = SerialNode(line)
+            node.make(gateway_limits(read_swarm(file).scenario))
+            node.load_master(bytes(KEY_BYTES), whose)
+            node.close()
+        else:
+            flash.write_text("-----BEGIN PRIVATE KEY-----")
+        before = flash.read_bytes()
+        with pytest.raises(UsageError, match="holds no nodes of this gateway's"), gateway(file):
+            pass
+        assert flash.read_bytes() == before
 
     def test_what_is_not_sealed_was_not_said(self, protected, robots):
         file, _ = protected

@@ -105,6 +105,7 @@ class TestMistakes:
             (("--robots", "4", "--defence", "none"), "--keys, and robots that do not audit each other"),
             (("--mission", "office"), "--keys, and robots on a mission"),
             (("--swarm", "robots.yaml"), "--swarm and --keys"),
+            (("--robots", "4", "--scenario", "patroll"), "no wheels can do 'patroll'"),
         ],
     )
     def test_each_is_a_line_and_no_mission_is_used_up(self, owned, words, told):

@@ -34,10 +34,11 @@ import numba
 from numba import types
 
 try:
-    from numba.core import caching
+    from numba.core import caching, cgutils  # noqa: F401  # without it memory.py makes arrays, which have to be counted
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.options import DefaultOptions
     from numba.core.runtime.nrt import rtsys
+    from numba.np import arrayobj  # noqa: F401  # as cgutils
 except ImportError:
     caching = DefaultOptions = None  # type: ignore[assignment,misc]
 

@@ -28,6 +28,7 @@ from phalanx.robot import Swarm
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.sim.swarms.protected import SwarmKeys
+from phalanx.sim.swarms.work import check_work
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .keys import passphrase_of
@@ -95,6 +96,8 @@ def up(
         raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
     if protocol is not None and on_mission:
         raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
+    if protocol is not None and swarm_url is None:  # before a mission's number is used up
+        check_work(protocol, count)
     owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, count, defence, f_max)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (

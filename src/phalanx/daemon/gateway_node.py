@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from phalanx.bti.nodes import Limits
-from phalanx.bti.trusted import REASONS
+from phalanx.bti.trusted import E_AIRTIME, REASONS
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.io.mission_key import read_mission_key
 from phalanx.io.private_file import write_private
@@ -58,7 +58,9 @@ class GatewayNode:
             self._reserved_ms = _kept(clock_file)
             settings = replace(settings, said=replace(said, clock_ahead_ms=self._reserved_ms))
             # It is made anew: a process has its key as long as it lives, and takes no mission's twice.
-            settings.path(said.trusted.partition(":")[2]).unlink(missing_ok=True)
+            flash = settings.path(said.trusted.partition(":")[2])
+            _refuse_anothers(flash, settings)
+            flash.unlink(missing_ok=True)
         self._node = open_nodes(settings)
         try:
             self._begin(settings, scenario)
@@ -76,13 +78,15 @@ class GatewayNode:
         self._reserve(self._reserved_ms)
 
     def seal(self, frame: bytes) -> bytes:
-        """The frame as it goes out; b"" if the nodes do not let it. Raises: Unavailable: they are gone."""
+        """The frame as it goes out; b"" if it is too much at once. Raises: Unavailable: they are gone, or refuse."""
         if not self._is_sealed:
             return frame
         code, result = self._node.ask(lines.SEND, frame=frame)
-        if code < 0:
+        if code == E_AIRTIME:
             self.refused[REASONS[code]] += 1
             return b""
+        if code < 0:
+            raise Unavailable(f"the gateway's trusted nodes seal nothing: {REASONS[code]}", "the next mission's key")
         self._reserve(get_u32(row(result), AT_T))
         return result[ENTRY_HEADER_BYTES:]
 
@@ -128,6 +132,16 @@ def gateway_limits(scenario: Scenario) -> Limits:
     """What a gateway's nodes are made with."""
     limits = limits_of(scenario.bti, scenario.radio)
     return replace(limits, t_val_ms=T_VAL_MS, send_us_per_s=ALL_US, send_capacity_us=ALL_US)
+
+
+def _refuse_anothers(flash: Path, settings: RobotSettings) -> None:
+    """The file is about to go: a key's, or a robot's nodes, named by mistake, must not."""
+    if not flash.exists():
+        return
+    before = open_nodes(settings)
+    before.close()
+    if before.about.robot_id != settings.said.robot:
+        raise UsageError(f"{flash} holds no nodes of this gateway's", "the name of a file that is not there")
 
 
 def _kept(path: Path) -> int:

@@ -227,7 +227,14 @@ class RobotSwarm(Ordered):
         tor, tee, t = token["src"], token["dst"], token["t"]
         if not self._is(tor) or tee not in self._at or tor == tee or t <= self._newest_ms.get((tor, tee), 0):
             return
-        if node.is_token(tor, tee, t, token["mac"]):
+        try:
+            is_true = node.is_token(tor, tee, t, token["mac"])
+        except Unavailable as error:
+            if not self.unchecked:
+                log.warning("%s", error)
+            self.unchecked = "its own trusted nodes are gone: pages show no shields"
+            return
+        if is_true:
             self._newest_ms[tor, tee] = t
             self._tokens[tor, tee] = time.monotonic()
             self._audits.append(Audit(auditor=self._address(tor), auditee=self._address(tee), refusal=""))
@@ -270,7 +277,7 @@ class RobotSwarm(Ordered):
 
     def shields(self) -> Sequence[Shield]:
         """One for every robot that was ever heard; none, if nobody checks tokens."""
-        if self._node is None:
+        if self.unchecked:
             return ()
         now_s = time.monotonic()
         return [self._shield(robot, now_s) for robot in self._ids if robot in self._heard_at_s]

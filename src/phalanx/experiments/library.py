@@ -40,6 +40,7 @@ FIGURES = {
             name="bti-fig5",
             about="What a MAC and a hash cost on microcontrollers (RoboRebound Fig. 5a)",
             made_by="bti.fig5",
+            alone=True,
         ),
         Figure(
             name="bti-table1",
@@ -108,6 +109,7 @@ FIGURES = {
             name="mission-fig10",
             about="An office with QR codes, by camera (Encoded graphs Fig. 10)",
             made_by="missions.fig10",
+            alone=True,
             size_in=(16.0, 6.0),
         ),
     )

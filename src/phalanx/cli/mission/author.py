@@ -79,6 +79,8 @@ def build_files(
     eye = LidarConfig.parse(lidar)
     told = explored(plan, start, "build", doors, eye) if source is None else checked(source, plan, start)
     floor = building(plan, doors) if source is None and plan else None
+    if floor and start is not None:
+        floor = begun_at(floor, parse_start(start))
     outlook = look_ahead(told, None, floor, eye) if floor else None
     _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ")
     if seed is not None:

@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from phalanx.errors import UsageError
 
 NS_PER_S = 1e9
+MOST = 100  # messages that are taken at a time, as many as the deepest queue keeps
 # As rclpy's qos_profile_sensor_data, but for its depth of 5.
 SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=1)
@@ -50,10 +51,12 @@ class Inbox:
         return (self.take_all() or [None])[-1]
 
     def take_all(self) -> list[Any]:
-        """All that came since the last call and was kept, the oldest first."""
+        """What came since the last call and was kept, the oldest first: so many that no flood keeps us here."""
         came = []
         with self._lock:
-            while taken := self.handle.take_message(self._kind, False):
+            for _ in range(MOST):
+                if not (taken := self.handle.take_message(self._kind, False)):
+                    break
                 came.append(taken[0])
         return came
 

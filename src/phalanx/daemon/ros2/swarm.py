@@ -21,7 +21,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import qos_profile_system_default
 from sensor_msgs.msg import BatteryState
 
-from phalanx.errors import Held, Unavailable, Unknown
+from phalanx.errors import Held, Unavailable, Unknown, UsageError
 from phalanx.robot import Point, Robot
 from phalanx.sim.swarms.roster import HISTORY_STEP_MM, Roster, member
 
@@ -74,6 +74,7 @@ class RosSwarm(Roster):
         super().__init__(())
         self._wait_s = wait_s
         self._bodies: list[_Body] = []
+        self._nobodies: set[str] = set()
         self._area = Area()
         self._held = False
         self._over = threading.Event()
@@ -123,10 +124,15 @@ class RosSwarm(Roster):
         for topic, kinds in self._graph.node.get_topic_names_and_types():
             name, _, last = topic.rpartition("/")
             is_new = last == ODOM and KIND in kinds and all(body.name != name for body in self._bodies)
-            if is_new and len(self._bodies) < MOST_ROBOTS:
+            if is_new and name not in self._nobodies and len(self._bodies) + len(self._nobodies) < MOST_ROBOTS:
                 known = member(len(self._bodies))
+                try:
+                    body = _Body(self._graph, name)
+                except UsageError:  # so long a name that no other topic finds room beside it
+                    self._nobodies.add(name)
+                    continue
                 self._members.append(replace(known, name=name.strip("/") or known.name))
-                self._bodies.append(_Body(self._graph, name))
+                self._bodies.append(body)
                 self._number_rows()
         for body in self._bodies:
             self._look_at(body)
@@ -136,7 +142,9 @@ class RosSwarm(Roster):
             for status in message.status:
                 values = {each.key: each.value for each in status.values}
                 if (place := place_in(values.get(ODOM_IN_MAP, ""))) is not None:
-                    self._odom_in_map[status.name.rpartition("/")[0]] = place
+                    name = status.name.rpartition("/")[0]
+                    if any(body.name == name for body in self._bodies):
+                        self._odom_in_map[name] = place
 
     def _look_at(self, body: _Body) -> None:
         """Who listens, and its battery."""
@@ -186,10 +194,14 @@ class RosSwarm(Roster):
     def _steer(self, i: int, body: _Body) -> Pair:
         """Along its route, from where it is; its first point is where it was told."""
         each = self._members[i]
+        route = each.route  # another thread may end it meanwhile
         here, _ = pose_of(self._area, body.at)
-        goal = each.route[1]
+        if len(route) < 2:
+            return STANDS
+        goal = route[1]
         if math.dist((here.x_mm, here.y_mm), (goal.x_mm, goal.y_mm)) <= each.threshold_mm:
-            each.route = (each.route[0], *each.route[2:]) if len(each.route) > 2 else ()
+            if each.route is route:
+                each.route = (route[0], *route[2:]) if len(route) > 2 else ()
             return STANDS
         if time.time() - body.heard_at_s > OLD_S:
             return STANDS

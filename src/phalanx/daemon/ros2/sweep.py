@@ -123,6 +123,11 @@ class Track:
         self._places.append(here)
         del self._times[:-KEPT], self._places[:-KEPT]
 
+    @property
+    def newest_s(self) -> float:
+        """The last moment that odometry told of."""
+        return self._times[-1] if self._times else -math.inf
+
     def at(self, t_s: float) -> Place | None:
         """Where it was at that moment, the last place if odometry is not so far; None before the first."""
         i = bisect.bisect_right(self._times, t_s)

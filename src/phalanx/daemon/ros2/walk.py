@@ -139,7 +139,7 @@ class RosWalk:
         return self.lived
 
     def _nothing(self) -> str:
-        missing = self._odometries if self._track is None and self._last_s > 0 else self._scans
+        missing = self._odometries if self._track is None and self._beams else self._scans
         return f"nothing comes on {missing.topic}"
 
     def _step(self, scan: Any, on_event: Callable[[float, str], None]) -> bool:
@@ -156,6 +156,9 @@ class RosWalk:
                 len(scan.ranges), scan.angle_min, scan.angle_increment, limits, self._said["range_noise"], self._mounted
             )
         self._hear(self._beams)
+        if self._track and t_s > self._track.newest_s + self._said["source_timeout"]:
+            self._strange = f"nothing new comes on {self._odometries.topic}"
+            return False
         place = self._track.at(t_s) if self._track else None
         if place is None or self._track is None:
             return False

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.experiments.plot import banded, draw_walls
-from phalanx.experiments.table import Rows, Table
+from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import BuildOptions, EncodedMission, Experience, Landmark, Mission, Profile, build, plain_mission
 from phalanx.mission.authoring.apart import apart_in
 from phalanx.mission.landmarks import FloorPlan, LaserScan, extract
@@ -185,7 +185,7 @@ def path_errors_m(table: Table, way: str) -> list[Rows]:
 
 def draw_paths(table: Table, ways: Ways, walls_m: NDArray[np.float64], ground: Axes, over_time: Axes) -> None:
     """The first case's true path and others on the floor plan, and the errors of all cases as long as it over time."""
-    first = next(iter(table.cases))
+    first = min(table.cases, key=seed_of)
     times_s = table.column(first, "t_s")
     draw_walls(ground, walls_m)
     ground.plot(table.column(first, "true_x_m"), table.column(first, "true_y_m"), color="black", lw=3, label="truth")

@@ -8,7 +8,7 @@ import numpy as np
 
 from phalanx.experiments.plot import BLUE, GREEN, ORANGE, VERMILION, draw_walls
 from phalanx.experiments.statement import Statement, quantiles
-from phalanx.experiments.table import Table
+from phalanx.experiments.table import Table, seed_of
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 
 from .drive import office
@@ -57,7 +57,7 @@ def compare(table: Table) -> list[Statement]:
 def draw(table: Table, picture: Picture) -> None:
     """The paths of the first seed on the floor plan, and landmarks found over time."""
     ground, over_time = picture.subplots(1, 2, width_ratios=(6, 5))
-    rows = next(iter(table.cases.values()))
+    rows = table.cases[min(table.cases, key=seed_of)]
     draw_walls(ground, load_floorplan(DEFAULT).walls)
     places = [node.place for node in office().nodes if node.place]
     ground.plot(*zip(*places, strict=True), "o", mfc="none", mec="0.4", ms=5, label="encoded landmarks")

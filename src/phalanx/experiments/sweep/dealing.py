@@ -29,8 +29,9 @@ def key_of(*said: object) -> str:
 def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
     """What measures a figure's cases as `run_sweep` makes runs, for `phalanx.experiments.table.measure`.
 
-    Raises there, when all others are measured: Unavailable: a case could not be.
+    Raises: UsageError: both. And there, when all others are measured: Unavailable: a case could not be.
     """
+    _check(scheduler, workers)
 
     def each(figure: Figure, todo: Sequence[str], _tell: Callable[[float], None]) -> Iterator[tuple[str, Any]]:
         jobs = {key_of(figure.name, version(), case): (figure, case) for case in todo}
@@ -81,11 +82,15 @@ def why_not(error: BaseException | None) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
+def _check(scheduler: str | None, workers: int | None) -> None:
+    if scheduler and workers:
+        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+
+
 @contextlib.contextmanager
 def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
     """Dask's own module, and a client of it."""
-    if scheduler and workers:
-        raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
+    _check(scheduler, workers)
     try:
         dask: Any = import_module("distributed")
     except ImportError as error:

@@ -263,8 +263,9 @@ class ProtectedSwarm(Ordered):
 
     def _show_aim(self, work: Work, i: int, each: Member) -> None:
         """Pages draw where a robot goes by itself as a route of one point."""
-        if self._station.told(i + 1) is None or self.world.fleet.state[i][wheels.COUNT]:
-            return  # somebody's route
+        state, told = self.world.fleet.state[i], self._station.told(i + 1)
+        if told is None or get_u64(state, HEARD_AT) < told or state[wheels.COUNT]:
+            return  # somebody's route, or one that is on its way
         aim_m = work.aim_m(self._nodes[i], clock_ms(self.world, i))
         if aim_m is None or self.world.safe[i]:
             each.route = ()
