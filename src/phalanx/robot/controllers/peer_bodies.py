@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from struct import Struct
 from typing import Any, Final
+
+import numpy as np
 
 from phalanx.robot.follow import steer
 from phalanx.wire.fields import get_u64, row
@@ -30,7 +31,6 @@ PACE_PER_S, HASTE_PER_S = 1.5, 3.0
 WHEELS_MPS = 0.3  # about what wheels do: only how far a place is in seconds rests on it
 # Who drives a robot by joystick has it for so long after the last word; then it goes back to its work.
 TAKEN_MS: Final = 5000
-PLACE: Final = Struct("<ff")
 
 
 def is_fine(number: float) -> bool:
@@ -154,7 +154,7 @@ class DrivenWheels(PeerBody):
         if not said:
             return None
         # As it is remembered in a checkpoint: who replays from there is to decide the same.
-        x_m, y_m = PLACE.unpack(PLACE.pack(said[BEHIND_T] / 1000, said[BEHIND_T + 1] / 1000))
+        x_m, y_m = (float(np.float32(said[at] / 1000)) for at in (BEHIND_T, BEHIND_T + 1))
         return said[ID], x_m, y_m
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
