@@ -96,7 +96,7 @@ def up(
         raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
     if protocol is not None and on_mission:
         raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
-    if protocol is not None and swarm_url is None:  # before a mission's number is used up
+    if protocol is not None:  # before a mission's number is used up
         check_work(protocol, count)
     owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, count, defence, f_max)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")

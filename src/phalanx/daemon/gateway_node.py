@@ -44,8 +44,6 @@ class GatewayNode:
         settings: a robot's, as if the gateway were one.
         clock_file: keeps up to where a process may have sealed.
 
-    Attributes:
-        refused: frames that were not taken, by reason.
     Raises: UsageError: a file, or the nodes, are another's; Unavailable: nobody answers, or they have had the key.
     """
 
@@ -67,7 +65,6 @@ class GatewayNode:
         except BaseException:
             self._node.close()
             raise
-        self.refused: defaultdict[str, int] = defaultdict(int)
         self._claims: defaultdict[int, deque[bytes]] = defaultdict(lambda: deque(maxlen=CLAIMS))
 
     def _begin(self, settings: RobotSettings, scenario: Scenario) -> None:
@@ -83,7 +80,6 @@ class GatewayNode:
             return frame
         code, result = self._node.ask(lines.SEND, frame=frame)
         if code == E_AIRTIME:
-            self.refused[REASONS[code]] += 1
             return b""
         if code < 0:
             raise Unavailable(f"the gateway's trusted nodes seal nothing: {REASONS[code]}", "the next mission's key")
@@ -94,12 +90,7 @@ class GatewayNode:
         """The frame in what came; b"" if robots' nodes would not take it. Raises: Unavailable: ours are gone."""
         if not self._is_sealed:
             return raw
-        if len(raw) <= SEAL.size:
-            self.refused["short"] += 1
-            return b""
-        code, _ = self._node.ask(lines.RECV, frame=raw)
-        if code < 0:
-            self.refused[REASONS[code]] += 1
+        if len(raw) <= SEAL.size or self._node.ask(lines.RECV, frame=raw)[0] < 0:
             return b""
         return raw[: -SEAL.size]
 

@@ -124,6 +124,15 @@ class Graph:
         """The time, as a message's stamp."""
         return self.node.get_clock().now().to_msg()
 
+    def move(self, out: Any, linear_mps: float, angular_radps: float) -> None:
+        """A publisher of `Twist`, or `TwistStamped` if `enable_stamped_cmd_vel`, tells a base to move."""
+        message = twist = out.msg_type()
+        if self.said["enable_stamped_cmd_vel"]:
+            message.header.stamp, message.header.frame_id = self.now(), self.said["base_frame_id"]
+            twist = message.twist
+        twist.linear.x, twist.angular.z = linear_mps, angular_radps
+        out.publish(message)
+
     def close(self) -> None:
         """The node is gone, when nobody waits any more."""
         with self._waiting:

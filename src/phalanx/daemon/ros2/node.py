@@ -146,14 +146,7 @@ class RosBase:
             if since_s <= self._held_s:
                 velocity = from_mps[0] + accel[0] * since_s, from_mps[1] + accel[1] * since_s
                 linear, angular = twist_of(velocity, known[0].yaw_rad, self._said["ahead_m"])
-        message = self._out.msg_type()
-        twist = message
-        if self._said["enable_stamped_cmd_vel"]:
-            message.header.stamp = self._graph.now()
-            message.header.frame_id = self._said["base_frame_id"]
-            twist = message.twist
-        twist.linear.x, twist.angular.z = linear, angular
-        self._out.publish(message)
+        self._graph.move(self._out, linear, angular)
 
     def _known(self) -> tuple[Place, Pair] | None:
         """Where the base is and how its point moves; None if that was heard too long ago."""

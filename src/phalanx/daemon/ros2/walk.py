@@ -132,7 +132,7 @@ class RosWalk:
                 continue
             silent_s = time.monotonic() - heard_s
             if silent_s > self._said["source_timeout"]:
-                self._tell(0.0, 0.0)
+                self._graph.move(self._out, 0.0, 0.0)
             if silent_s > PATIENCE_S and not said:
                 said = True
                 log.warning("the robot stands: %s", self._strange or self._nothing())
@@ -212,7 +212,7 @@ class RosWalk:
         for output in controller.on_evidence(self._steps, t_ms, reading, b""):
             if isinstance(output, Act) and output.payload[0] == KIND_DRIVE:
                 *_, speed, turn = DRIVE.form.unpack(output.payload)
-                self._tell(speed / MILLI, turn / MILLI)
+                self._graph.move(self._out, speed / MILLI, turn / MILLI)
             elif isinstance(output, Act):
                 action = parse_action(output.payload[ACTION.size :])
                 self._does.publish(String(data=action.name))
@@ -232,16 +232,6 @@ class RosWalk:
             lived.not_validated.append((t_s, outcome.event.value))
             on_event(t_s, f"did not find the next landmark: {outcome.event.value}")
 
-    def _tell(self, speed_mps: float, turn_radps: float) -> None:
-        message = self._out.msg_type()
-        twist = message
-        if self._said["enable_stamped_cmd_vel"]:
-            message.header.stamp = self._graph.now()
-            message.header.frame_id = self._said["base_frame_id"]
-            twist = message.twist
-        twist.linear.x, twist.angular.z = speed_mps, turn_radps
-        self._out.publish(message)
-
     def _tell_pose(self, stamp: Any, controller: ObservedController, beams: Beams) -> None:
         x_m, y_m, yaw_rad = controller.memory.belief.pose
         base = Place(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad).of(beams.eye.sees(Place()))
@@ -258,7 +248,7 @@ class RosWalk:
 
     def close(self) -> None:
         """The robot is told to stand, and the node is gone."""
-        self._tell(0.0, 0.0)
+        self._graph.move(self._out, 0.0, 0.0)
         self._graph.close()
 
 
