@@ -28,8 +28,8 @@ from phalanx.cli.main import run_command
 from phalanx.gateway.serve_pages import PAGES, VISITOR_POLICY
 from phalanx.io import ANY, Server
 from phalanx.io.broker import open_broker
-from phalanx.io.ports import free_port
 from phalanx.io.site import Site
+from ports import free_port
 from zygote import Forked, is_plain
 
 ROOT = Path(__file__).parent.parent

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from aiohttp import WSMsgType, web
 
-from phalanx.io.ports import free_port
+from ports import free_port
 
 RECORDED = json.loads((Path(__file__).parent / "data" / "pydotbot.json").read_text())
 HELLO, SNAPSHOT = RECORDED["begins"][:2]

@@ -21,9 +21,10 @@ from phalanx.gateway.brakes import Brakes
 from phalanx.gateway.kept_stop import KeptStop
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Client, Server
-from phalanx.io.ports import free_port, is_free
+from phalanx.io.ports import is_free
 from phalanx.io.site import beside
 from phalanx.sim import Dotbots
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

@@ -10,7 +10,7 @@ import zxingcpp
 
 from chromium import a_page, badge, barriers, barriers_in_both_schemes, choose, insecure, wait_until
 from conftest import a_gateway
-from phalanx.io.ports import free_port
+from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

@@ -8,7 +8,7 @@ from chromium import a_page, badge, barriers_in_both_schemes, choose, insecure, 
 from conftest import a_gateway, bare_mosquitto
 from phalanx.io import Login
 from phalanx.io.mosquitto import password_line
-from phalanx.io.ports import free_port
+from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

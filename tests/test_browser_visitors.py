@@ -24,9 +24,9 @@ from chromium import (
 )
 from conftest import a_gateway, bare_mosquitto
 from phalanx.crypto import seal_jwe
-from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
 from phalanx.link.keys import derive_epoch
+from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.browser, pytest.mark.timeout(120)]
 

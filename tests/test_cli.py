@@ -26,7 +26,7 @@ from phalanx.cli.login import login_in, visitors_login_in
 from phalanx.cli.main import ABOUT, phalanx, run_command
 from phalanx.cli.qr import qr_text
 from phalanx.io import Login
-from phalanx.io.ports import free_port
+from ports import free_port
 
 
 class TestMistakes:

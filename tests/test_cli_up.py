@@ -21,7 +21,7 @@ from conftest import ROOT, a_gateway, bare_mosquitto, called, child, run, secret
 from phalanx.cli import up as command
 from phalanx.gateway.up import UpOptions
 from phalanx.gateway.waits import for_at_most
-from phalanx.io.ports import free_port
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

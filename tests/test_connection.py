@@ -10,7 +10,7 @@ import pytest
 from conftest import bare_mosquitto, eventually
 from phalanx.io.broker_url import parse_broker_url
 from phalanx.io.connection import Connection
-from phalanx.io.ports import free_port
+from ports import free_port
 from test_strangers import Stranger
 
 pytestmark = pytest.mark.waits

@@ -26,11 +26,11 @@ from phalanx.cli.main import phalanx
 from phalanx.config import LinkConfig
 from phalanx.crypto import jwe
 from phalanx.gateway import vocabulary
-from phalanx.io.ports import free_port
 from phalanx.link import Client, Pin, QrUrl, derive_epoch, keys, topics
 from phalanx.link.rotation import State
 from phalanx.mission.landmarks import floorplan, floorplan_of_yaml, sources
 from phalanx.mission.landmarks.gridmap import map_words
+from ports import free_port
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

@@ -24,9 +24,9 @@ from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.io.dotbots.line import REFUSALS, _hear_refusals
 from phalanx.io.dotbots.orders import Orders
 from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
-from phalanx.io.ports import free_port
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Routed
+from ports import free_port
 
 NOW = 1_000_000.0
 STAND = {"left_x": 0, "left_y": 0, "right_x": 0, "right_y": 0}

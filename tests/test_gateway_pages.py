@@ -24,9 +24,9 @@ from phalanx.gateway import OperatorPages
 from phalanx.gateway.serve_pages import PAGES
 from phalanx.gateway.up import UpOptions, up
 from phalanx.io import Login
-from phalanx.io.ports import free_port
 from phalanx.io.site import beside
 from phalanx.sim import Dotbots
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

@@ -21,8 +21,8 @@ from conftest import bare_mosquitto, eventually, with_an_old_pin
 from phalanx.config import LinkConfig
 from phalanx.io import ANY, BrokerUrl, Client, Server
 from phalanx.io.broker import RunningBroker
-from phalanx.io.ports import free_port
 from phalanx.link import Pin, QrUrl
+from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.early, pytest.mark.peers, pytest.mark.timeout(120)]
 

@@ -20,11 +20,11 @@ import pytest
 from conftest import a_gateway, bare_mosquitto, eventually
 from phalanx.config import LinkConfig
 from phalanx.io import Client
-from phalanx.io.ports import free_port
 from phalanx.link import ClientSide, Pin, ServerSide, derive_epoch
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Command
 from phalanx.link.topics import CommandTopic
+from ports import free_port
 from test_cli_up import children_of
 from test_guard import many_files, memory_mb
 from test_guard_floods import aside

@@ -24,7 +24,7 @@ from phalanx.experiments.link.fig4_table import KINDS, PAPER, Row, cells, head, 
 from phalanx.experiments.plot import draw
 from phalanx.experiments.table import TableFile, read_table
 from phalanx.io.mosquitto import find_mosquitto
-from phalanx.io.ports import free_port
+from ports import free_port
 
 pytestmark = pytest.mark.early
 FIGURE = FIGURES["link-fig4"]

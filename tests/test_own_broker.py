@@ -12,7 +12,7 @@ from conftest import ROOT, a_gateway, bare_mosquitto, run
 from phalanx.io import Login
 from phalanx.io.listeners import READ, WRITE
 from phalanx.io.mosquitto import password_line
-from phalanx.io.ports import free_port
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

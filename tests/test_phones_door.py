@@ -18,8 +18,8 @@ from phalanx.io import Login, Server, parse_broker_url
 from phalanx.io.broker import RunningBroker
 from phalanx.io.mosquitto import password_line
 from phalanx.io.phones import COMMAND, NUMBER, PhonesDoor
-from phalanx.io.ports import free_port
 from phalanx.link import Command, Request
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

@@ -33,8 +33,8 @@ from phalanx.io import ANY, Client, Login, Server, amqtt_broker
 from phalanx.io.broker import open_broker
 from phalanx.io.listeners import Listeners
 from phalanx.io.mosquitto import mosquitto, serves
-from phalanx.io.ports import free_port
 from phalanx.io.private_folder import private_folder
+from ports import free_port
 from test_cli_up import children_of
 from test_guard_floods import aside
 from test_strangers import processor_s, with_length

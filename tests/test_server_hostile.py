@@ -17,8 +17,8 @@ from conftest import a_server, as_the_gateway, bare_mosquitto, eventually
 from phalanx.config import LinkConfig
 from phalanx.crypto import seal_jwe
 from phalanx.io import Client, Login, Server
-from phalanx.io.ports import free_port
 from phalanx.link.envelope import encode_envelope, seal
+from ports import free_port
 
 pytestmark = [pytest.mark.waits, pytest.mark.early]
 

@@ -26,13 +26,13 @@ from phalanx.gateway.gateway import Gateway
 from phalanx.gateway.joystick import Told
 from phalanx.io import Client, Server
 from phalanx.io.broker import open_broker
-from phalanx.io.ports import free_port
 from phalanx.io.private_folder import private_folder
 from phalanx.io.websocket import Websocket, frame_head
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish
 from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.sim import Dotbots
+from ports import free_port
 
 pytestmark = pytest.mark.waits
 

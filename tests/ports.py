@@ -1,0 +1,27 @@
+"""Ports for tests: none is given out twice while tests run, in whichever process.
+
+A port that is free when a test looks can be another test's by the time that a broker listens there: a port drawn at
+random once stopped a whole run. Gateways draw theirs from another range and try again.
+"""
+
+import fcntl
+import tempfile
+from pathlib import Path
+
+from phalanx.io.ports import LOOPBACK, is_free
+
+RANGE = range(10_000, 18_000)
+NEXT = Path(tempfile.gettempdir()) / "next-port-of-tests"
+
+
+def free_port(host: str = LOOPBACK) -> int:
+    """The next one that nobody listens on."""
+    with NEXT.open("a+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        begun = int(file.read() or RANGE.start)
+        turns = (RANGE.start + (begun - RANGE.start + turn) % len(RANGE) for turn in range(len(RANGE)))
+        port = next(port for port in turns if is_free(port, host))
+        file.truncate(0)
+        file.write(str(port + 1))
+        return port
