@@ -5,13 +5,15 @@ random once stopped a whole run. Gateways draw theirs from another range and try
 """
 
 import fcntl
+import os
 import tempfile
 from pathlib import Path
 
 from phalanx.io.ports import LOOPBACK, is_free
 
 RANGE = range(10_000, 18_000)
-NEXT = Path(tempfile.gettempdir()) / "next-port-of-tests"
+STRIDE = 37  # of a broker elsewhere, browsers' port is guessed as the one after its own: no test may listen there
+NEXT = Path(tempfile.gettempdir()) / f"next-port-of-tests-{os.getuid()}"
 
 
 def free_port(host: str = LOOPBACK) -> int:
@@ -20,8 +22,8 @@ def free_port(host: str = LOOPBACK) -> int:
         fcntl.flock(file, fcntl.LOCK_EX)
         file.seek(0)
         begun = int(file.read() or RANGE.start)
-        turns = (RANGE.start + (begun - RANGE.start + turn) % len(RANGE) for turn in range(len(RANGE)))
+        turns = (RANGE.start + (begun - RANGE.start + turn * STRIDE) % len(RANGE) for turn in range(len(RANGE)))
         port = next(port for port in turns if is_free(port, host))
         file.truncate(0)
-        file.write(str(port + 1))
+        file.write(str(port + STRIDE))
         return port
