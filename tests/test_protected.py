@@ -19,7 +19,7 @@ from chromium import wait_until
 from conftest import a_gateway, child, eventually
 from phalanx.cli.main import run_command
 from phalanx.demo.rehearsal import rehearse_elsewhere
-from phalanx.demo.simulated import SoonProtected, choose_protection, simulated_swarm
+from phalanx.demo.simulated import SoonProtected, choose_protection, plan_swarm, simulated_swarm
 from phalanx.errors import Unavailable, Unknown, UsageError
 from phalanx.gateway import UpOptions, up
 from phalanx.io import Client
@@ -415,7 +415,7 @@ class TestUp:
         monkeypatch.setattr("phalanx.demo.simulated.rehearse_elsewhere", elsewhere)
         events: asyncio.Queue[dict] = asyncio.Queue()
         lines: list[str] = []
-        swarm = simulated_swarm(12, 0, None, None, lines.append)
+        swarm = simulated_swarm(plan_swarm(12, None, None), 0, lines.append)
         gateway = asyncio.ensure_future(up(UpOptions(port=0), events.put_nowait, swarm=lambda: swarm))
         try:
             ready = await asyncio.wait_for(events.get(), 10)

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import gc
 import json
 import os
+import re
 import socket
+import subprocess
+import sys
+import time
 from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +26,7 @@ from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, rehearsal
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.kept_log import KeptLog
+from phalanx.daemon.lateness import Lateness
 from phalanx.daemon.life import Life
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
@@ -227,7 +234,15 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
     robot(tmp_path)
     state = {"pid": os.getpid(), "told_s": 0, "robot": 3, "mission": 7, "scenario": "x\x1b]0;y\x07", "lived_s": 1.0}
-    state |= {"tokens": [], "refused": [], "longest_ms": {}, "tokens_needed": 2, "given": {}, "frames_refused": {}}
+    state |= {
+        "why_late": "",
+        "tokens": [],
+        "refused": [],
+        "longest_ms": {},
+        "tokens_needed": 2,
+        "given": {},
+        "frames_refused": {},
+    }
     told, state["core_share"] = tmp_path / "robot-3.json", 0.1
     told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
     assert status(tmp_path / "robot.yaml", as_json=False) == 0
@@ -321,22 +336,32 @@ def test_two_robots_of_a_rehearsal_audit_each_other(controller):
     assert rehearsal.rehearse(scenario, limits_of(scenario.bti, scenario.radio)) > 2
 
 
+@contextlib.contextmanager
+def lived(monkeypatch, *, waits):
+    """A robot of which a reading is due at 1250 and then each 250 ms, its clock, and when it read."""
+    life = Life.__new__(Life)
+    clock, read_ms = SimpleNamespace(ms=1000, asked_ms=0.0), []
+    clock.now_ms = lambda: clock.ms
+    life.id, life.scenario = 1, SimpleNamespace(bti=BtiConfig(f_max=1))
+    life._clock, life._lateness, life.why_late = clock, Lateness(), ""
+    life._came, life._frames, life._advised, life.waits_for_advice = asyncio.Event(), deque(), False, waits
+    life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
+    life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
+
+    def read(runtime, now_ms):
+        read_ms.append(now_ms)
+        runtime.input_ms = runtime.due_ms = runtime.input_ms + 250
+        return []
+
+    monkeypatch.setattr(life, "_read", read)
+    try:
+        yield life, clock, read_ms
+    finally:
+        life._lateness.close()
+
+
 def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkeypatch):
-    async def turns():
-        life = Life.__new__(Life)
-        clock, read_ms = SimpleNamespace(ms=1000), []
-        life._clock = SimpleNamespace(now_ms=lambda: clock.ms)
-        life._came, life._frames, life._early_ms, life._advised = asyncio.Event(), deque(), 90, False
-        life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
-        runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
-        life.runtime = runtime
-
-        def read(_, now_ms):
-            read_ms.append(now_ms)
-            runtime.input_ms = runtime.due_ms = runtime.input_ms + 250
-            return []
-
-        monkeypatch.setattr(life, "_read", read)
+    with lived(monkeypatch, waits=True) as (life, clock, read_ms):
         assert life._turn() == 250  # nothing is new
         life.advised()
         assert life._came.is_set()
@@ -347,4 +372,75 @@ def test_new_advice_is_acted_on_as_early_as_auditors_allow_and_once(monkeypatch)
         assert read_ms == [1160]
         assert life.longest_ms["late"] == 0
 
-    asyncio.run(turns())
+
+def test_who_waits_for_nobody_reads_early_so_that_it_may_be_late_by_more(monkeypatch):
+    with lived(monkeypatch, waits=False) as (life, clock, read_ms):
+        assert life._turn() == 180
+        clock.ms = 1180
+        assert life._turn() == 0
+        clock.ms = 1500 + 60
+        life._turn()
+        assert read_ms == [1180, 1560]
+        assert life.longest_ms["late"] == 60
+
+
+def test_a_late_reading_says_what_took_the_time_and_the_latest_is_told(monkeypatch, caplog):
+    with lived(monkeypatch, waits=False) as (life, clock, _):
+        life._turn()  # and would sleep for 180 ms
+        clock.ms, clock.asked_ms = 1250 + 51, 40.0
+        life._turn()
+        assert life.why_late.startswith("a reading came 51 ms late: waiting took ")
+        assert "180 asleep as meant" in life.why_late
+        assert "40 until trusted nodes answered" in life.why_late
+        clock.ms = 1500 + 101
+        life._turn()
+        assert life.why_late.startswith("a reading came 101 ms late, and its auditors allow 100: a reading took ")
+        clock.ms = 1750 + 101
+        life._turn()  # no later than the last
+        assert len(caplog.messages) == 2
+
+
+def numbers_of(lateness) -> dict[str, int]:
+    return {words: int(number) for number, words in re.findall(r"(\d+) (?:ms: )?([a-z]+)", lateness.why())}
+
+
+def test_why_a_thread_is_late_is_told_apart():
+    lateness = Lateness()
+    try:
+        lateness.turn(0.0)
+        until_ns = time.thread_time_ns() + 30_000_000
+        while time.thread_time_ns() < until_ns:
+            pass
+        gc.collect()
+        lateness.turn(0.0)
+        computed = numbers_of(lateness)
+        assert computed["computing"] >= 30
+        assert computed["of"] > 0, "it collected"
+        lateness.did("waiting", 10.0)
+        time.sleep(0.06)
+        lateness.turn(0.0)
+        assert numbers_of(lateness)["for"] >= 40
+        assert numbers_of(lateness)["computing"] < 30
+    finally:
+        lateness.close()
+    assert not [each for each in gc.callbacks if getattr(each, "__self__", None) is lateness]
+
+
+def test_who_has_no_processor_says_that_others_had_it():
+    ours = os.sched_getaffinity(0)
+    lateness = Lateness()
+    os.sched_setaffinity(0, {min(ours)})
+    other = subprocess.Popen((sys.executable, "-c", "print(flush=True)\nwhile True: pass"), stdout=subprocess.PIPE)
+    try:
+        other.stdout.read(1)
+        lateness.turn(0.0)
+        until_ns = time.thread_time_ns() + 60_000_000
+        while time.thread_time_ns() < until_ns:
+            pass
+        lateness.turn(0.0)
+        assert numbers_of(lateness)["kept"] > 5
+    finally:
+        os.sched_setaffinity(0, ours)
+        other.kill()
+        other.communicate()
+        lateness.close()

@@ -13,6 +13,7 @@ from phalanx.bti.fleet import START
 from phalanx.cli import up as command
 from phalanx.crypto import passphrase as sealing
 from phalanx.daemon.proofs import unsealed
+from phalanx.demo.simulated import plan_swarm
 from phalanx.errors import UsageError
 from phalanx.io.keyring import Keys, create, opened
 from phalanx.sim.swarms.protected import ProtectedSwarm, SwarmKeys
@@ -57,7 +58,7 @@ class TestSwarm:
         path, _ = owned
         with opened(path, WORDS) as keys:
             keys.missions = 6
-        given = command.keys_for_next_mission(path, path.with_name("words"), ROBOTS, None, None)
+        given = command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))
         assert missions(path) == given.mission == 7
         swarm = ProtectedSwarm(ROBOTS, 0, lambda: 1.7e9, f_max=1, keys=given)
         address, before = swarm.robots()[0].address, swarm.robots()[0].at
@@ -75,7 +76,7 @@ class TestSwarm:
 
     def test_it_hears_nobody_who_signs_with_other_keys_or_for_another_mission(self, owned):
         path, _ = owned
-        given = command.keys_for_next_mission(path, path.with_name("words"), ROBOTS, None, None)
+        given = command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))
         other = Keys.new("other")
         for station in (
             SwarmKeys(given.mission, given.boards, other.signer("orders"), other.signer("stops")),
@@ -91,7 +92,7 @@ class TestSwarm:
 
     def test_no_key_is_printed(self, owned):
         path, _ = owned
-        given = command.keys_for_next_mission(path, path.with_name("words"), ROBOTS, None, None)
+        given = command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))
         shown = repr(given) + str(given)
         assert all(master.hex() not in shown and repr(master) not in shown for master, _ in given.boards)
 
@@ -128,5 +129,5 @@ class TestMistakes:
         with opened(path, WORDS) as keys:
             keys.retire(3, "2026-11-27")
         with pytest.raises(UsageError, match="robot 3 was retired on 2026-11-27"):
-            command.keys_for_next_mission(path, path.with_name("words"), ROBOTS, None, None)
+            command.keys_for_next_mission(path, path.with_name("words"), plan_swarm(ROBOTS, None, None))
         assert missions(path) == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from phalanx.config import WheelsConfig
-from phalanx.errors import Unknown, UsageError
+from phalanx.errors import Unknown
 from phalanx.robot import Point
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import TAKEN_MS
@@ -126,8 +126,6 @@ def test_a_protocol_s_lies_are_none_of_those_who_do_something_else():
     ],
 )
 def test_what_wheels_cannot_do_is_refused(protocol, robots, told, phalanx):
-    with pytest.raises(UsageError, match=told):
-        working(robots, protocol)
     code, _, err = phalanx("up", "--scenario", protocol, "--robots", str(robots))
     assert code == 2
     assert err.splitlines()[-2] == f"phalanx: error: {told}"

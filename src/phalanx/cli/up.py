@@ -15,7 +15,7 @@ from typing import Any
 
 import click
 
-from phalanx.demo.simulated import choose_protection, mission_swarm, simulated_swarm
+from phalanx.demo.simulated import Plan, mission_swarm, plan_swarm, simulated_swarm
 from phalanx.errors import PhalanxError, UsageError
 from phalanx.gateway import pages_are_built
 from phalanx.gateway.up import Running, UpOptions
@@ -28,7 +28,6 @@ from phalanx.robot import Swarm
 from phalanx.sim.building.floorplan import DEFAULT, load_floorplan
 from phalanx.sim.missions.orders import Orders, orders_of, orders_of_files
 from phalanx.sim.swarms.protected import SwarmKeys
-from phalanx.sim.swarms.work import check_work
 
 from .commands.up import ROBOTS, ROBOTS_ON_MISSION
 from .keys import passphrase_of
@@ -96,20 +95,20 @@ def up(
         raise UsageError("--keys, and robots on a mission", "those make their own: leave one out")
     if protocol is not None and on_mission:
         raise UsageError("--scenario, and robots on a mission", "those have work of their own: leave one out")
-    if protocol is not None:  # before a mission's number is used up
-        check_work(protocol, count)
-    owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, count, defence, f_max)
     wanted = Wanted(missions, furnish, start_key, trust, "--start-key")
     with (
         _real_robots(swarm_url, options.wait_s)
         if swarm_url is not None
         else _robots(wanted, world, count, seed, defence, f_max) as lived
     ):
-        swarm = (
-            partial(simulated_swarm, count, seed, defence, f_max, talk, owned, protocol or "")
-            if lived is None
-            else lambda: lived
-        )
+        swarm: Callable[[], Swarm]
+        if lived is None:
+            plan = plan_swarm(count, defence, f_max, protocol or "")
+            # Last of all that may be refused: a mission's number is used up.
+            owned = None if keys is None else keys_for_next_mission(keys, passphrase_file, plan)
+            swarm = partial(simulated_swarm, plan, seed, talk, owned)
+        else:
+            swarm = partial(_as_is, lived)
         if events:
             lines = EventLines()
             try:
@@ -118,6 +117,10 @@ def up(
                 lines.close()
         else:
             _run_for_people(options, swarm)
+
+
+def _as_is(swarm: Swarm) -> Swarm:
+    return swarm
 
 
 def _refuse_beside_real_robots(**said: Any) -> None:
@@ -129,11 +132,10 @@ def _refuse_beside_real_robots(**said: Any) -> None:
             )
 
 
-def keys_for_next_mission(
-    file: Path, passphrase_file: Path | None, robots: int, defence: str | None, f_max: int | None
-) -> SwarmKeys:
-    """For robots 1 to `robots`; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
-    if choose_protection(robots, defence, f_max).defence == "none":
+def keys_for_next_mission(file: Path, passphrase_file: Path | None, plan: Plan) -> SwarmKeys:
+    """For its robots; the mission's number is used up. Raises: UsageError: they are not all in the swarm."""
+    robots = plan.robots
+    if plan.protection.defence == "none":
         raise UsageError("--keys, and robots that do not audit each other", "those have no keys: leave it out")
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         masters = {robot: keys.master(robot) for robot in range(1, robots + 1)}

@@ -125,6 +125,7 @@ class Field(Run):
             "refused",
             "core_share",
             "longest_ms",
+            "why_late",
             "frames_lost",
             "frames_refused",
             "memory_kb",

@@ -29,12 +29,14 @@ from phalanx.sim.scenarios.scenario import Scenario
 
 from .driver import Hardware
 from .kept_log import KeptLog
+from .lateness import Lateness
 from .trusted import OwnClock
 
 log = logging.getLogger(__name__)
 
-# Of δ, in tenths: so much before its moment on the grid the sensors are read, if there is something new to act on.
-EARLY = 9
+# Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
+# But who waits for advice reads when there is some, or at that moment itself.
+EARLY, AT_ADVICE = 7, 9
 FRAMES = 256  # that wait at most; what comes then is lost, as on the air
 
 
@@ -43,6 +45,8 @@ class Life:
 
     Attributes:
         longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
+        why_late: the reading that came latest, if that was more than δ / 2, and what took the time; "" for none.
+        waits_for_advice: new advice is told by `advised`, and is waited for.
         began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
         given, refused: audits of ours that ended, by auditee; refusals by reason as well.
     """
@@ -83,7 +87,8 @@ class Life:
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
-        self._early_ms, self._advised = scenario.bti.delta_ms * EARLY // 10, False
+        self._advised = self.waits_for_advice = False
+        self._lateness, self.why_late = Lateness(), ""
         self._frames: deque[bytes] = deque()
         self._came = asyncio.Event()
         self._cpu_s = self._began_s = 0.0
@@ -149,11 +154,12 @@ class Life:
         """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
         runtime, now_ms = self.runtime, self._clock.now_ms()
         assert runtime
+        self._lateness.turn(self._clock.asked_ms)
         began_s, input_ms = time.perf_counter(), runtime.input_ms
-        reads_ms = input_ms - self._early_ms * self._advised
+        reads_ms = input_ms - self._early_ms
         if reads_ms <= now_ms:
             self._advised = False
-            self._note("late", now_ms - input_ms)
+            self._note_late(now_ms - input_ms)
             what, done = "reading", self._read(runtime, now_ms)
         elif runtime.check_ms <= now_ms:
             what, done = "check", []
@@ -168,10 +174,26 @@ class Life:
             if self._planner and self._clock.taken > taken:  # what the a-node refused, nobody heard
                 overheard(self._planner, now_ms, frame)
         else:
-            return min(reads_ms, runtime.due_ms) - now_ms
+            wait_ms = min(reads_ms, runtime.due_ms) - now_ms
+            self._lateness.did("waiting", wait_ms)
+            return wait_ms
         self._perform(done)
         self._note(what, 1000 * (time.perf_counter() - began_s))
+        self._lateness.did(f"a {what}")
         return 0.0
+
+    @property
+    def _early_ms(self) -> int:
+        tenths = AT_ADVICE if self._advised else 0 if self.waits_for_advice else EARLY
+        return self.scenario.bti.delta_ms * tenths // 10
+
+    def _note_late(self, late_ms: int) -> None:
+        delta_ms = self.scenario.bti.delta_ms
+        if late_ms > max(delta_ms / 2, self.longest_ms["late"]):
+            least = f", and its auditors allow {delta_ms}" if late_ms > delta_ms else ""
+            self.why_late = f"a reading came {late_ms} ms late{least}: {self._lateness.why()}"
+            log.warning("robot %d: %s", self.id, self.why_late)
+        self._note("late", late_ms)
 
     def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
         reading = self._hardware.sense(now_ms)
@@ -231,6 +253,7 @@ class Life:
 
     def close(self) -> None:
         """Radio and driver are closed, and kernels know its nodes no longer."""
+        self._lateness.close()
         self._radio.close()
         self._hardware.close()
         elsewhere.forget(self._rows)

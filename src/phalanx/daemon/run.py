@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -128,9 +129,12 @@ async def run_robot(
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits, controller)
+            gc.collect()
+            gc.freeze()  # looking through what lives as long as we do takes longer than a reading may be late
         if base:
             await base.ready()
             loop = asyncio.get_running_loop()
+            life.waits_for_advice = True
             base.on_advice(lambda: loop.call_soon_threadsafe(life.advised))
         hardware.begin()
         start(node, sealed)

@@ -52,6 +52,7 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "frames_lost": life.lost,
         "frames_refused": {why: n for why, n in life.frames_refused.items() if n},
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
+        "why_late": life.why_late,
         "memory_kb": _memory_kb(),
         "core_share": round(life.core_share, 4),
         "attack": life.attack.name if life.attack else None,

@@ -37,21 +37,25 @@ class OwnClock:
 
     Attributes:
         taken: frames of others that the a-node let in.
+        asked_ms: how long it took to answer, all in all.
     """
 
     def __init__(self, node: Elsewhere) -> None:
         self._node = node
         self.taken = 0
+        self.asked_ms = 0.0
         self._ahead_ms: float | None = None  # of ours
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
         """See bti.elsewhere.Elsewhere."""
         before_ms = _ours_ms()
         code, result = self._node.ask(call, now_ms, **arguments)
+        after_ms = _ours_ms()
+        self.asked_ms += after_ms - before_ms
         self.taken += call is lines.RECV and code >= 0
         if call in FORWARDED and code > 0:
             t = get_u32(row(result), AT_T)
-            least, most = t - _ours_ms(), t + 1 - before_ms
+            least, most = t - after_ms, t + 1 - before_ms
             ahead_ms = (least + most) / 2 if self._ahead_ms is None else self._ahead_ms
             self._ahead_ms = min(max(ahead_ms, least), most)
         return code, result

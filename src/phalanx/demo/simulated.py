@@ -56,28 +56,38 @@ def choose_protection(robots: int, defence: str | None, f_max: int | None) -> Pr
     return Protection("none", f, f"{trouble}: they run unprotected")
 
 
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A swarm that can be: so many robots, so protected, with this work while nobody drives them, "" for none."""
+
+    robots: int
+    protection: Protection
+    protocol: str
+
+
+def plan_swarm(robots: int, defence: str | None, f_max: int | None, protocol: str = "") -> Plan:
+    """What is asked for, if there can be such a swarm. For `defence` and `f_max` see `choose_protection`.
+
+    Raises: UsageError: a number is out of range, or no wheels do that.
+    """
+    protection = choose_protection(robots, defence, f_max)
+    if protocol:
+        check_work(protocol, robots)
+        if protection.defence == "none":
+            raise UsageError(f"{protocol}, and robots that do not audit each other", "leave one out")
+    if not 1 <= robots <= MAX_ROBOTS:
+        raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
+    return Plan(robots, protection, protocol)
+
+
 def simulated_swarm(
-    robots: int,
-    seed: int,
-    defence: str | None,
-    f_max: int | None,
-    talk: Callable[[str], None],
-    keys: SwarmKeys | None = None,
-    protocol: str = "",
+    plan: Plan, seed: int, talk: Callable[[str], None], keys: SwarmKeys | None = None
 ) -> Dotbots | ProtectedSwarm:
     """Simulated robots, ready to run: whatever has to be compiled for them is, or they go on unprotected until it is.
 
-    What people should know is told `talk`, in one line. For `defence` and `f_max` see `choose_protection`; with a
-    `protocol` they do its work while nobody drives them.
-    Raises: UsageError: a number is out of range, or no wheels do that.
+    What people should know is told `talk`, in one line.
     """
-    if protocol:
-        check_work(protocol, robots)
-    protection = choose_protection(robots, defence, f_max)
-    if protocol and protection.defence == "none":
-        raise UsageError(f"{protocol}, and robots that do not audit each other", "leave one out")
-    if not 1 <= robots <= MAX_ROBOTS:
-        raise UsageError(f"a swarm of {robots} robots", f"1 to {MAX_ROBOTS}")
+    robots, protection, protocol = plan.robots, plan.protection, plan.protocol
     if protection.note:
         talk(protection.note)
     if protection.defence == "none":
@@ -85,7 +95,7 @@ def simulated_swarm(
     if not is_compiled(protection.defence, protocol):
         # Before the code is shown: lines below would push it out of a small terminal.
         talk("compiling what audits need; it takes minutes, only the first time, and robots have no shields until then")
-        return SoonProtected(robots, seed, protection, keys, protocol)
+        return SoonProtected(plan, seed, keys)
     # An event loop hears of Ctrl-C when it has its turn.
     with handled_by(signal.default_int_handler, signal.SIGINT, signal.SIGTERM):
         rehearse(protection.defence, protocol)
@@ -97,31 +107,28 @@ def simulated_swarm(
 class SoonProtected(Dotbots):
     """Robots that can be driven at once, and will audit each other when what that needs is compiled."""
 
-    def __init__(
-        self, robots: int, seed: int, protection: Protection, keys: SwarmKeys | None, protocol: str = ""
-    ) -> None:
+    def __init__(self, plan: Plan, seed: int, keys: SwarmKeys | None) -> None:
         self.preparing = "no shields yet"
-        super().__init__(robots, seed, time.time, unprotected=NO_SHIELDS_YET)
-        self._count, self._seed, self._protection, self._keys = robots, seed, protection, keys
-        self._protocol = protocol
+        super().__init__(plan.robots, seed, time.time, unprotected=NO_SHIELDS_YET)
+        self._plan, self._seed, self._keys = plan, seed, keys
 
     async def ready(self) -> ProtectedSwarm:
         """The same robots, where they are when all is compiled, auditing each other.
 
         Raises: Unavailable: it cannot be compiled.
         """
-        defence = self._protection.defence
-        await rehearse_elsewhere(defence, self._protocol, self._hear)
-        await rehearse_here(defence, self._protocol)
+        protection, protocol = self._plan.protection, self._plan.protocol
+        await rehearse_elsewhere(protection.defence, protocol, self._hear)
+        await rehearse_here(protection.defence, protocol)
         return ProtectedSwarm(
-            self._count,
+            self._plan.robots,
             self._seed,
             time.time,
-            defence=defence,
-            f_max=self._protection.f_max,
+            defence=protection.defence,
+            f_max=protection.f_max,
             now=self.robots(),
             keys=self._keys,
-            protocol=self._protocol,
+            protocol=protocol,
         )
 
     def _hear(self, how_far: str) -> None:

@@ -38,7 +38,7 @@ def check_work(protocol: str, robots: int) -> None:
 
 
 class Work:
-    """One protocol, for robots that stand at (N, 2) `starts_m`.
+    """One protocol, for robots that stand at (N, 2) `starts_m`; `check_work` has let it through.
 
     Attributes:
         bti: the swarm's, with room for what a robot remembers.
@@ -47,7 +47,6 @@ class Work:
     """
 
     def __init__(self, protocol: str, bti: BtiConfig, params: Params, starts_m: NDArray[np.float64], seed: int) -> None:
-        check_work(protocol, len(starts_m))
         found = find_protocol(protocol)
         assert found is not None, "as all ON_WHEELS"
         task = Task(
