@@ -170,7 +170,7 @@ def test_robots_that_meet_tell_each_other_what_they_decoded_and_nothing_else() -
     assert one.controller.memory.walk.opened
     assert other.controller.memory.walk.others == {0}
     assert not far.controller.memory.walk.others
-    assert not other.controller.memory.walk.known
+    assert not other.controller.memory.walk.opened
 
 
 def test_robots_that_cannot_audit_each_other_are_told_so() -> None:

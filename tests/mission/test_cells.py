@@ -25,8 +25,10 @@ from phalanx.mission.walk.cells import (
     numbers_of,
     region_of,
     search_cells,
+    search_shapes,
 )
-from phalanx.mission.walk.search import Budget, PaperSearch
+from phalanx.mission.walk.search import Budget
+from phalanx.mission.walk.search_paper import PaperSearch
 
 metres = st.floats(-1e6, 1e6)
 STEPS = (0.1, 0.1, math.pi / 12, 2.0)
@@ -81,7 +83,8 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
         return find(*arguments)
 
     monkeypatch.setattr("phalanx.mission.walk.cells.find", counted)
-    monkeypatch.setattr("phalanx.mission.walk.search.search_cells", search_cells.py_func)
+    monkeypatch.setattr("phalanx.mission.walk.cells.search_cells", search_cells.py_func)
+    monkeypatch.setattr("phalanx.mission.walk.search_paper.search_shapes", search_shapes.py_func)
     seen = Experience(0.0, 3.0, 0.2, 0.0, landmarks=(Landmark("doorway", 9.3, 1.1, 0.4),))
     first, before = _tried(search, seen, 100_000), len(hashed)
     assert before > 0

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, fields
+from functools import wraps
 from numbers import Real
 from typing import Any, TypeVar
 
 from phalanx.errors import UsageError
 
 Number = TypeVar("Number", int, float)
+Thing = TypeVar("Thing")
+Made = TypeVar("Made")
+MADE_MOST = 64
 
 
 def told(words: str) -> Mapping[str, Any]:
@@ -36,6 +40,25 @@ def check_within(name: str, value: float, low: float, high: float) -> None:
         raise UsageError(f"{name} is {value!r}", "a number")
     if not low <= value <= high:  # NaN too
         raise UsageError(f"{name} is {_words(value)}", f"{_words(low)} to {_words(high)}")
+
+
+def made_once(make: Callable[[Thing], Made]) -> Callable[[Thing], Made]:
+    """`make`, for things that never change and are asked of again and again: told apart as objects, by no hash.
+
+    To hash thirty fields takes longer than most that is made of them.
+    """
+    known: dict[int, tuple[Thing, Made]] = {}
+
+    @wraps(make)
+    def made(thing: Thing) -> Made:
+        found = known.get(id(thing))
+        if found is None or found[0] is not thing:
+            if len(known) >= MADE_MOST:
+                known.clear()
+            found = known[id(thing)] = thing, make(thing)
+        return found[1]
+
+    return made
 
 
 def _words(value: float) -> str:

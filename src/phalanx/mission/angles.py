@@ -100,3 +100,6 @@ def wrap(angle_rad: float) -> float:
 def wrap_rad(angle_rad: float) -> float:
     """The same angle in [-pi, pi), however far round it is."""
     return angle_rad - TWO_PI * math.floor((angle_rad + math.pi) / TWO_PI)
+
+
+wrap_rad_kernel = counting_kernel(wrap_rad)

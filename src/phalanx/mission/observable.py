@@ -8,8 +8,12 @@ counted from an offset that the compiler chose, so that what was encoded lies in
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig
 from phalanx.errors import UsageError
@@ -20,6 +24,7 @@ from .walk.cells import numbers_of
 LANDMARK_TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room", "qr")
 # A doorway looks the same from both sides.
 HALF_TURN_TYPES = ("doorway",)
+_KINDS = {name: kind for kind, name in enumerate(LANDMARK_TYPES)}
 MM_PER_M = 1000
 OFFSET_RAD = 1e-4  # unit of an orientation's offset
 OFFSET_M2 = 1e-2  # unit of an area's offset
@@ -203,6 +208,12 @@ def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing:
         turn, area = number_or_nan(thing.orientation_rad), number_or_nan(thing.area_m2)
         bins = bins_of(coding, thing.type)
     return Cell(*numbers_of(float(x_m), float(y_m), turn, area, offset.natural, steps_of(coding), bins))
+
+
+def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
+    """(k, 5) kind, x, y, orientation and area of landmarks, NaN where there is none: as kernels take them."""
+    rows = [(_KINDS[it.type], it.x_m, it.y_m, it.orientation_rad, it.area_m2) for it in landmarks]
+    return np.array(rows, np.float64).reshape(-1, 5)
 
 
 def number_or_nan(value: float | None) -> float:

@@ -22,7 +22,8 @@ from phalanx.experiments.table import Rows, Table, by_seed, seed_of
 from phalanx.mission import BuildOptions, Draft, EncodedMission, Experience, Landmark, Position, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.walk.fix import begun_at, fixed, moved
-from phalanx.mission.walk.search import Budget, PaperSearch
+from phalanx.mission.walk.search import Budget
+from phalanx.mission.walk.search_paper import PaperSearch
 from phalanx.mission.walk.walker import State, Walker
 from phalanx.sim.building.camera import Camera
 from phalanx.sim.building.floorplan import load_floorplan

@@ -30,8 +30,9 @@ from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import MM_PER_M
-from phalanx.mission.walk.cells import Words, search_cells
-from phalanx.mission.walk.search import Budget, PaperSearch
+from phalanx.mission.walk.cells import Words, search_cells, search_shapes
+from phalanx.mission.walk.search import Budget
+from phalanx.mission.walk.search_paper import PaperSearch
 
 from .drive import encoded, record
 
@@ -141,10 +142,12 @@ def _search_s(scans: list[LaserScan], poses: NDArray[np.float64], grid_mm: int) 
 @contextmanager
 def plainly() -> Iterator[None]:
     """While the body runs, a search hashes as the paper does it: hashlib, one hash after the other."""
-    compiled: Any = search_cells
+    around: Any = search_cells
+    of_all: Any = search_shapes
     with (
         mock.patch("phalanx.mission.walk.cells.find", plain_find),
-        mock.patch("phalanx.mission.walk.search.search_cells", compiled.py_func),
+        mock.patch("phalanx.mission.walk.cells.search_cells", around.py_func),
+        mock.patch("phalanx.mission.walk.search_paper.search_shapes", of_all.py_func),
     ):
         yield
 

@@ -47,11 +47,14 @@ class Features:
         another one is seen. A convex corner has the direction halfway between its walls' normals.
         """
         pose = float(x_m), float(y_m), float(heading_rad)
-        rows = _placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose)
-        return tuple(
-            Landmark(_TYPES[int(kind)], x, y, None if kind == _ROOM else turn, area if kind == _ROOM else None)
-            for kind, x, y, turn, area in rows.tolist()
-        )
+        return _landmarks(_placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose))
+
+
+def _landmarks(rows: Floats) -> tuple[Landmark, ...]:
+    return tuple(
+        Landmark(_TYPES[int(kind)], x, y, None if kind == _ROOM else turn, area if kind == _ROOM else None)
+        for kind, x, y, turn, area in rows.tolist()
+    )
 
 
 _TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room")
@@ -60,25 +63,28 @@ _ROOM = 4
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
     """The features of a scan; none of it is refused, an empty scan shows nothing. Source: Encoded graphs Alg. 1."""
-    config = config or ExtractionConfig()
+    return Features(*_extract(*_swept(scan, config or ExtractionConfig())))
+
+
+def landmarks_in(
+    scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float
+) -> tuple[Landmark, ...]:
+    """As `extract(scan, config).landmarks(x_m, y_m, heading_rad)`, in one call: robots ask ten times a second."""
+    return _landmarks(_sighted(*_swept(scan, config), float(x_m), float(y_m), float(heading_rad)))
+
+
+def _swept(
+    scan: LaserScan, config: ExtractionConfig
+) -> tuple[Floats, Floats, Floats, bool, float, float, float, Limits]:
+    """What `_extract` takes."""
     ranges, (cosines, sines) = scan.ranges_m, scan.beams
     if scan.full_turn:
         seam = _seam(ranges)
         ranges, cosines, sines = (np.roll(array, -seam) for array in (ranges, cosines, sines))
         for array in (ranges, cosines, sines):
             array.setflags(write=False)  # as other scans': another type would be compiled anew
-    return Features(
-        *_extract(
-            ranges,
-            cosines,
-            sines,
-            scan.full_turn,
-            scan.angle_increment_rad,
-            scan.range_max_m,
-            min(config.feature_range_m, scan.range_max_m),
-            limits_of(config),
-        )
-    )
+    farthest_m = scan.range_max_m, min(config.feature_range_m, scan.range_max_m)
+    return ranges, cosines, sines, scan.full_turn, scan.angle_increment_rad, *farthest_m, limits_of(config)
 
 
 @counting_kernel
@@ -174,3 +180,23 @@ def _placed(
         rows[i, 1] = x_m + (cosine * x - sine * y)
         rows[i, 2] = y_m + (sine * x + cosine * y)
     return rows[:found]
+
+
+@counting_kernel
+def _sighted(
+    ranges: Floats,
+    cosines: Floats,
+    sines: Floats,
+    full_turn: bool,
+    step_rad: float,
+    range_max_m: float,
+    feature_range_m: float,
+    limits: Limits,
+    x_m: float,
+    y_m: float,
+    heading_rad: float,
+) -> Floats:
+    walls, corners, is_jamb, doorways, rooms = _extract(
+        ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m, limits
+    )
+    return _placed(walls, corners, is_jamb, doorways, rooms, x_m, y_m, heading_rad)

@@ -6,11 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
+from phalanx.kernel import counting_kernel
 
-from .raycast import Beams, cast
+from .raycast import Beams, Floats, cast
 from .scan import LaserScan, beam_table
 
-_NOBODY = np.zeros((0, 3))
+_NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
+
+
+@counting_kernel
+def _blur(ranges: Floats, normals: Floats, chances: Floats, noise_m: float, drop_out: float) -> None:
+    """Adds noise to ranges, and has some of them say nothing; either where there are draws for it."""
+    for k in range(len(normals)):
+        ranges[k] += noise_m * normals[k]
+    for k in range(len(chances)):
+        if chances[k] < drop_out:
+            ranges[k] = np.nan
 
 
 class Lidar:
@@ -44,10 +55,9 @@ class Lidar:
         """
         config = self.config
         ranges = self.true_ranges(pose, people)
-        if config.noise_m:
-            ranges += config.noise_m * random.standard_normal(config.beams)
-        if config.drop_out:
-            ranges[random.random(config.beams) < config.drop_out] = np.nan
+        normals = random.standard_normal(config.beams) if config.noise_m else _NOTHING
+        chances = random.random(config.beams) if config.drop_out else _NOTHING
+        _blur(ranges, normals, chances, config.noise_m, config.drop_out)
         return LaserScan(
             ranges, config.angle_min_rad, config.angle_increment_rad, config.range_min_m, config.range_max_m
         )

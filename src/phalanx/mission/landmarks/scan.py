@@ -49,7 +49,7 @@ class LaserScan:
     range_max_m: float = 30.0
 
     def __post_init__(self) -> None:
-        ranges = np.array(self.ranges_m, dtype=np.float64)
+        ranges = np.array(self.ranges_m, np.float64)
         if ranges.ndim != 1 or not 2 <= len(ranges) <= BEAMS_MAX:
             raise UsageError(f"a scan of shape {ranges.shape}", f"2 to {BEAMS_MAX} beams")
         turn = self.angle_increment_rad * len(ranges)

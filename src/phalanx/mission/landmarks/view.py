@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos
 
 from .walls import Bools, Floats, Ints
@@ -46,7 +46,7 @@ class Limits(NamedTuple):
     room_min_m2: float
 
 
-@cache
+@made_once
 def limits_of(config: ExtractionConfig) -> Limits:
     """The limits of a configuration."""
     corner_sine, _ = sin_cos(config.corner_min_rad)

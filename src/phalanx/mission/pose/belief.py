@@ -18,6 +18,7 @@ from phalanx.mission.angles import sin_cos, wrap
 
 from .spread import Floats, Sight, Sighting, corrected, not_surer
 
+Pose = tuple[float, float, float]
 # x, y, heading; then per metre of way, per radian of turn, and radians per metre: what odometry leaves out.
 X, Y, HEADING, WAY, TURN, CURVE = range(6)
 COUNT = 6
@@ -85,6 +86,16 @@ def moved(
     return after, sure
 
 
+@counting_kernel
+def _driven(
+    mean: Floats, spread: Floats, before: Pose, after: Pose, touches: bool, wheels: Wheels
+) -> tuple[Floats, Floats]:
+    turn = wrap(after[2] - before[2])
+    sine, cosine = sin_cos(before[2] + 0.5 * turn)
+    way = cosine * (after[0] - before[0]) + sine * (after[1] - before[1])
+    return moved(mean, spread, way, turn, touches, wheels)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
     """Pose and drift as a filter knows them; nothing that holds one changes it."""
@@ -118,6 +129,10 @@ class Belief:
     def moved(self, way_m: float, turn_rad: float, wheels: Wheels, *, touches: bool = False) -> Belief:
         """After odometry says so; `touches` as above."""
         return Belief(*moved(self.mean, self.spread, float(way_m), float(turn_rad), touches, wheels))
+
+    def driven(self, before: Pose, after: Pose, wheels: Wheels, *, touches: bool = False) -> Belief:
+        """After odometry, in a frame of its own, came from one pose to another; `touches` as above."""
+        return Belief(*_driven(self.mean, self.spread, before, after, touches, wheels))
 
     def corrected(self, sightings: tuple[Sighting, ...], sight: Sight, floor: tuple[float, float]) -> Belief:
         """After landmarks were recognised, one after the other: each as the pose after those before puts it.

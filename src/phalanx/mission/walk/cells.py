@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.bundle import bundled
 from phalanx.crypto.sha3 import find
 from phalanx.kernel import counting_kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
@@ -62,6 +63,23 @@ class Known(NamedTuple):
     table: Table  # (n, 5) lane, 0 where a row is free; x, y, bin, area
     used: Table  # (1,) rows
 
+
+class Shapes(NamedTuple):
+    """Shapes of which nothing but a place goes into the hash, with what they are searched among: one call for all."""
+
+    asks: Table  # (s, 3) kind of the landmark, or OWN for the robot's own place; whether its orientation, its area
+    at: Table  # (s, 4) bins, lane, and of the message: the word where x begins, by so many bits
+    templates: Words  # (s, w) messages
+    # As in `Groups` and `Known`
+    rows: Floats
+    targets: Words
+    ends: Table
+    table: Table
+    used: Table
+
+
+pack = bundled(Shapes)
+OWN = -1
 
 # So many rings are searched, or more; what is kept of earlier searches is kept for each.
 RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, 40)
@@ -151,6 +169,14 @@ def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Do
         place: it is the robot's own place, and no landmark.
         group: (5,) a row of `Groups`.
     """
+    level = _level_of(thing, place, steps, doubt)
+    up, down = _beside(thing[2], group[2], steps[2], doubt)
+    return level, RINGS[level], up, down
+
+
+@counting_kernel
+def _level_of(thing: Floats, place: bool, steps: Steps, doubt: Doubt) -> int:
+    """Of RINGS, around a thing's cell."""
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
     _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
     if place:
@@ -160,18 +186,23 @@ def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Do
     level = 0
     while level + 1 < len(RINGS) and RINGS[level] < wanted:
         level += 1
-    up, down = False, False
-    if not np.isnan(thing[2]):
-        turn = (thing[2] - group[2]) / steps[2]
-        rest = turn - np.rint(turn)
-        sight = doubt.sight.turn_rad
-        reach = doubt.sigmas * math.sqrt(doubt.spread[2, 2] + sight * sight) / steps[2]
-        up, down = rest + reach > 0.5, rest - reach < -0.5
-    return level, RINGS[level], up, down
+    return level
 
 
 @counting_kernel
-def search_cells(
+def _beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -> tuple[bool, bool]:
+    """Whether the next bin of an orientation may be meant, and whether the one before may."""
+    if np.isnan(turn_rad):
+        return False, False
+    turn = (turn_rad - offset_rad) / step_rad
+    rest = turn - np.rint(turn)
+    sight = doubt.sight.turn_rad
+    reach = doubt.sigmas * math.sqrt(doubt.spread[2, 2] + sight * sight) / step_rad
+    return rest + reach > 0.5, rest - reach < -0.5
+
+
+@counting_kernel
+def search_cells(  # noqa: C901  # a kernel is one function
     first: int,
     things: Floats,
     place: bool,
@@ -197,17 +228,21 @@ def search_cells(
     """
     rows, table = groups.rows, known.table
     trial = np.empty_like(message.template)
+    of, level, away_dm = -1, 0, 0.0
     for pair in range(first, 3 * len(things) * len(rows)):
-        thing, g = things[pair // 3 // len(rows)], pair // 3 % len(rows)
-        group = rows[g]
-        if group[4] > 0.0:
+        g, step = pair // 3 % len(rows), BIN_STEPS[pair % 3]
+        thing, group = things[pair // 3 // len(rows)], rows[g]
+        if pair // 3 // len(rows) != of:
+            of = pair // 3 // len(rows)
             dx, dy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
-            if math.sqrt(dx * dx + dy * dy) * 10 > group[4]:
-                continue
-        level, wanted, up, down = region_of(thing, place, group, steps, doubt)
-        step = BIN_STEPS[pair % 3]
-        if (step == 1 and not up) or (step == -1 and not down):
+            level, away_dm = _level_of(thing, place, steps, doubt), math.sqrt(dx * dx + dy * dy) * 10
+        if group[4] > 0.0 and away_dm > group[4]:
             continue
+        if step != 0:
+            up, down = _beside(thing[2], group[2], steps[2], doubt)
+            if (step == 1 and not up) or (step == -1 and not down):
+                continue
+        wanted = RINGS[level]
         if left <= 0:
             break
         offset = (group[0], group[1], group[2], group[3])
@@ -232,6 +267,44 @@ def search_cells(
         if rings == wanted:
             _keep(known, own, numbers)
     return -1, -1, left, (0, 0, 0, 0), -1
+
+
+@counting_kernel
+def search_shapes(
+    begin: tuple[int, int], shapes: Shapes, seen: Floats, doubt: Doubt, steps: Steps, left: int
+) -> tuple[int, int, int, int, int, Numbers, int]:
+    """(shape, thing seen, pair, row of the targets, tries left, cell, next pair) of the next match of any shape.
+
+    Args:
+        begin: shape and pair to begin with.
+        seen: (k, 5) kind, x, y, orientation and area of landmarks, NaN where there is none.
+    Returns: shape -1 where nothing more is found. The rest is as `search_cells` has it.
+    """
+    first, pair = begin
+    groups, known = Groups(shapes.rows, shapes.targets, shapes.ends), Known(shapes.table, shapes.used)
+    things, which = np.empty((len(seen) + 1, 4)), np.empty(len(seen) + 1, np.int64)
+    for s in range(first, len(shapes.asks)):
+        kind, oriented, area = shapes.asks[s, 0], shapes.asks[s, 1] != 0, shapes.asks[s, 2] != 0
+        found = 0
+        if kind == OWN:
+            things[0, 0], things[0, 1], things[0, 2], things[0, 3] = doubt.x_m, doubt.y_m, np.nan, np.nan
+            found = 1
+        for k in range(len(seen)):
+            if seen[k, 0] != kind or (oriented and np.isnan(seen[k, 3])) or (area and np.isnan(seen[k, 4])):
+                continue
+            things[found, 0], things[found, 1] = seen[k, 1], seen[k, 2]
+            things[found, 2], things[found, 3] = seen[k, 3] if oriented else np.nan, seen[k, 4] if area else np.nan
+            which[found] = k
+            found += 1
+        bins, lane, word, shift = shapes.at[s, 0], shapes.at[s, 1], shapes.at[s, 2], shapes.at[s, 3]
+        message = Message(shapes.templates[s], word, shift)
+        hit, row, left, numbers, after = search_cells(
+            pair, things[:found], kind == OWN, doubt, groups, steps, bins, known, lane, left, message
+        )
+        if hit >= 0:
+            return s, which[hit // 3 // len(groups.rows)], hit, row, left, numbers, after
+        pair = 0
+    return -1, -1, -1, -1, left, (0, 0, 0, 0), -1
 
 
 @counting_kernel

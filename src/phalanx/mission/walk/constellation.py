@@ -14,18 +14,17 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission.observable import Experience, Landmark
 from phalanx.mission.pose.spread import doubt_of
 
+from .chart import MISFIT_2, Chart
 from .fix import (
     AGAIN_MOST,
-    MISFIT_2,
     Fix,
     Match,
     agreeing,
     as_known,
-    distance_m,
-    fitting,
     fix_from,
     is_sure,
     known_in,
+    may_be_known,
     misfit_of,
     sight_of,
     told,
@@ -90,7 +89,7 @@ def _grown(config: MissionConfig, seen: Experience, seed: Match, pairs: Sequence
     return kept
 
 
-def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> Fix | None:
+def seen_again(config: MissionConfig, seen: Experience, known: Chart) -> Fix | None:
     """A fix from the nearest landmarks that the robot has decoded before and now sees again, or None."""
     if is_sure(config, seen):
         return None
@@ -100,7 +99,6 @@ def seen_again(config: MissionConfig, seen: Experience, known: Sequence[Landmark
     return fix_from(config, seen, matches) if matches else None
 
 
-def may_be(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> list[Match]:
+def may_be(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """Each landmark in sight with each known one that it may be; the nearest first."""
-    nearest = sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark))
-    return [(landmark, other) for landmark in nearest for other in fitting(config, seen, known, landmark)]
+    return [(landmark, other) for landmark, may_be in may_be_known(config, seen, known) for other in may_be]

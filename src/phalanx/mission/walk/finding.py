@@ -6,10 +6,11 @@ reading, and the same judgement. Both ask the same methods here, so that what is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from phalanx.config.mission import MissionConfig
+from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
@@ -17,6 +18,7 @@ from phalanx.mission.observable import Experience, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
+from .chart import Chart
 from .claims import Unshown, shows, unlock
 from .constellation import MISTAKEN, constellation, may_be, strangers
 from .fix import (
@@ -25,8 +27,8 @@ from .fix import (
     agreeing,
     allowed_m,
     distance_m,
-    explains,
     fits,
+    fitting,
     fix_from,
     has_rival,
     is_there,
@@ -38,10 +40,11 @@ from .fix import (
 from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
 from .keyring import Keyring
-from .opening import Opened, open_found
+from .opening import Known, Opened, open_found
 from .outcome import Reason
 from .route import Map
-from .search import Budget, PaperSearch
+from .search import Budget
+from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import State
 
@@ -64,6 +67,19 @@ class Find:
         return self.opened.claim if self.opened is not None else None
 
 
+class _Decoded:
+    """What a robot has decoded, as it asks of it at every step.
+
+    Attributes:
+        candidates: nodes that it may try, by its last node and its target.
+    """
+
+    def __init__(self, opened: Mapping[int, Known]) -> None:
+        placed = [(node.landmark, i) for i, node in opened.items() if node.landmark is not None]
+        self.chart = Chart([landmark for landmark, _ in placed], [i for _, i in placed])
+        self.candidates: dict[tuple[int | None, int | None], tuple[int, ...]] = {}
+
+
 class Finder:
     """The search of one mission.
 
@@ -78,6 +94,7 @@ class Finder:
         self._is_paper = mission.header.profile is Profile.PAPER
         self._roams = bool(mission.header.flags & ROAM) and self._is_paper
         self._search = PaperSearch(mission, config)
+        self._decoded = made_once(_Decoded)
         self._starts = tuple(i for i, node in enumerate(mission.nodes) if node.flags & START)
         self._gates: dict[int, Gate] = {}
         if not self._is_paper and key is None and mission.header.flags & OPEN_START:
@@ -99,6 +116,13 @@ class Finder:
 
         Of those decoded before only the target counts, or two doors in view would take turns for ever.
         """
+        known = self._decoded(state.opened)
+        here = state.at, state.target
+        if here not in known.candidates:
+            known.candidates[here] = self._candidates(state)
+        return known.candidates[here]
+
+    def _candidates(self, state: State) -> tuple[int, ...]:
         if self._roams:
             wanted: Iterable[int] = range(len(self.mission.nodes))
         elif state.at is None:
@@ -155,15 +179,18 @@ class Finder:
             raise Unshown("the reading does not show what is claimed" if found is None else "the claim opens nothing")
         return replace(found, key=key)
 
+    def chart(self, state: State) -> Chart:
+        """The landmarks that were decoded."""
+        return self._decoded(state.opened).chart
+
     def _unexplained(self, state: State, seen: Experience) -> Experience:
         """What was experienced, without what is too far off, or known to be other nodes' than the target's."""
-        known = tuple(
-            node.landmark for i, node in state.opened.items() if node.landmark is not None and i != state.target
-        )
+        chart = self.chart(state)
         left = tuple(
             landmark
-            for landmark in seen.landmarks
-            if distance_m(seen, landmark) <= self.config.decode_m and not explains(self.config, seen, known, landmark)
+            for landmark, known in zip(seen.landmarks, fitting(self.config, seen, chart), strict=True)
+            if distance_m(seen, landmark) <= self.config.decode_m
+            and all(chart.nodes[number] == state.target for number in known)
         )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
 
@@ -204,7 +231,7 @@ class Finder:
 
     def _together(self, state: State, seen: Experience, unconfirmed: dict[Match, Opened]) -> Believed:
         """One of several nodes that are believed together, though none is by itself, with the fix that all give."""
-        matches = constellation(self.config, seen, [*unconfirmed, *may_be(self.config, seen, state.known)])
+        matches = constellation(self.config, seen, [*unconfirmed, *may_be(self.config, seen, self.chart(state))])
         opened = next((unconfirmed[pair] for pair in matches if pair in unconfirmed), None)
         if opened is None:
             return None, None, Reason.UNCONFIRMED
@@ -241,7 +268,7 @@ class Finder:
         if has_rival(self.config, seen, observed, truth):
             return None, None, Reason.AMBIGUOUS
         # What is known and in sight has its say.
-        known = [pair for pair in known_in(self.config, seen, state.known) if pair[0] is not observed]
+        known = [pair for pair in known_in(self.config, seen, self.chart(state)) if pair[0] is not observed]
         matches = agreeing(self.config, seen, [(observed, truth), *known])
         if not any(pair[0] is observed for pair in matches):
             return None, None, Reason.CONTRADICTED

@@ -7,22 +7,22 @@ heading, if nothing else that looks the same can be meant, and if it breaks noth
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from phalanx.config.mission import MissionConfig
-from phalanx.mission.angles import sin_cos, wrap, wrap_rad
-from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark
+from phalanx.config.parameter import made_once
+from phalanx.mission.angles import sin_cos, wrap_rad
+from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
 from phalanx.mission.pose.belief import Belief, Wheels, begun
 from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
+from .chart import Chart, most_of, turn_to
+
 Pose = tuple[float, float, float]
 Match = tuple[Landmark, Landmark]  # as it was seen, and as it truly is
-# The square of a Mahalanobis distance that one match in twenty exceeds, by degrees of freedom.
-MISFIT_2, MISFIT_3 = 6.0, 7.8
 # A robot that may be turned by more than this takes the sides of a thing for one another.
 LOST_RAD = math.radians(45)
 # So far a robot may be off, of its own doubt, when it takes a thing for the only one: an error of more has to meet
@@ -46,13 +46,13 @@ class Fix:
     sightings: tuple[Sighting, ...]  # what it follows from; each as the pose after those before puts it
 
 
-@cache
+@made_once
 def sight_of(config: MissionConfig) -> Sight:
     """How exactly landmarks are seen."""
     return Sight(config.sight_m, config.sight_per_m, math.radians(config.sight_deg))
 
 
-@cache
+@made_once
 def wheels_of(config: MissionConfig) -> Wheels:
     """How wrong odometry may be."""
     return Wheels(
@@ -81,10 +81,7 @@ def moved(config: MissionConfig, belief: Belief, before: Pose, after: Pose, *, t
     Args:
         touches: the robot is so near to something that its wheels may turn where it cannot.
     """
-    turn = wrap(after[2] - before[2])
-    sine, cosine = sin_cos(before[2] + 0.5 * turn)
-    way = cosine * (after[0] - before[0]) + sine * (after[1] - before[1])
-    return belief.moved(way, turn, wheels_of(config), touches=touches)
+    return belief.driven(before, after, wheels_of(config), touches=touches)
 
 
 def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:
@@ -100,16 +97,6 @@ def distance_m(seen: Experience, landmark: Landmark) -> float:
     """From the robot to a landmark."""
     dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
     return math.sqrt(dx * dx + dy * dy)
-
-
-def turn_between(truth: Landmark, observed: Landmark) -> float | None:
-    """By how much the observed orientation must be turned to be the true one, or None without one."""
-    if truth.orientation_rad is None or observed.orientation_rad is None:
-        return None
-    turn = wrap_rad(truth.orientation_rad - observed.orientation_rad)
-    if truth.type in HALF_TURN_TYPES:
-        turn -= math.pi * math.floor(turn / math.pi + 0.5)
-    return turn
 
 
 def allowed_m(config: MissionConfig, travelled_m: float, doubt_m: float = 0.0) -> float:
@@ -141,18 +128,15 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
         x_m, y_m: where the pose now puts what was observed.
         turned_rad: from the heading with which it was observed to that of the pose now.
     """
-    turn = turn_between(truth, observed)
-    turn = math.nan if turn is None else wrap_rad(turn - turned_rad)
+    turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
+    turn = turn_to(*turns, truth.type in HALF_TURN_TYPES)
+    turn = turn if math.isnan(turn) else wrap_rad(turn - turned_rad)
     return Sighting(float(x_m), float(y_m), float(truth.x_m), float(truth.y_m), turn)
 
 
 def fits(config: MissionConfig, spread: Floats, x_m: float, y_m: float, match: Sighting) -> bool:
     """Whether what was seen from a pose so unsure may be what it is matched with."""
-    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= _most(match))
-
-
-def _most(match: Sighting) -> float:
-    return MISFIT_2 if math.isnan(match.turn_rad) else MISFIT_3
+    return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= most_of(match.turn_rad))
 
 
 def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> bool:
@@ -211,7 +195,7 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
 def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> float:
     """How badly a match fits another pose than that of the experience; more than 1 is too badly."""
     match = _from_pose(seen, pair, mean)
-    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / _most(match)
+    return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / most_of(match.turn_rad)
 
 
 def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> Fix:
@@ -247,36 +231,9 @@ def as_known(seen: Experience, landmark: Landmark, mean: Floats) -> tuple[float,
     return float(mean[0]) + (cosine * dx - sine * dy), float(mean[1]) + (sine * dx + cosine * dy)
 
 
-def _near(known: Iterable[Landmark], landmark: Landmark, x_m: float, y_m: float, within_m: float) -> list[Landmark]:
-    """The known ones of the same type and text that are within reach of a point."""
-    found = []
-    for other in known:
-        dx = other.x_m - x_m
-        # Nearly all end here, and a robot asks thousands of times a second.
-        if not -within_m <= dx <= within_m or other.type != landmark.type or other.text != landmark.text:
-            continue
-        dy = other.y_m - y_m
-        if dx * dx + dy * dy <= within_m * within_m:
-            found.append(other)
-    return found
-
-
-def explains(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> bool:
-    """Whether a landmark is one that is known: near it, and turned the same way."""
-    return bool(fitting(config, seen, known, landmark))
-
-
-def fitting(config: MissionConfig, seen: Experience, known: Iterable[Landmark], landmark: Landmark) -> list[Landmark]:
-    """The known ones that a landmark in sight may be."""
-    near = _near(known, landmark, landmark.x_m, landmark.y_m, config.tolerance_m)
-    if not near:
-        return []
-    spread = pose_spread(seen.spread)
-    return [
-        other
-        for other in near
-        if fits(config, spread, seen.x_m, seen.y_m, sighting(landmark, other, landmark.x_m, landmark.y_m))
-    ]
+def fitting(config: MissionConfig, seen: Experience, known: Chart) -> list[list[int]]:
+    """Of each landmark in sight the numbers of the known ones that it may be."""
+    return known.fitting(seen, sight_of(config), config.tolerance_m)
 
 
 def is_sure(config: MissionConfig, seen: Experience) -> bool:
@@ -286,14 +243,20 @@ def is_sure(config: MissionConfig, seen: Experience) -> bool:
     return max(xx, yy) <= most * place_m * place_m and tt <= most * turn_rad * turn_rad
 
 
-def known_in(config: MissionConfig, seen: Experience, known: Sequence[Landmark]) -> list[Match]:
+def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Match]:
     """The nearest landmarks in sight that may be known ones, each of them one only."""
     matches: list[Match] = []
-    for landmark in sorted(seen.landmarks, key=lambda landmark: distance_m(seen, landmark)):
+    for landmark, may_be in may_be_known(config, seen, known):
         # Two known things that may be this one say nothing.
-        may_be = fitting(config, seen, known, landmark)
         if len(may_be) == 1 and not has_rival(config, seen, landmark, may_be[0]):
             matches.append((landmark, may_be[0]))
         if len(matches) == AGAIN_MOST:
             break
     return matches
+
+
+def may_be_known(config: MissionConfig, seen: Experience, known: Chart) -> list[tuple[Landmark, list[Landmark]]]:
+    """The landmarks in sight that may be known ones, the nearest first, each with those."""
+    pairs = zip(seen.landmarks, fitting(config, seen, known), strict=True)
+    found = [(landmark, [known.landmarks[j] for j in numbers]) for landmark, numbers in pairs if numbers]
+    return sorted(found, key=lambda each: distance_m(seen, each[0]))

@@ -8,18 +8,15 @@ of trials is itself an output: it tells how far the estimate was off (Encoded gr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations, groupby, product
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx.config.mission import CodingConfig, MissionConfig
-from phalanx.crypto.sha3 import Targets, padded, sha3_256
-from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, cell_at, place_bytes
-from phalanx.mission.file.records import EncodedMission
+from phalanx.mission.file.canonical import AT_POSITION, Shape, canonical, place_bytes
 from phalanx.mission.observable import (
     LANDMARK_TYPES,
     Action,
@@ -35,12 +32,10 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, RINGS, Doubt, Groups, Message, Searched, region_of, search_cells, spiral
+from .cells import BIN_STEPS, Doubt, region_of, spiral
 from .fix import distance_m, sight_of
-from .found import Claim, Found
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
-CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
 WINDOWS = (0, -1, 1)
 LANDMARK_PLACES = range(1, AT_POSITION)
 
@@ -180,170 +175,3 @@ def placed(
         else:
             cell = cell_of(coding, offset, seen.x_m, seen.y_m) if shape.place else Cell(0, 0)
         yield variant, cell
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Aliases that are searched with the same hashes: their cells are counted from the same offset."""
-
-    offset: Offset
-    reach_dm: int
-    targets: Targets
-    aliases: tuple[tuple[int, int], ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Candidates:
-    """Nodes and their aliases in groups, and what kernels read of them."""
-
-    nodes: tuple[int, ...]
-    groups: tuple[_Group, ...]
-    arrays: Groups
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Batch:
-    """Variants whose hashes differ in nothing but the cell."""
-
-    shape: Shape
-    variants: tuple[Variant, ...]
-    # (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked
-    things: NDArray[np.float64]
-    message: Callable[[Cell], bytes]  # the canonical bytes at a cell
-    lane: int  # of the first group
-
-
-class PaperSearch:
-    """The search in the paper profile: thousands of fast hashes, against all candidates at once.
-
-    It remembers around which cells it found nothing. That changes how long a search takes, never what it finds or how
-    many tries it counts, so two searches of one mission agree whatever they have seen before.
-    """
-
-    def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
-        self._mission = mission
-        self._config = config
-        self._steps = steps_of(mission.header.coding)
-        self._candidates: dict[tuple[int, ...], _Candidates] = {}
-        self._searched = Searched()
-
-    def _among(self, nodes: tuple[int, ...]) -> _Candidates:
-        if nodes not in self._candidates:
-            by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
-            for node in nodes:
-                record = self._mission.nodes[node]
-                for a, alias in enumerate(record.aliases):
-                    by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
-            if len(self._candidates) >= CANDIDATES_LIMIT:
-                self._candidates.clear()
-            groups = tuple(
-                _Group(
-                    offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases)
-                )
-                for (offset, reach), aliases in by_offset.items()
-            )
-            arrays = Groups(
-                np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5),
-                np.vstack([np.empty((0, 4), np.uint64), *(group.targets.rows for group in groups)]),
-                np.cumsum([0, *(len(group.aliases) for group in groups)]),
-            )
-            self._candidates[nodes] = _Candidates(nodes, groups, arrays)
-        return self._candidates[nodes]
-
-    def run(
-        self,
-        nodes: tuple[int, ...],
-        seen: Experience,
-        heard: tuple[bytes, ...],
-        released: bytes,
-        budget: Budget,
-    ) -> Iterator[Found]:
-        """Matches, best first.
-
-        Args:
-            released: H of the node before, for chained nodes.
-            budget: is spent; when nothing is left the search ends.
-        """
-        among = self._among(nodes)
-        doubt = doubt_in(self._config, seen)
-        kinds = {landmark.type for landmark in seen.landmarks}
-        for shape in self._mission.header.shapes:
-            if shape.place in LANDMARK_PLACES and LANDMARK_TYPES[shape.place - 1] not in kinds:
-                continue
-            for batch in self._batches(among, shape, seen, heard, released):
-                search = self._around if shape.place else self._as_it_is
-                yield from search(among, batch, doubt, budget)
-
-    def _batches(
-        self, among: _Candidates, shape: Shape, seen: Experience, heard: tuple[bytes, ...], released: bytes
-    ) -> Iterator[_Batch]:
-        coding = self._mission.header.coding
-
-        def rest(variant: Variant) -> tuple[object, ...]:
-            return variant.landmark.text if shape.text and variant.landmark else None, *variant[1:]
-
-        for same, alike in groupby(variants(shape, coding, seen, heard), rest):
-            batch = tuple(alike)
-            previous = released if shape.previous else None
-
-            def message(cell: Cell, one: Variant = batch[0], previous: bytes | None = previous) -> bytes:
-                return one.canonical(shape, cell, one.messages, previous)
-
-            things = [
-                (
-                    landmark.x_m,
-                    landmark.y_m,
-                    number_or_nan(landmark.orientation_rad if shape.oriented else None),
-                    number_or_nan(landmark.area_m2 if shape.area else None),
-                )
-                if landmark
-                else (seen.x_m, seen.y_m, math.nan, math.nan)
-                for landmark in (variant.landmark for variant in batch)
-            ]
-            lane = self._searched.lane((among.nodes, shape, same, previous), len(RINGS) * len(among.groups))
-            yield _Batch(shape, batch, np.array(things, np.float64), message, lane)
-
-    def _around(self, among: _Candidates, batch: _Batch, doubt: Doubt, budget: Budget) -> Iterator[Found]:
-        """Matches of what has a place: each landmark against each group, around its cell."""
-        coding, shape = self._mission.header.coding, batch.shape
-        is_own = shape.place not in LANDMARK_PLACES
-        bins = 1 if is_own else bins_of(coding, LANDMARK_TYPES[shape.place - 1])
-        at, first = cell_at(shape), 0
-        message = Message(padded(batch.message(Cell(0, 0, 0, 0)), at), at // 8, at % 8 * 8)
-        while first >= 0:
-            pair, row, left, numbers, first = search_cells(
-                first,
-                batch.things,
-                is_own,
-                doubt,
-                among.arrays,
-                self._steps,
-                bins,
-                self._searched.known,
-                batch.lane,
-                budget.left,
-                message,
-            )
-            budget.spend(budget.left - left)
-            if pair >= 0:
-                of, number = divmod(pair // len(BIN_STEPS), len(among.groups))
-                group, cell = among.groups[number], Cell(*numbers)
-                place = group.targets.place(row - int(among.arrays.ends[number]))
-                yield _found(group, place, batch, batch.variants[of], cell)
-
-    def _as_it_is(self, among: _Candidates, batch: _Batch, _doubt: Doubt, budget: Budget) -> Iterator[Found]:
-        """Matches of what has no place: one hash each."""
-        digest = sha3_256(batch.message(Cell(0, 0)))
-        for variant, group in product(batch.variants, among.groups):
-            if budget.left <= 0:
-                return
-            budget.spend(1)
-            marks = [self._mission.nodes[v].aliases[a].mark for v, a in group.aliases]
-            if digest in marks:
-                yield _found(group, marks.index(digest), batch, variant, Cell(0, 0))
-
-
-def _found(group: _Group, place: int, batch: _Batch, variant: Variant, cell: Cell) -> Found:
-    node, alias = group.aliases[place]
-    claim = Claim(node, alias, batch.shape, group.offset, cell, batch.message(cell))
-    return Found(claim, variant.landmark, variant.action)

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from phalanx.mission.observable import Landmark
-
 from .keyring import Keyring
 from .opening import Known
 from .table import Phase
@@ -37,8 +35,3 @@ class State:
     others: frozenset[int] = frozenset()  # nodes that other robots proved to have decoded
     heard: tuple[bytes, ...] = ()
     keys: Keyring = field(default_factory=Keyring)  # the robot's secrets; not in any encoding of the state
-
-    @property
-    def known(self) -> tuple[Landmark, ...]:
-        """Landmarks that were decoded, where they truly are."""
-        return tuple(node.landmark for node in self.opened.values() if node.landmark is not None)

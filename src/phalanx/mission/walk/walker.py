@@ -176,7 +176,7 @@ class Walker:
         that slides away, gives one at every step. So all of them since the last decode may not come to more than can
         have drifted since then.
         """
-        fix, doubt_m = seen_again(self.config, seen, state.known), pose_doubt_m(seen)
+        fix, doubt_m = seen_again(self.config, seen, self._finder.chart(state)), pose_doubt_m(seen)
         if fix is None or fix.moved_m > allowed_m(self.config, seen.travelled_m - state.fixed_at_m, doubt_m):
             return None
         x, y = self._pulled(state, seen, fix)

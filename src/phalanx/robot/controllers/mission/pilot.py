@@ -123,8 +123,8 @@ def _steered(leg: Leg, goal: Point, beyond: Point, now: Reading, sectors: Sector
     on_a_line = goal is not beyond
     course = Course(leg.stop, leg.turning, leg.waited_s)
     speed, turn, base, course = steer(seen, Goal(goal, beyond, on_a_line), course, t_s - leg.seen_s, cells)
-    leg = replace(leg, **course._asdict(), base=base, seen_s=t_s, cells=cells.tobytes())
-    return leg, Drive(speed, turn)
+    around = (course.turning, course.stop, base, t_s, course.waited_s, cells.tobytes())
+    return Leg(leg.key, leg.passed, leg.best_m, leg.best_s, leg.trail, *around), Drive(speed, turn)
 
 
 def _goal(

@@ -56,10 +56,12 @@ def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64]) -> None:
 
 @counting_kernel
 def _room_in(words: NDArray[np.uint16], each: int, clear: NDArray[np.uint8]) -> None:
-    clear[:] = CLEAR
-    for k in range(len(words)):
-        if words[k] != SILENT:
-            clear[k // each] = min(int(clear[k // each]), int(words[k]) // _CLEAR_STEP_MM)
+    for sector in range(len(clear)):
+        nearest = int(MISS)
+        for k in range(sector * each, (sector + 1) * each):
+            if words[k] != SILENT:
+                nearest = min(nearest, int(words[k]))
+        clear[sector] = min(int(CLEAR), nearest // _CLEAR_STEP_MM)
 
 
 @dataclass(frozen=True, slots=True)

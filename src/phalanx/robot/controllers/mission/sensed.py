@@ -30,6 +30,9 @@ class Sensed(NamedTuple):
     codes: tuple[SeenCode, ...] = ()
 
 
+_NOTHING = Sensed()
+
+
 def reading_entry(reading: bytes) -> bytes:
     """A sensor's reading, as it stands behind a scan."""
     return SENSED.encode(kind=OF_READING, content=reading)
@@ -43,6 +46,8 @@ def code_entry(code: SeenCode) -> bytes:
 
 def parse_sensed(raw: bytes) -> Sensed:
     """What other sensors read, by what stands behind a scan. Raises: PeerError: something else does."""
+    if not raw:
+        return _NOTHING
     if len(raw) > SENSED_MAX_BYTES:
         raise MalformedRecord("more behind a scan than there is room for")
     reader = Reader(raw)

@@ -1,0 +1,93 @@
+"""Landmarks where they truly are, as arrays: which of them a thing in sight may be is asked of all in one call.
+
+A robot asks ten times a second, of every thing in sight and every node that it has decoded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.kernel import counting_kernel
+from phalanx.mission.angles import PI, wrap_rad_kernel
+from phalanx.mission.observable import HALF_TURN_TYPES, LANDMARK_TYPES, Experience, Landmark, rows_of
+from phalanx.mission.pose.spread import Floats, Sight, Sighting, misfit, pose_spread
+
+# The square of a Mahalanobis distance that one match in twenty exceeds, by degrees of freedom.
+MISFIT_2, MISFIT_3 = 6.0, 7.8
+KIND, X, Y, TURN, TEXT = range(5)
+# Of a landmark without a text, and of one with a text that is nobody's here.
+NO_TEXT, OTHER_TEXT = -1, -2
+_HALF_TURN = np.array([kind in HALF_TURN_TYPES for kind in LANDMARK_TYPES])
+
+
+class Chart:
+    """Known landmarks.
+
+    Attributes:
+        landmarks: where they truly are.
+        nodes: of each, the node that it belongs to; none of those that belong to no mission.
+    """
+
+    def __init__(self, landmarks: Iterable[Landmark], nodes: Iterable[int] = ()) -> None:
+        self.landmarks, self.nodes = tuple(landmarks), tuple(nodes)
+        told = dict.fromkeys(known.text for known in self.landmarks if known.text is not None)
+        self._texts: dict[str | None, int] = {None: NO_TEXT} | {text: i for i, text in enumerate(told)}
+        self._rows = self._of(self.landmarks)
+
+    def _of(self, landmarks: tuple[Landmark, ...]) -> Floats:
+        rows = rows_of(landmarks)
+        rows[:, TEXT] = [self._texts.get(each.text, OTHER_TEXT) for each in landmarks]
+        return rows
+
+    def fitting(self, seen: Experience, sight: Sight, within_m: float) -> list[list[int]]:
+        """Of each landmark in sight the numbers of the known ones that it may be: near it, and turned the same way."""
+        found: list[list[int]] = [[] for _ in seen.landmarks]
+        if found and self.landmarks:
+            place, spread = (float(seen.x_m), float(seen.y_m)), pose_spread(seen.spread)
+            for i, j in _fitting(self._of(seen.landmarks), self._rows, place, spread, sight, within_m).tolist():
+                found[i].append(j)
+        return found
+
+
+@counting_kernel
+def turn_to(truth_rad: float, seen_rad: float, half: bool) -> float:
+    """By how much an orientation that was seen must be turned to be the true one; NaN without one of them.
+
+    Args:
+        half: they count modulo half a turn.
+    """
+    turn = wrap_rad_kernel(truth_rad - seen_rad) if not np.isnan(truth_rad - seen_rad) else np.nan
+    return turn - PI * np.floor(turn / PI + 0.5) if half else turn
+
+
+@counting_kernel
+def most_of(turn_rad: float) -> float:
+    """What a match may misfit by, with such a turn from the orientation seen to the true one."""
+    return MISFIT_2 if np.isnan(turn_rad) else MISFIT_3
+
+
+@counting_kernel
+def _fitting(
+    seen: Floats, known: Floats, place: tuple[float, float], spread: Floats, sight: Sight, within_m: float
+) -> NDArray[np.int64]:
+    """(m, 2) rows of things seen, each with that of a known thing that it may be."""
+    pairs = np.empty((len(seen) * len(known), 2), np.int64)
+    count = 0
+    for i in range(len(seen)):
+        for j in range(len(known)):
+            dx, dy = known[j, X] - seen[i, X], known[j, Y] - seen[i, Y]
+            # Nearly all end here.
+            if not -within_m <= dx <= within_m or known[j, KIND] != seen[i, KIND] or known[j, TEXT] != seen[i, TEXT]:
+                continue
+            if dx * dx + dy * dy > within_m * within_m:
+                continue
+            turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
+            turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
+            match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
+            if misfit(spread, place[0], place[1], match, sight) <= most_of(turn):
+                pairs[count, 0], pairs[count, 1] = i, j
+                count += 1
+    return pairs[:count]
