@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,8 @@ from phalanx.errors import PeerError, UsageError
 from phalanx.robot.controllers.bundled.guard import HEAD_BYTES, ROUNDED_M
 from phalanx.robot.controllers.guard_law import guard_params
 from phalanx.robot.controllers.python_controller import Send, pack_outputs
+from phalanx.robot.signer import AdviceSigner
+from phalanx.wire import guarded
 
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
 RUN_SHA256 = "cc8a98fe5db3e5ec2a57b4821cd495b80c790bb1050eeac05563271a468836d1"
@@ -87,6 +90,101 @@ class TestAdvice:
         held_s = (CONFIG.period_ms + 3 * CONFIG.delta_ms) / 1000
         later = math.hypot(velocity[0] + held_s * ax, velocity[1] + held_s * ay)
         assert later <= max(CONFIG.speed_mps, math.hypot(*velocity)) + 1e-6
+
+
+class TestSignedAdvice:
+    """A mission that names an adviser: nobody else's advice counts, nor his to another, for another time, or again."""
+
+    KEY, OTHER = (Ed25519PrivateKey.from_private_bytes(bytes((k,)) * 32) for k in (1, 2))
+    NAMED = replace(CONFIG, adviser_key=KEY.public_key().public_bytes_raw().hex(), mission=7)
+
+    @classmethod
+    def signed(cls, t_ms=LISTENED_MS - 250, wished=(1.0, 0.0), *, robot=1, mission=7, key=None):
+        return AdviceSigner(key or cls.KEY, mission).sign(robot, t_ms, wish(*wished))
+
+    def driven(self, advice, t_ms=LISTENED_MS):
+        this = listened(self.NAMED)
+        this.on_advice(advice)
+        return driven(this, t_ms, wished=None)
+
+    def test_what_he_signs_is_done_until_it_is_old(self):
+        assert self.driven(self.signed())[0] > 0.0
+        assert self.driven(self.signed(LISTENED_MS - CONFIG.advice_ms))[0] > 0.0
+        assert self.driven(self.signed(LISTENED_MS - CONFIG.advice_ms - 1)) == (0.0, 0.0)
+
+    @pytest.mark.parametrize(
+        "wrong",
+        [
+            {"key": OTHER},
+            {"robot": 2},
+            {"mission": 8},
+            {"t_ms": LISTENED_MS + 1},  # it would be kept for later
+            {"t_ms": 0},
+            {"t_ms": 1 << 63},
+            {"wished": (math.nan, 0.0)},
+        ],
+    )
+    def test_what_is_not_for_this_robot_and_now_is_no_advice(self, wrong):
+        assert self.driven(self.signed(**wrong)) == (0.0, 0.0)
+
+    @given(st.integers(0, 8 * guarded.SIGNED_BYTES - 1))
+    def test_advice_of_which_a_bit_is_flipped_is_none(self, at):
+        flipped = bytearray(self.signed())
+        flipped[at // 8] ^= 1 << at % 8
+        assert self.driven(bytes(flipped)) == (0.0, 0.0)
+
+    @pytest.mark.parametrize("advice", [wish(1, 0), b"", b"\x0f"])
+    def test_what_nobody_signed_is_none(self, advice):
+        assert self.driven(advice) == (0.0, 0.0)
+        for longer in (self.signed()[:-1], self.signed() + b"\0"):
+            assert self.driven(longer) == (0.0, 0.0)
+
+    def test_a_mission_that_names_nobody_takes_nothing_signed(self):
+        this = listened()
+        this.on_advice(self.signed(mission=1))
+        assert driven(this, wished=None) == (0.0, 0.0)
+
+    def test_none_is_taken_twice_nor_an_older_one_after_it(self):
+        this = listened(self.NAMED)
+        this.on_advice(self.signed(LISTENED_MS - 100, (0.0, 0.0)))
+        assert driven(this, wished=None) == (0.0, 0.0)
+        for t_ms in (LISTENED_MS - 100, LISTENED_MS - 101):
+            this.on_advice(self.signed(t_ms))
+            assert driven(this, LISTENED_MS + 250, wished=None) == (0.0, 0.0)
+        this.on_advice(self.signed(LISTENED_MS - 99))
+        assert driven(this, LISTENED_MS + 250, wished=None)[0] > 0.0
+
+    def test_one_signature_is_looked_at_between_two_readings_and_what_needs_no_look_costs_none(self):
+        this = listened(self.NAMED)
+        this.on_advice(self.signed(key=self.OTHER))
+        this.on_advice(self.signed())
+        assert driven(this, wished=None) == (0.0, 0.0)
+        for wrong in (wish(1, 0), self.signed(robot=2), self.signed(mission=8), self.signed(0)):
+            this.on_advice(wrong)
+        this.on_advice(self.signed())
+        assert driven(this, wished=None)[0] > 0.0
+
+    def test_its_state_is_as_long_as_without_an_adviser_and_knows_which_one(self):
+        states = []
+        for config in (CONFIG, self.NAMED, replace(self.NAMED, mission=8), replace(self.NAMED, adviser_key="00" * 32)):
+            this = listened(config)
+            this.on_advice(self.signed())
+            states.append(this.encode())
+        assert {len(each) for each in states} == {HEAD_BYTES}
+        assert len({each[:20] for each in states}) == 4
+        for config, other in ((self.NAMED, CONFIG), (CONFIG, self.NAMED)):
+            with pytest.raises(PeerError):
+                guard(config).decode(listened(other).encode())
+
+    def test_a_key_of_zeros_is_nobody_s(self):
+        this = listened(replace(self.NAMED, adviser_key="00" * 32))
+        this.on_advice(guarded.SIGNED_WISH.encode(mission=7, id=1, t=LISTENED_MS, vx_mps=1, vy_mps=0) + bytes(64))
+        assert driven(this, wished=None) == (0.0, 0.0)
+
+    @pytest.mark.parametrize("key", ["00", "x" * 64, "00" * 33])
+    def test_what_is_no_key_is_said(self, key):
+        with pytest.raises(UsageError, match="adviser_key is"):
+            replace(CONFIG, adviser_key=key)
 
 
 class TestNeighbours:

@@ -236,6 +236,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
     state = {"pid": os.getpid(), "told_s": 0, "robot": 3, "mission": 7, "scenario": "x\x1b]0;y\x07", "lived_s": 1.0}
     state |= {
         "why_late": "",
+        "advice": {},
         "tokens": [],
         "refused": [],
         "longest_ms": {},

@@ -134,6 +134,26 @@ def test_of_a_field_that_is_cut_in_two_the_part_with_a_quorum_goes_on_whatever_c
     assert not any(told["refused"] for told in summary["processes"])
 
 
+def test_controllers_of_one_s_own_audit_each_other_in_an_arena(tmp_path, capsys):
+    (tmp_path / "still.py").write_text(STILL)
+    own, kept = f"{tmp_path / 'still.py'}:Follow", tmp_path / "kept"
+    words = ("--robots", "3", "--duration", "4.5", "--controller", own, "--keep", str(kept))
+    summary = arena(tmp_path, *words, "--attack", "hijack:robot=3,at=1.5")
+    assert summary["correct_in_safe_mode"] == []
+    refused = [(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]]
+    assert set(refused) == {(3, "output wrong")}
+    assert all(told["tokens_got"] > 0 for told in summary["processes"][:2])
+    verify = ["robot", "verify", str(kept / "robot-1.log")]
+    assert run_command([*verify, "--controller", own]) == 0
+    assert run_command(verify) == 1, "the mission's own is another"
+    capsys.readouterr()
+    assert (
+        run_command(["robot", "arena", str(tmp_path / "mission.yaml"), "--planner", own.replace("Follow", "North")])
+        == 2
+    )
+    assert "nobody that it could advise" in capsys.readouterr().err
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     "attack, refused", [("past", "bad_mac"), ("replay", "repeated"), ("hold", "late"), ("foreign-key", "bad_mac")]

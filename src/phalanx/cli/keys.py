@@ -38,13 +38,13 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
 
 
 def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
-    """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders and stops."""
+    """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders, stops and advice."""
     _not_there(out)
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         number, sealed = keys.issue()
         if rotate:
-            keys.renew("orders")
-            keys.renew("stops")
+            for who in ("orders", "stops", "advice"):
+                keys.renew(who)
         signers = {who: keys.public(who) for who in keys.signers}
     write_private(out, issued(number, sealed, signers))
     talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")

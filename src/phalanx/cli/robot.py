@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
+import time
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import Any
 
 import click
 
-from phalanx.daemon.arena import play_in_arena
+from phalanx.daemon.advise import advise as advise_at
+from phalanx.daemon.arena import Minds, play_in_arena
 from phalanx.daemon.ether import Weather
 from phalanx.daemon.evidence import read_kept, record_log
 from phalanx.daemon.on_air import Air, parse_on_air
@@ -22,14 +24,19 @@ from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
+from phalanx.io.mission_key import read_mission_number
+from phalanx.robot.adviser import Adviser
+from phalanx.robot.signer import AdviceSigner
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
+from phalanx.sim.scenarios.own import find_attacks, find_controller, find_planner, mistakes_in
 from phalanx.sim.scenarios.play import ctrl_c_between_steps
 from phalanx.sim.scenarios.recording import Recording
 from phalanx.sim.scenarios.run import Run
+from phalanx.sim.scenarios.scenario import GUARD
 
 from . import sim
 from .keys import passphrase_of, today
+from .mission.files import read_signing_key
 from .run import run as run_until_stopped
 from .terminal import end_status_line, plain, print_json, print_rows, talk
 
@@ -38,7 +45,7 @@ def run(robot: Path) -> int:
     """One robot, until Ctrl-C or SIGTERM."""
     settings = read_robot(robot)
     said = settings.said
-    own = (said.driver.removeprefix("python:"), said.planner, said.controller)
+    own = (said.driver.removeprefix("python:"), said.planner, said.controller)  # what is no file, does nothing
     with mistakes_in(*(str(settings.path(each)) for each in own if each)):
         run_until_stopped(run_robot(settings))
     return 0
@@ -55,6 +62,29 @@ def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
     return 0
 
 
+def advise(mission: Path, planner: str, where: str, sign: Path | None, issued: Path | None) -> int:
+    """A planner for robots of the mission, until Ctrl-C or SIGTERM."""
+    scenario = find_scenario(str(mission))
+    if scenario.controller != GUARD:
+        raise UsageError(f"the mission's controller is {scenario.controller}", "controller: guard, which is advised")
+    if (sign is None) != (issued is None):
+        raise UsageError("one of --sign and --key", "both, or neither")
+    signer = AdviceSigner(read_signing_key(sign), read_mission_number(issued)) if sign and issued else None
+    named, signs = scenario.guard.adviser_key, signer.public.hex() if signer else ""
+    if named.lower() != signs:
+        what = "names no adviser_key" if not named else "names another adviser_key" if signs else "names an adviser_key"
+        raise UsageError(
+            f"the mission's guard {what}", "--sign and --key for the key that it names, as phalanx keys has it"
+        )
+    make = find_planner(planner)
+    assert make, "as it is named"
+    adviser = Adviser(make, scenario.goal_m, scenario.robots, signer, lambda: time.monotonic() * 1000)
+    with mistakes_in(planner):
+        words = f"advises robots of {scenario.name} at {where}{', signed' if signer else ''}"
+        run_until_stopped(advise_at(where, adviser, lambda: talk(words)))
+    return 0
+
+
 def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:
     """Its nodes' master key, over their line."""
     settings = read_robot(robot)
@@ -68,6 +98,8 @@ def arena(
     on_air: tuple[str, ...],
     sealed: bool,
     loss: float | None,
+    controller: str | None,
+    planner: str | None,
     keep: Path | None,
     record: Path | None,
     as_json: bool,
@@ -76,7 +108,7 @@ def arena(
     """Robots as processes, summed up on stdout."""
     weather = Weather(**{each.name: said.pop(each.name) for each in fields(Weather)})
     liars = find_attacks(attacks) if attacks else None
-    chosen = sim.changed(find_scenario(scenario), said, attacks=liars)
+    chosen, own = find_controller(controller, sim.changed(find_scenario(scenario), said, attacks=liars))
     if loss is not None:
         chosen = replace(chosen, radio=replace(chosen.radio, loss=loss))
     air = Air(sealed, tuple(parse_on_air(each, chosen.robots) for each in on_air))
@@ -90,8 +122,10 @@ def arena(
             check()
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
+        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "")
         try:
-            field = play_in_arena(chosen, folder, weather, on_step, recording, air)
+            with mistakes_in(controller, planner):
+                field = play_in_arena(chosen, folder, weather, on_step, recording, air, minds)
         except KeyboardInterrupt:
             end_status_line()
             click.echo("stopped", err=True)
@@ -112,6 +146,14 @@ def arena(
             words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late"
             print_rows({"a daemon takes": words})
     return 0
+
+
+def _beside(words: str | None) -> str:
+    """FILE.py:CLASS, or unix:PATH, as it is called from any folder."""
+    kind, colon, rest = str(words).partition(":")
+    if kind in ("unix", "udp"):
+        return f"unix:{Path(rest).resolve()}" if kind == "unix" else str(words)
+    return f"{Path(kind).resolve()}{colon}{rest}"
 
 
 def _folder(keep: Path | None, stack: contextlib.ExitStack) -> Path:
@@ -155,6 +197,7 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
         "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
         "tokens refused": refused or "none",
         "frames refused": ", ".join(f"{why}: {n}" for why, n in state["frames_refused"].items()) or "none",
+        **({"advice": ", ".join(f"{what}: {n}" for what, n in state["advice"].items())} if state["advice"] else {}),
         "log": f"{state['log_bytes']} B, at most {state['log_bytes_max']} B",
         "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
         "latest": str(state["why_late"]) or "no reading by more than half of what is allowed",

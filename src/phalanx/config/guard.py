@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from phalanx.errors import UsageError
 
 from .flock import FARTHEST_M, Box, Disc
-from .parameter import check_limits, check_within, told, within
+from .parameter import check_key, check_limits, check_within, told, within
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
@@ -41,6 +41,11 @@ class GuardConfig:
         3_600_000,
         "who has not been heard for so long is forgotten; robots listen for so long before they first move",
     )
+    adviser_key: str = field(
+        default="",
+        metadata=told("whose advice counts alone: Ed25519, public, 64 hexadecimal digits; without, anybody's"),
+    )
+    mission: int = within(1, 1, 2**32 - 1, "its number, as the mission key has it: advice for another does not count")
     n_max: int = within(24, 1, 1024, "neighbours that a robot remembers")
     state_every: int = within(6, 1, 1000, "broadcast at each so manieth control step")
     period_ms: int = within(250, 20, 10_000, "of control, as in BtiConfig")
@@ -50,6 +55,7 @@ class GuardConfig:
 
     def __post_init__(self) -> None:
         check_limits(self)
+        check_key("adviser_key", self.adviser_key)
         slower = self.speed_mps - 2.0 * self.accel_mps2 * self.delta_ms / 1000
         if slower <= 0.0:
             raise UsageError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import string
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields
 from functools import wraps
@@ -14,6 +15,7 @@ Number = TypeVar("Number", int, float)
 Thing = TypeVar("Thing")
 Made = TypeVar("Made")
 MADE_MOST = 64
+KEY_DIGITS = 64
 
 
 def told(words: str) -> Mapping[str, Any]:
@@ -59,6 +61,12 @@ def made_once(make: Callable[[Thing], Made]) -> Callable[[Thing], Made]:
         return found[1]
 
     return made
+
+
+def check_key(name: str, key: str) -> None:
+    """Nothing, if that is a public Ed25519 key, or "" for nobody's. Raises: UsageError."""
+    if key and not (len(key) == KEY_DIGITS and set(key) <= set(string.hexdigits)):
+        raise UsageError(f"{name} is {key[:KEY_DIGITS]!r}", "64 hexadecimal digits: phalanx keys list")
 
 
 def _words(value: float) -> str:

@@ -16,7 +16,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Coroutine
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -24,11 +24,15 @@ from typing import TYPE_CHECKING, Any, Self
 from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.io.children import die_with_parent
 from phalanx.io.keyring import Keys
+from phalanx.robot.planner import ToGoal
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
+from phalanx.sim.scenarios.own import find_planner, mistakes_in
+from phalanx.sim.scenarios.run import MakeController, adviser
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather
+from .far_planner import check_adviser, is_far
 from .field import Field
 from .on_air import PLAIN_AIR, Air, OnAir
 from .places import STATION, free_ports, lay_out
@@ -53,6 +57,21 @@ NICER = -10
 OnStep = Callable[[Field], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Minds:
+    """What drives robots instead of the mission's controller, and who advises guards.
+
+    `controller` and `planner` are as robots' files name them.
+    """
+
+    make: MakeController | None = None
+    controller: str = ""
+    planner: str = ""
+
+
+OF_THE_MISSION = Minds()
+
+
 class Arena:
     """The world's side of it: answers sensors, moves bodies, carries frames, hears what robots tell of themselves.
 
@@ -60,7 +79,9 @@ class Arena:
         field: the bodies.
     """
 
-    def __init__(self, scenario: Scenario, folder: Path, weather: Weather, air: Air) -> None:
+    def __init__(
+        self, scenario: Scenario, folder: Path, weather: Weather, air: Air, minds: Minds = OF_THE_MISSION
+    ) -> None:
         keys = Keys.new("arena")
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
@@ -84,7 +105,8 @@ class Arena:
             self._is_silent,
             dice,
         )
-        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys, air)
+        own = {"controller": minds.controller, "planner": minds.planner}
+        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys, air, own)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -270,7 +292,8 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         arena.close()
         die_with_parent()
         if os.getppid() == parent:
-            asyncio.run(_until_told(settings, arena.on_air.get(settings.said.robot)))
+            with mistakes_in(settings.said.controller, settings.said.planner):
+                asyncio.run(_until_told(settings, arena.on_air.get(settings.said.robot)))
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
@@ -317,6 +340,7 @@ def play_in_arena(
     on_step: OnStep,
     recording: Recording | None = None,
     air: Air = PLAIN_AIR,
+    minds: Minds = OF_THE_MISSION,
 ) -> Field:
     """The field, at the end of the scenario's time.
 
@@ -324,9 +348,12 @@ def play_in_arena(
     """
     _check(scenario, weather)
     scenario = with_room_for_seals(scenario) if air.sealed else scenario
+    planner = None if is_far(minds.planner) else find_planner(minds.planner or None)
+    if adviser(scenario, minds.make, ToGoal if is_far(minds.planner) else planner):
+        check_adviser(scenario, is_far=is_far(minds.planner))
     program()
-    rehearse(scenario, limits_of(scenario.bti, scenario.radio))
-    arena = Arena(scenario, folder, weather, air)
+    rehearse(scenario, limits_of(scenario.bti, scenario.radio), minds.make)
+    arena = Arena(scenario, folder, weather, air, minds)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:
         _go_first()  # when all is compiled, or that would go before all else too

@@ -124,6 +124,7 @@ class Field(Run):
             "tokens_got",
             "refused",
             "core_share",
+            "advice",
             "longest_ms",
             "why_late",
             "frames_lost",

@@ -21,13 +21,14 @@ from phalanx.errors import UsageError
 from phalanx.io.udp_radio import Radio
 from phalanx.robot.attacks.liar import Liar, lying
 from phalanx.robot.cnode import Actuate, CNode, Transmit
-from phalanx.robot.planner import MakePlanner, Planner, advice_of, overheard
+from phalanx.robot.planner import MakePlanner, Planner, ToGoal, advice_of, overheard
 from phalanx.robot.runtime import Done, Runtime, is_fragment
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of, plan_of
 from phalanx.sim.scenarios.scenario import Scenario
 
 from .driver import Hardware
+from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
 from .lateness import Lateness
 from .trusted import OwnClock
@@ -58,7 +59,7 @@ class Life:
         clock: OwnClock,
         hardware: Hardware,
         radio: Radio,
-        planner: MakePlanner | None = None,
+        planner: MakePlanner | FarPlanner | None = None,
         controller: MakeController | None = None,
         mission: int = 1,
     ) -> None:
@@ -82,8 +83,11 @@ class Life:
         self.fleet.robot["id"] = rob_id
         self._work = make_work(scenario.bti)
         self._controller = controller
-        make = adviser(scenario, controller, planner)
-        self._planner: Planner | None = make(rob_id, scenario.goal_m) if make else None
+        self._far = planner if isinstance(planner, FarPlanner) else None
+        make = adviser(scenario, controller, ToGoal if isinstance(planner, FarPlanner) else planner)
+        if make:
+            check_adviser(scenario, is_far=self._far is not None)
+        self._planner: Planner | None = make(rob_id, scenario.goal_m) if make and not self._far else None
         self.attack: AttackSpec | None = next((x for x in scenario.drawn_attacks() if x.robot == rob_id), None)
         if self.attack:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
@@ -171,8 +175,8 @@ class Life:
         elif self._frames:
             frame, taken = self._frames.popleft(), self._clock.taken
             what, done = "frame", runtime.on_frame(now_ms, frame)
-            if self._planner and self._clock.taken > taken:  # what the a-node refused, nobody heard
-                overheard(self._planner, now_ms, frame)
+            if self._clock.taken > taken:  # what the a-node refused, nobody heard
+                self._overhear(now_ms, frame)
         else:
             wait_ms = min(reads_ms, runtime.due_ms) - now_ms
             self._lateness.did("waiting", wait_ms)
@@ -197,8 +201,17 @@ class Life:
 
     def _read(self, runtime: Runtime, now_ms: int) -> list[Done]:
         reading = self._hardware.sense(now_ms)
-        advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
+        if self._far:
+            advice = self._far.advice(reading)
+        else:
+            advice = advice_of(self._planner, now_ms, reading) if self._planner else b""
         return runtime.on_input(self._clock.now_ms(), reading, advice)
+
+    def _overhear(self, now_ms: int, frame: bytes) -> None:
+        if self._far:
+            self._far.overheard(frame)
+        elif self._planner:
+            overheard(self._planner, now_ms, frame)
 
     def _perform(self, todo: list[Done]) -> None:
         assert self.runtime
@@ -231,6 +244,11 @@ class Life:
         return self._radio.refused
 
     @property
+    def advice(self) -> dict[str, int]:
+        """What came from a planner elsewhere: advice, and rubbish."""
+        return {"taken": self._far.taken, "rubbish": self._far.rubbish} if self._far else {}
+
+    @property
     def core_share(self) -> float:
         """Of a processor core, since the mission began, without the trusted nodes."""
         return (time.process_time() - self._cpu_s) / max(time.monotonic() - self._began_s, 1e-9)
@@ -254,6 +272,8 @@ class Life:
     def close(self) -> None:
         """Radio and driver are closed, and kernels know its nodes no longer."""
         self._lateness.close()
+        if self._far:
+            self._far.close()
         self._radio.close()
         self._hardware.close()
         elsewhere.forget(self._rows)

@@ -6,8 +6,10 @@ import contextlib
 import json
 import socket
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from phalanx.errors import Unavailable
 from phalanx.io.keyring import Keys, pem
@@ -50,8 +52,11 @@ def lay_out(
     clocks: list[tuple[int, int]],
     keys: Keys,
     on_air: Air,
+    own: Mapping[str, str] = MappingProxyType({}),
 ) -> Places:
     """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
+
+    `own` is what all robots' files say beside that; "" is not said.
 
     Raises: Unavailable: no room there.
     """
@@ -84,7 +89,7 @@ def lay_out(
             "clock_ahead_ms": ahead_ms,
             "driver": "arena:.",
             "radio": {"here": f"{LOOPBACK}:{port}", "peers": [air], "frames": frames},
-        }
+        } | {name: words for name, words in own.items() if words}
         path = folder / f"robot-{rob_id}.yaml"
         write_private(path, json.dumps(said, indent=1).encode())
         places.robots.append(read_robot(path))

@@ -24,6 +24,7 @@ from phalanx.sim.scenarios.run import MakeController, with_room
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import Base, make_driver
+from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
 from .life import Life
 from .on_air import HostileRadio, OnAir
@@ -121,8 +122,10 @@ async def run_robot(
         base = make_base(said.robot, scenario, declared) if make_base else None
         hardware = base or make_driver(settings, declared)
         stack.callback(hardware.close)
-        planner: MakePlanner | None = base.planner if base else None
-        if said.planner:
+        planner: MakePlanner | FarPlanner | None = base.planner if base else None
+        if is_far(said.planner):
+            planner = FarPlanner(said.planner, settings.base, scenario, said.robot, sealed.seq)
+        elif said.planner:
             planner = find_planner(str(settings.path(said.planner)))
         clock, ears = OwnClock(air or node), air or radio
         life = Life(scenario, said.robot, clock, hardware, ears, planner, controller, sealed.seq)

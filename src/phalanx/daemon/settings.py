@@ -10,12 +10,14 @@ from phalanx.config.parameter import check_limits, told, within
 from phalanx.config.reader import Reader, schema_of
 from phalanx.config.written import read_at_most
 from phalanx.errors import UsageError, did_you_mean
+from phalanx.io.udp_radio import parsed
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
 NODES = ("process", "serial", "unix", "tcp")
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
 BASES = ("python", "arena", "ros2")
+PLANNER = "FILE.py:CLASS, or where phalanx robot advise listens: unix:PATH or udp:ADDRESS:PORT"
 DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, or ros2 for phalanx robot ros2"
 
 
@@ -55,7 +57,7 @@ class RobotFile:
     controller: str = field(
         default="", metadata=told("FILE.py:CLASS of your own instead of the mission's: the same for all robots")
     )
-    planner: str = field(default="", metadata=told("who advises it if a guard drives it: FILE.py:CLASS; else ToGoal"))
+    planner: str = field(default="", metadata=told(f"who advises it if a guard drives it: {PLANNER}; else ToGoal"))
     driver: str = field(metadata=told(f"what reads its sensors and drives its motors: {DRIVERS}"))
     radio: RadioFile = field(metadata=told("over UDP"))
     folder: str = field(default=".", metadata=told("where it keeps its log and tells of its state"))
@@ -67,6 +69,11 @@ class RobotFile:
             kind = said.partition(":")[0]
             if kind not in kinds:
                 raise UsageError(f"{name} is {said!r}", did_you_mean(kind, kinds) + allowed)
+        kind, _, where = self.planner.partition(":")
+        if kind == "udp":
+            parsed(where)
+        elif self.planner and not kind.endswith(".py") and (kind != "unix" or not where):
+            raise UsageError(f"planner is {self.planner!r}", did_you_mean(kind, ("unix", "udp")) + PLANNER)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ from .private_file import write_private
 
 ROOT_BYTES = 32
 LAST_ROBOT, LAST_MISSION = 2**16 - 1, 2**32 - 1
-SIGNERS = ("missions", "orders", "stops")
+SIGNERS = ("missions", "orders", "stops", "advice")
 
 
 @dataclass(slots=True)
@@ -115,7 +115,7 @@ class Keys:
         self.signers[who] = _new_signer()
 
     def signer(self, who: str) -> Ed25519PrivateKey:
-        """The key that signs missions or orders."""
+        """The key that signs these, one of SIGNERS."""
         return Ed25519PrivateKey.from_private_bytes(self.signers[who])
 
     def public(self, who: str) -> str:
@@ -136,7 +136,8 @@ class Keys:
         try:
             told: dict[str, Any] = json.loads(plain)
             robots = {int(robot): Robot(**about) for robot, about in told["robots"].items()}
-            kept = {"stops": _new_signer().hex()} | told["signers"]  # an earlier version had none for them
+            # An earlier version had none for some.
+            kept = {who: _new_signer().hex() for who in ("stops", "advice")} | told["signers"]
             signers = {who: bytes.fromhex(kept[who]) for who in SIGNERS}
             return cls(str(told["name"]), bytes.fromhex(told["root"]), int(told["missions"]), robots, signers)
         except (ValueError, KeyError, TypeError, AttributeError) as error:

@@ -40,6 +40,18 @@ def read_mission_key(path: Path, robot: int) -> MissionKey:
     return MissionKey(k, r, number, mac)
 
 
+def read_mission_number(path: Path) -> int:
+    """The mission's number in a file of `issued`. Raises: UsageError: it is none; Unavailable."""
+    hint = "phalanx keys issue makes one"
+    try:
+        number = int(json.loads(read_at_most(path, MOST_BYTES, hint))["mission"])
+        if not 1 <= number < 1 << 32:
+            raise ValueError(number)
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise UsageError(f"{path} is no mission key", hint) from error
+    return number
+
+
 def read_board(path: Path, robot: int) -> bytes:
     """The master key in a file of `phalanx keys provision`. Raises: UsageError: it is another robot's, or none."""
     hint = "phalanx keys provision makes one"

@@ -152,7 +152,7 @@ def _connected(family: int, address: str | tuple[str, int]) -> int:
                 if family == socket.AF_INET:
                     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 else:
-                    _check_owner(made)
+                    check_owner(made)
                 return made.detach()
             except (FileNotFoundError, ConnectionRefusedError):
                 if time.monotonic() > until_s:
@@ -160,7 +160,7 @@ def _connected(family: int, address: str | tuple[str, int]) -> int:
                 time.sleep(AGAIN_S)
 
 
-def _check_owner(made: socket.socket) -> None:
+def check_owner(made: socket.socket) -> None:
     """Who listens is us, or root: whoever made the socket first would be given the keys. Raises: PermissionError."""
     _, uid, _ = struct.unpack("3i", made.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
     if uid not in (ROOT, os.geteuid()):

@@ -1,4 +1,7 @@
-"""Who gives orders that robots check: a gateway, or an operator. What robots make of them: controllers/orders.py."""
+"""Who signs what robots check: orders of a gateway or an operator, and advice.
+
+What robots make of them: controllers/orders.py, controllers/bundled/guard.py.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from phalanx.errors import UsageError
 from phalanx.robot.controllers.orders import THRESHOLD_MAX_MM, WAYPOINTS_MAX
+from phalanx.wire import guarded
 from phalanx.wire.driven import (
     EVERYBODY,
     ORDER,
@@ -92,4 +96,23 @@ class Signer:
             action=action,
             body=body,
         )
+        return signed + self._key.sign(signed)
+
+
+class AdviceSigner:
+    """Signs what a planner wishes, for one mission; its key's public part is the guard's `adviser_key`."""
+
+    def __init__(self, key: Ed25519PrivateKey, mission: int) -> None:
+        self._key, self._mission = key, mission
+
+    @property
+    def public(self) -> bytes:
+        """What robots know it by, 32 bytes."""
+        return self._key.public_key().public_bytes_raw()
+
+    def sign(self, robot: int, t_ms: int, wish: bytes) -> bytes:
+        """A `signed_wish` of a `wish`, in answer to the robot's reading of `t_ms`. Source: docs/guard.md."""
+        _, vx_mps, vy_mps = guarded.WISH.form.unpack(wish)
+        form = guarded.SIGNED_WISH.form
+        signed = form.pack(guarded.KIND_SIGNED_WISH, self._mission, robot, t_ms, vx_mps, vy_mps)
         return signed + self._key.sign(signed)

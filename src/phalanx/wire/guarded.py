@@ -5,10 +5,12 @@ Its neighbours are the table's own records `neighbour`.
 
 from __future__ import annotations
 
+from .driven import SIGNATURE_BYTES
 from .record import Field, Record
 
 MARK_ADVICE = 0x85
 KIND_WISH = 0x0C
+KIND_SIGNED_WISH = 0x0F
 ENVELOPE_BYTES = 20
 IS_FRESH = 1
 
@@ -24,6 +26,19 @@ WISH = Record(
     "advice: how a planner wants the robot to move",
     KIND_WISH,
 )
+SIGNED_WISH = Record(
+    "signed_wish",
+    (
+        Field("mission", "u32", "its number, as the mission key has it"),
+        Field("id", "u16", "of the robot that is advised"),
+        Field("t", "u64", "ms, that robot's clock in the reading that is answered"),
+        Field("vx_mps", "f32", "velocity, world frame"),
+        Field("vy_mps", "f32", ""),
+    ),
+    "the same, and then the adviser's Ed25519 signature of all before it, 64 bytes",
+    KIND_SIGNED_WISH,
+)
+SIGNED_BYTES = SIGNED_WISH.size + SIGNATURE_BYTES
 PROMISES = 4  # that a robot remembers
 PROMISE = Record(
     "promise",
@@ -42,8 +57,10 @@ GUARD_MEMORY = Record(
         Field("ay_mps2", "f32", ""),
         Field("vx_mps", "f32", "the last wish, no faster than the envelope"),
         Field("vy_mps", "f32", ""),
-        Field("fresh", "u8", "1: the wish came after the last INPUT"),
-        Field("wished", "u64", "ms, s-node's clock at the first INPUT behind the wish; 0: none yet"),
+        Field("fresh", "u8", "1: the wish came after the last INPUT; of signed ones, one was looked at since"),
+        Field(
+            "wished", "u64", "ms, s-node's clock at the first INPUT behind the wish, or as it is signed; 0: none yet"
+        ),
         Field("stands", "u64", "ms, until when it stands still whatever is wished"),
         Field("promises", f"b{PROMISES * PROMISE.size}", "four records promise"),
         Field("count", "u16", "of neighbours"),

@@ -48,7 +48,7 @@ def provision() -> None:
 @keys.command(epilog="Example: phalanx keys issue lab.keys --out mission.json")
 @file_argument
 @out_option("The mission key, sealed for each robot: nobody but their nodes can read it.")
-@option("--rotate", is_flag=True, help="And sign orders and stops with new keys from now on.")
+@option("--rotate", is_flag=True, help="And sign orders, stops and advice with new keys from now on.")
 @passphrase_option
 @runs("keys", "issue")
 def issue() -> None:
@@ -61,7 +61,7 @@ def issue() -> None:
 @passphrase_option
 @click.pass_context
 def rotate(context: click.Context, /, **said: Any) -> None:
-    """Issue the next mission's key, and sign orders and stops with new keys: as issue --rotate."""
+    """Issue the next mission's key, and sign orders, stops and advice with new keys: as issue --rotate."""
     context.invoke(issue, rotate=True, **said)
 
 
@@ -85,13 +85,13 @@ def list_() -> None:
 
 @keys.command(epilog="Example: phalanx keys export lab.keys missions --out operator.pem")
 @file_argument
-@click.argument("signer", type=click.Choice(["missions", "orders", "stops"]))
+@click.argument("signer", type=click.Choice(["missions", "orders", "stops", "advice"]))
 @out_option("PEM; mission build --sign-key takes it, and mission verify --trust the public one.")
 @option("--public", is_flag=True, help="What checks signatures, instead of what makes them.")
 @passphrase_option
 @runs("keys", "export")
 def export() -> None:
-    """Write the key that signs missions, a gateway's orders, or an operator's stops."""
+    """Write the key that signs missions, a gateway's orders, an operator's stops, or a planner's advice."""
 
 
 @keys.command(epilog="Example: phalanx keys passphrase lab.keys")

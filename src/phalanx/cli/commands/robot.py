@@ -36,6 +36,17 @@ def ros2() -> None:
     """Run the robot in ROBOT.yaml, a guard between cmd_vel_raw and cmd_vel of ROS 2. Needs phalanx-swarm[ros2]."""
 
 
+@robot.command(epilog="Example: phalanx robot advise mission.yaml planner.py:Home unix:advice")
+@click.argument("mission", type=FILE)
+@click.argument("planner", metavar="PLANNER.py:CLASS")
+@click.argument("where", metavar="unix:PATH|udp:ADDRESS:PORT")
+@option("--sign", type=FILE, metavar="ADVICE.pem", help="The key that the mission's adviser_key checks.")
+@option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --sign.")
+@runs("robot", "advise")
+def advise() -> None:
+    """Run a planner as a process of its own, for robots whose file says planner: and where it listens."""
+
+
 @robot.command(epilog="Example: phalanx robot provision robot-3.yaml lab.keys; phalanx keys create makes the latter")
 @robot_argument
 @click.argument("keys", type=FILE)
@@ -75,6 +86,12 @@ def provision() -> None:
 @option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="When.")
 @option(
     "--clock-ppm", type=int, default=0, metavar="PPM", help="Each robot's clock runs fast or slow by up to so much."
+)
+@controller_option
+@option(
+    "--planner",
+    metavar="FILE.py:CLASS|unix:PATH|udp:ADDRESS:PORT",
+    help="Who advises robots that the guard drives: a class, or where phalanx robot advise listens.",
 )
 @option(
     "--keep",

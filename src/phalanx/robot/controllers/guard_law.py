@@ -24,6 +24,7 @@ from .declaration import Params
 # Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
 Motion: TypeAlias = tuple[float, float, float, float, float, float]
 # Places in the parameters; the envelope's hash follows, a byte each, then walls of four numbers, and discs of three.
+# Where the mission names an adviser, its number and his key, a byte each, are the last.
 N_MAX, FORGET_MS, STATE_EVERY, ADVICE_MS, RADIO_MS = 0, 1, 2, 3, 4
 SPEED, WISHED, ACCEL, APART, CLEAR = 5, 6, 7, 8, 9
 PERIOD_S, LATE_S, HELD_S, PROMISE_MS, WALLS, DISCS = 10, 11, 12, 13, 14, 15
@@ -39,7 +40,7 @@ STILL_MPS = 1e-3
 
 
 def guard_params(config: GuardConfig) -> Params:
-    """The mission's parameters as kernels read them: 16 numbers, the SHA-1 of all the others, walls, discs.
+    """The mission's parameters as kernels read them: 16 numbers, the SHA-1 of all the others, walls, discs, adviser.
 
     A command is in force for the period at least, and until the next one is: both readings may be δ off their grid, and
     the next command δ late. Wishes are slower than the envelope by what a late command can add.
@@ -65,8 +66,17 @@ def guard_params(config: GuardConfig) -> Params:
     head += [len(walls), len(config.discs)]
     rest = [number for wall in walls for number in wall]
     rest += [number for disc in config.discs for number in (disc.x_m, disc.y_m, disc.radius_m)]
+    if config.adviser_key:
+        rest += [config.mission, *bytes.fromhex(config.adviser_key)]
     digest = hashlib.sha1(np.array([*head, *rest], LITTLE_ENDIAN).tobytes(), usedforsecurity=False).digest()
     return np.array([*head, *digest, *rest], dtype=np.float64)
+
+
+@kernel
+def adviser_at(params: Params) -> int:
+    """Where the adviser is in the parameters: the mission's number, and behind it his key; 0 if none is named."""
+    at = OBSTACLES + 4 * whole(params[WALLS]) + 3 * whole(params[DISCS])
+    return at if at < params.size else whole(0)
 
 
 @kernel

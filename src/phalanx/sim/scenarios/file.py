@@ -30,7 +30,7 @@ SIZES = {"advice_bytes", "reading_bytes", "command_bytes", "state_bytes", "evide
 DERIVED: Derived = {
     BtiConfig: frozenset({"n_max", *SIZES}),
     AttackSpec: frozenset({"own"}),
-    GuardConfig: frozenset({"n_max", "state_every", "period_ms", "delta_ms", "discs", "boxes"}),
+    GuardConfig: frozenset({"mission", "n_max", "state_every", "period_ms", "delta_ms", "discs", "boxes"}),
     FlockConfig: frozenset({"goal_m", "d_m", "n_max", "state_every", "discs", "boxes"}),
 }
 

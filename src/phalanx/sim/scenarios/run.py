@@ -59,7 +59,9 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
                 operator_key=bytes.fromhex(scenario.operator_key),
             )
         )
-    return bundled.params(scenario.guard if bundled.config is GuardConfig else _bounded_flock(scenario))
+    if bundled.config is GuardConfig:
+        return bundled.params(replace(scenario.guard, mission=mission))
+    return bundled.params(_bounded_flock(scenario))
 
 
 def _bounded_flock(scenario: Scenario) -> FlockConfig:
@@ -137,6 +139,8 @@ class Run:
         cores: int = 1,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
+        if not self.has_station:  # planners in a simulation sign nothing
+            scenario = replace(scenario, guard=replace(scenario.guard, adviser_key=""))
         scenario, controller, self.stage = _on_stage(scenario, controller)
         self.scenario = scenario = with_room(scenario, controller)
         n = scenario.robots

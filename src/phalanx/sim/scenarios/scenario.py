@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import string
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral
@@ -15,13 +14,14 @@ from phalanx.config.bti import NEIGHBOUR_BYTES
 from phalanx.config.defence import DEFENCES, Defence
 from phalanx.config.flock import FARTHEST_M, Box, Disc, FlockConfig
 from phalanx.config.guard import GuardConfig
-from phalanx.config.parameter import check_limits, check_within, told, within
+from phalanx.config.parameter import check_key, check_limits, check_within, told, within
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.robot.attacks.library import IN_SWARMS
 from phalanx.robot.controllers.declaration import bundled
 from phalanx.robot.controllers.protocol import Task, protocols
-from phalanx.wire.guarded import GUARD_MEMORY, WISH
+from phalanx.wire.driven import SIGNER_KEY_BYTES
+from phalanx.wire.guarded import GUARD_MEMORY, SIGNED_BYTES, WISH
 
 from .attack_spec import LONGEST_S, AttackSpec
 
@@ -38,7 +38,6 @@ CLOSER, SPARE = 1.5, 4
 ROWS = ("line", "ring")  # one robot behind the other
 # A robot's log has room for orders, and for what all are told: as much as this many neighbours would say.
 ORDERS_AS_NEIGHBOURS = 40
-KEY_DIGITS = 64
 MOST_AREA_M = 65.0  # a waypoint is 16 bits of millimetres
 
 
@@ -125,9 +124,15 @@ class Scenario:
     def _agree(self) -> None:
         n_max = self._neighbours() if self.n_max is None else self.n_max
         guarded = self.controller == GUARD
-        bti = replace(self.bti, n_max=n_max, advice_bytes=WISH.size if guarded else 0)
+        bti = replace(self.bti, n_max=n_max, advice_bytes=0)
         if guarded:
-            bti = replace(bti, state_bytes=GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max)
+            signed = bool(self.guard.adviser_key)
+            key_bytes = SIGNER_KEY_BYTES * signed  # behind what a guard remembers
+            bti = replace(
+                bti,
+                advice_bytes=SIGNED_BYTES if signed else WISH.size,
+                state_bytes=GUARD_MEMORY.size + NEIGHBOUR_BYTES * n_max + key_bytes,
+            )
         object.__setattr__(self, "bti", bti)
         object.__setattr__(self, "flock", self._flock(bti))
         if guarded:
@@ -247,9 +252,7 @@ class Scenario:
 
     def _check_driven(self) -> None:
         for name in ("gateway_key", "operator_key"):
-            key = getattr(self, name)
-            if key and not (len(key) == KEY_DIGITS and set(key) <= set(string.hexdigits)):
-                raise UsageError(f"{name} is {key[:KEY_DIGITS]!r}", "64 hexadecimal digits: phalanx keys list")
+            check_key(name, getattr(self, name))
         for side_m in self.area_m:
             check_within("area_m", side_m, 0.2, MOST_AREA_M)
 

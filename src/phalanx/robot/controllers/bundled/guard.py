@@ -7,7 +7,8 @@ guard over it, and whatever it says the command is inside the envelope.
 
 It tries the wish, then smaller shares of it, and brakes if none leaves room and keeps what it promised. It stands still
 
-- when advice is too old, or was never given, or is no finite velocity: such advice is none at all;
+- when advice is too old, or was never given, or is no finite velocity: such advice is none at all; nor is any that is
+  not signed by whom the mission names, if it names one;
 - for the first `forget_ms`, to hear who is there;
 - for `forget_ms` after it has heard a robot where that robot cannot have got to since it was heard last, for then
   somebody speaks in another's name; or more robots than it can remember.
@@ -22,12 +23,13 @@ from __future__ import annotations
 
 import math
 
+from phalanx.bti import trusted
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import guard_law, neighbours, promises
 from phalanx.robot.controllers.declaration import Declaration, Params
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.wire import guarded, table
+from phalanx.wire import driven, guarded, table
 from phalanx.wire.fields import (
     F32_BYTES,
     Row,
@@ -35,6 +37,7 @@ from phalanx.wire.fields import (
     copy,
     get_f32,
     get_u16,
+    get_u32,
     get_u64,
     put_f32,
     put_u64,
@@ -58,7 +61,9 @@ ID = table.STATE.at("id")  # as in the other two
 MOTION = table.STATE.at("x_m")  # position and velocity, as in the reading
 SENSED_X, SENSED_Y, SENSED_VX, SENSED_VY = map(table.SENSOR.at, ("x_m", "y_m", "vx_mps", "vy_mps"))
 AX, AY = map(table.ACCELERATION.at, ("ax_mps2", "ay_mps2"))
-WISH_X, WISH_Y = map(guarded.WISH.at, ("vx_mps", "vy_mps"))
+WISH_X = guarded.WISH.at("vx_mps")
+SIGNED_BYTES = guarded.SIGNED_BYTES
+SIGNED_MISSION, SIGNED_ID, SIGNED_T, SIGNED_X = map(guarded.SIGNED_WISH.at, ("mission", "id", "t", "vx_mps"))
 VELOCITY_X, VELOCITY_Y = map(table.STATE.at, ("vx_mps", "vy_mps"))  # in a broadcast what is promised
 PLACE_BYTES = VELOCITY_X - MOTION
 NUMBERS = (STATE_BYTES - MOTION) // F32_BYTES
@@ -77,7 +82,12 @@ ROUNDED_M = 0.13
 
 @kernel
 def capacity(params: Params) -> int:
-    """The longest that a state gets, bytes: what its row must hold."""
+    """What a state's row must hold, bytes: the longest state, and behind it an adviser's key if there is one."""
+    return _longest(params) + (driven.SIGNER_KEY_BYTES if guard_law.adviser_at(params) > 0 else 0)
+
+
+@kernel
+def _longest(params: Params) -> int:
     return HEAD_BYTES + EACH_BYTES * whole(params[guard_law.N_MAX])
 
 
@@ -102,7 +112,7 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
     The other kernels believe their state: a count too high would have them read and write past its row.
     """
-    if length < HEAD_BYTES or length != size(state) or length > capacity(params):
+    if length < HEAD_BYTES or length != size(state) or length > _longest(params):
         return False
     if not are_fine(state, OLD_X, REMEMBERED) or state[FRESH] > guarded.IS_FRESH:
         return False
@@ -118,15 +128,45 @@ def is_encoding(params: Params, rob_id: int, state: Row, length: int) -> bool:
 
 
 @kernel
-def on_advice(params: Params, _rob_id: int, advice: Row, length: int, state: Row) -> int:
-    """A wish is remembered, anything else ignored; the new length of the encoding."""
-    if length != WISH_BYTES or advice[0] != guarded.KIND_WISH or not are_fine(advice, WISH_X, WISH_NUMBERS):
+def on_advice(params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
+    """A wish is remembered, anything else ignored; the new length of the encoding.
+
+    Where the mission names an adviser it has to be his, newer than the last, and the first since the last reading: so
+    that nobody has auditors look at signatures all day.
+    """
+    at, adviser = WISH_X, guard_law.adviser_at(params)
+    if adviser > 0:
+        at = SIGNED_X
+        if length != SIGNED_BYTES or not _is_signed(params, adviser, rob_id, advice, length, state):
+            return size(state)
+    elif length != WISH_BYTES or advice[0] != guarded.KIND_WISH:
         return size(state)
-    x, y = guard_law.shortened(get_f32(advice, WISH_X), get_f32(advice, WISH_Y), params[guard_law.WISHED])
+    if not are_fine(advice, at, WISH_NUMBERS):
+        return size(state)
+    x, y = guard_law.shortened(get_f32(advice, at), get_f32(advice, at + F32_BYTES), params[guard_law.WISHED])
     put_f32(state, WISHED_X, x)
     put_f32(state, WISHED_Y, y)
-    state[FRESH] = guarded.IS_FRESH
+    if adviser > 0:
+        put_u64(state, WISHED, get_u64(advice, SIGNED_T))
+    else:
+        state[FRESH] = guarded.IS_FRESH
     return size(state)
+
+
+@kernel
+def _is_signed(params: Params, adviser: int, rob_id: int, advice: Row, length: int, state: Row) -> bool:
+    """Whether it is for this robot on this mission, not looked at since the last reading, new, and the adviser's."""
+    if advice[0] != guarded.KIND_SIGNED_WISH or state[FRESH] == guarded.IS_FRESH:
+        return False
+    if get_u32(advice, SIGNED_MISSION) != whole(params[adviser]) or get_u16(advice, SIGNED_ID) != rob_id:
+        return False
+    if get_u64(advice, SIGNED_T) <= get_u64(state, WISHED):
+        return False
+    state[FRESH] = guarded.IS_FRESH
+    key = _longest(params)  # where no state gets
+    for k in range(driven.SIGNER_KEY_BYTES):
+        state[key + k] = whole(params[adviser + 1 + k])
+    return trusted.order_check(state[key : key + driven.SIGNER_KEY_BYTES], advice, length) == 0
 
 
 @kernel
@@ -177,7 +217,8 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
         put_u64(state, STANDS, t_ms + forget_ms)
     if state[FRESH] == guarded.IS_FRESH:
         state[FRESH] = 0
-        put_u64(state, WISHED, t_ms)
+        if guard_law.adviser_at(params) == 0:
+            put_u64(state, WISHED, t_ms)
     ax, ay, said = 0.0, 0.0, whole(0)
     known = length == SENSOR_BYTES and reading[0] == table.KIND_SENSOR and get_u16(reading, ID) == rob_id
     known = known and are_fine(reading, MOTION, NUMBERS)
@@ -210,7 +251,7 @@ def _put_velocity(out: Row, at: int, x: float, y: float) -> None:
 def _wished(params: Params, t_ms: int, state: Row) -> tuple[float, float]:
     """The wish that counts now; (0, 0) if there is none."""
     wished = get_u64(state, WISHED)
-    if wished == 0 or t_ms - wished > whole(params[guard_law.ADVICE_MS]):
+    if wished == 0 or not 0 <= t_ms - wished <= whole(params[guard_law.ADVICE_MS]):
         return 0.0, 0.0
     return get_f32(state, WISHED_X), get_f32(state, WISHED_Y)
 

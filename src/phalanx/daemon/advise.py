@@ -1,0 +1,153 @@
+"""A planner for robots whose daemons are elsewhere: `phalanx robot advise`. What robots send may be anything."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import stat
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+
+from phalanx.errors import Unavailable, UsageError
+from phalanx.io.udp_radio import parsed
+from phalanx.robot.adviser import MOST_BYTES, Adviser
+
+from .far_planner import HINT
+
+MOST_LINKS = 256
+AT_ONCE = 32  # packets of one, before others have their turn
+
+
+async def advise(where: str, adviser: Adviser, ready: Callable[[], None]) -> None:
+    """Robots that ask at `where` are advised until this is cancelled; `ready` is called when they may.
+
+    Raises: UsageError: no such address; Unavailable: it cannot listen there. What a planner raises ends it.
+    """
+    loop = asyncio.get_running_loop()
+    failed: asyncio.Future[None] = loop.create_future()
+    server = _Server(adviser, loop, failed)
+    with _listening(where) as listens:
+        loop.add_reader(listens, server.came if listens.family == socket.AF_UNIX else server.said, listens)
+        ready()
+        try:
+            await failed
+        finally:
+            loop.remove_reader(listens)
+            server.close()
+
+
+class _Server:
+    def __init__(self, adviser: Adviser, loop: asyncio.AbstractEventLoop, failed: asyncio.Future[None]) -> None:
+        self._adviser, self._loop, self._failed = adviser, loop, failed
+        self._links: set[socket.socket] = set()
+
+    def came(self, listens: socket.socket) -> None:
+        """A robot connects."""
+        with contextlib.suppress(OSError):
+            link, _ = listens.accept()
+            if len(self._links) >= MOST_LINKS:
+                link.close()
+                return
+            link.setblocking(False)
+            self._links.add(link)
+            self._loop.add_reader(link, self._heard, link)
+
+    def _heard(self, link: socket.socket) -> None:
+        for _ in range(AT_ONCE):
+            try:
+                packet = link.recv(MOST_BYTES + 1)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if not packet:
+                self._forget(link)
+                return
+            if answer := self._answer(link, "", packet):
+                with contextlib.suppress(OSError):
+                    link.send(answer)
+
+    def said(self, listens: socket.socket) -> None:
+        """Something comes over UDP."""
+        for _ in range(AT_ONCE):
+            try:
+                packet, whose = listens.recvfrom(MOST_BYTES + 1)
+            except OSError:
+                return
+            if answer := self._answer(whose, whose[0], packet):
+                with contextlib.suppress(OSError):
+                    listens.sendto(answer, whose)
+
+    def _answer(self, who: Hashable, host: str, packet: bytes) -> bytes:
+        try:
+            return self._adviser.answer(who, host, packet)
+        except Exception as error:  # noqa: BLE001 - a planner's mistake is told by whoever runs us
+            if not self._failed.done():
+                self._failed.set_exception(error)
+            return b""
+
+    def _forget(self, link: socket.socket) -> None:
+        self._loop.remove_reader(link)
+        self._links.discard(link)
+        link.close()
+
+    def close(self) -> None:
+        """Nobody is advised any more."""
+        for link in [*self._links]:
+            self._forget(link)
+
+
+@contextlib.contextmanager
+def _listening(where: str) -> Iterator[socket.socket]:
+    kind, _, at = where.partition(":")
+    if kind == "udp":
+        with _at_address(at) as made:
+            made.setblocking(False)
+            yield made
+    elif kind == "unix" and at:
+        with _at_path(Path(at)) as made:
+            made.setblocking(False)
+            try:
+                yield made
+            finally:
+                Path(at).unlink(missing_ok=True)
+    else:
+        raise UsageError(f"{where} is nowhere to listen", HINT)
+
+
+def _at_path(path: Path) -> socket.socket:
+    with contextlib.suppress(OSError):
+        if stat.S_ISSOCK(path.lstat().st_mode) and not _answers(path):
+            path.unlink()  # one that was killed left it
+    made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    before = os.umask(0o177)  # for its owner alone
+    try:
+        made.bind(str(path))
+        made.listen(MOST_LINKS)
+    except OSError as error:
+        made.close()
+        raise Unavailable(
+            f"cannot listen at {path}: {error.strerror or error}", "another path, of a short name"
+        ) from error
+    finally:
+        os.umask(before)
+    return made
+
+
+def _answers(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
+        return probe.connect_ex(str(path)) == 0
+
+
+def _at_address(at: str) -> socket.socket:
+    host, port = parsed(at)
+    made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        made.bind((host, port))
+    except OSError as error:
+        made.close()
+        raise Unavailable(f"cannot listen at {at}: {error.strerror}", "another address of this machine's") from error
+    return made

@@ -1,0 +1,150 @@
+"""A planner in another process: it is sent what the robot senses and hears, and its advice is taken when it has come.
+
+Nothing here waits: one that hangs, floods, says rubbish or is gone costs the robot some system calls a reading, and the
+guard brakes when its last advice is old. Packets are records of the byte table, one a datagram.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import socket
+from pathlib import Path
+
+import numpy as np
+
+from phalanx.bti import trusted
+from phalanx.errors import UsageError
+from phalanx.io.serial_line import check_owner
+from phalanx.io.udp_radio import parsed
+from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.wire import guarded
+from phalanx.wire.fields import row
+from phalanx.wire.table import KIND_STATE, STATE
+
+log = logging.getLogger(__name__)
+
+PLANNERS = ("unix", "udp")
+HINT = "unix:PATH or udp:ADDRESS:PORT of phalanx robot advise"
+MOST_AT_ONCE = 32  # packets that are taken at a reading: the newest counts
+PACKET_BYTES = guarded.SIGNED_BYTES + 1
+
+
+class FarPlanner:
+    """Who advises robot `rob_id` at `where`; a path is relative to `folder`.
+
+    Attributes:
+        taken, rubbish: packets that were advice, and that were none, or another's.
+    Raises: UsageError: no such address.
+    """
+
+    def __init__(self, where: str, folder: Path, scenario: Scenario, rob_id: int, mission: int) -> None:
+        kind, _, self._at = where.partition(":")
+        self._path = folder / self._at if kind == "unix" else None
+        self._address = None if self._path else parsed(self._at)
+        self._id, self._mission = rob_id, mission
+        self._key = row(bytes.fromhex(scenario.guard.adviser_key)) if scenario.guard.adviser_key else None
+        self._advised_ms = -1  # the date of the newest that was signed
+        self.taken = self.rubbish = 0
+        self._socket: socket.socket | None = None
+        self._was_there = True
+        # Called once, as it may compile.
+        trusted.order_check(np.zeros(32, np.uint8), np.zeros(64, np.uint8), 64)
+        if self._address and self._key is None and not ipaddress.ip_address(self._address[0]).is_loopback:
+            log.warning(
+                "robot %d: nothing tells who advises it at %s: adviser_key in the mission's guard", rob_id, where
+            )
+
+    def advice(self, reading: bytes) -> bytes:
+        """The newest advice that has come, b"" for none; and the planner is sent the reading."""
+        newest = b""
+        for _ in range(MOST_AT_ONCE):
+            if not (packet := self._receive()):
+                break
+            if self._is_advice(packet):
+                newest = packet
+                self.taken += 1
+            else:
+                self.rubbish += 1
+        self._send(reading)
+        return newest
+
+    def overheard(self, frame: bytes) -> None:
+        """The planner is sent a broadcast, if it is one of where a robot is."""
+        if len(frame) == STATE.size and frame[0] == KIND_STATE:
+            self._send(frame)
+
+    def close(self) -> None:
+        """Nobody is asked any more."""
+        if self._socket:
+            self._socket.close()
+        self._socket = None
+
+    def _is_advice(self, packet: bytes) -> bool:
+        """Whether it is advice for this robot: what is not, is not even logged."""
+        if self._key is None:
+            return len(packet) == guarded.WISH.size and packet[0] == guarded.KIND_WISH
+        if len(packet) != guarded.SIGNED_BYTES or packet[0] != guarded.KIND_SIGNED_WISH:
+            return False
+        _, mission, rob_id, t_ms, *_ = guarded.SIGNED_WISH.form.unpack(packet[: guarded.SIGNED_WISH.size])
+        if (mission, rob_id) != (self._mission, self._id) or t_ms <= self._advised_ms:
+            return False
+        if trusted.order_check(self._key, row(packet), len(packet)) != 0:
+            return False
+        self._advised_ms = t_ms
+        return True
+
+    def _receive(self) -> bytes:
+        if not self._socket:
+            return b""
+        try:
+            packet = self._socket.recv(PACKET_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:  # over UDP: nobody listened there when we spoke
+            packet = b""
+        if not packet and self._path:
+            self.close()
+        return packet
+
+    def _send(self, packet: bytes) -> None:
+        if not self._socket and not self._connect():
+            return
+        assert self._socket
+        try:
+            self._socket.send(packet)
+        except BlockingIOError:  # it takes nothing: it will be sent the next
+            return
+        except OSError:
+            if self._path:
+                self.close()
+
+    def _connect(self) -> bool:
+        if self._address:
+            made = socket.socket(socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET, socket.SOCK_DGRAM)
+        else:
+            made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        made.setblocking(False)
+        try:
+            made.connect(self._address or str(self._path))
+            if self._path:
+                check_owner(made)
+        except OSError as error:
+            made.close()
+            if self._was_there:
+                log.warning("robot %d: nobody advises it at %s: %s", self._id, self._at, error.strerror)
+            self._was_there = False
+            return False
+        self._socket, self._was_there = made, True
+        return True
+
+
+def check_adviser(scenario: Scenario, *, is_far: bool) -> None:
+    """Nothing, if its robots' planner can sign. Raises: UsageError: it names an adviser, and the planner is not far."""
+    if scenario.guard.adviser_key and not is_far:
+        raise UsageError("a mission that names an adviser, and a planner of the robot's own", f"planner: {HINT}")
+
+
+def is_far(words: str) -> bool:
+    """Whether the planner of that name is another process."""
+    return words.partition(":")[0] in PLANNERS
