@@ -194,7 +194,9 @@ class TestLimit:
         with pytest.raises(Unavailable, match=r"has not answered call_poll within 0\.3 s$"):
             board.ask(lines.SEND, frame=b"\1x")
 
-    def test_who_says_nothing_but_rubbish_has_not_answered(self):
+    def test_who_says_nothing_but_rubbish_has_not_answered(self, monkeypatch):
+        monkeypatch.setattr("phalanx.io.serial_node.BEGINS_TIMEOUT_S", 0.2)
+
         class Rubbish(SerialLine):
             def __init__(self):
                 self.where, self.process, self.byte_s = "there", None, 0.0
