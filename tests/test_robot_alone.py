@@ -19,29 +19,35 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ordered import MISSION, PUBLIC, order, wheels_order
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
-from phalanx.daemon import kept_log, rehearsal
+from phalanx.daemon import kept_log, rehearsal, signers
 from phalanx.daemon import run as daemon_run
+from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness
 from phalanx.daemon.life import Life
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
+from phalanx.daemon.signers import NOBODY, signed_in
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.scorecard.card import write_csv
+from phalanx.experiments.table import Head, TableFile
 from phalanx.io import serial_line
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import UdpRadio, parsed
 from phalanx.sim.audited.setup import limits_of
+from phalanx.sim.recorder import Recorder
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.scenario import Scenario
-from phalanx.wire.table import BOARD, FRAME_MAX
+from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
+from phalanx.wire.table import BOARD, ENTRY, ENTRY_RECV, FRAME_MAX
 
 ROBOT = """robot: 3
 mission: flock-12
@@ -231,6 +237,44 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
     assert "cannot write" in cannot_write
 
 
+def a_log(*frames):
+    """A driven robot's, to whom these were said, a second apart."""
+    told = [ENTRY.encode(type=ENTRY_RECV, t=1000 * n, payload=each) for n, each in enumerate(frames, 1)]
+    scenario = Scenario(
+        robots=2,
+        controller="wheels",
+        grid_step_m=0.6,
+        gateway_key=PUBLIC[GATEWAY].hex(),
+        operator_key=PUBLIC[OPERATOR].hex(),
+    )
+    return Kept(1, MISSION, 500, scenario, b"".join(told))
+
+
+def test_who_said_what_a_robot_was_told_is_named_and_what_nobody_signed_as_well(monkeypatch):
+    stop = order(0, 0, TELL_STOP, who=OPERATOR)
+    forged = wheels_order(1, 3, 1, 1, key=OPERATOR)  # in the gateway's name
+    strange = order(1, 1, 0, who=9, key=GATEWAY)
+    frames = [
+        wheels_order(1, 1, 50, 50),
+        stop,
+        stop,
+        wheels_order(1, 2, 60, 60),
+        forged,
+        strange,
+        b"",
+        b"\x04",
+        stop[:80],
+    ]
+    found = {each.signer: each for each in signed_in(a_log(*frames))}
+    assert set(found) == {"gateway", "operator", NOBODY}
+    gateway = found["gateway"]
+    assert (gateway.count, gateway.first_s, gateway.last_s) == (2, 0.5, 3.5)
+    assert gateway.key == PUBLIC[GATEWAY].hex()
+    assert (found["operator"].count, found[NOBODY].count, found[NOBODY].key) == (1, 2, "")
+    monkeypatch.setattr(signers, "MOST_LOOKS", 2)
+    assert [(each.signer, each.count) for each in signed_in(a_log(*frames))][2:] == [(signers.UNKNOWN, 3)]
+
+
 def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback(tmp_path, capsys):
     robot(tmp_path)
     state = {"pid": os.getpid(), "told_s": 0, "robot": 3, "mission": 7, "scenario": "x\x1b]0;y\x07", "lived_s": 1.0}
@@ -262,6 +306,18 @@ def test_a_link_that_somebody_laid_is_not_followed(tmp_path, write):
     write(tmp_path / "table.csv")
     assert (tmp_path / "theirs").read_text() == "old"
     assert not (tmp_path / "table.csv").is_symlink()
+
+
+def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
+    (tmp_path / "theirs").write_text("old")
+    (tmp_path / "run.mcap").symlink_to("theirs")
+    for grows in (
+        Recorder(tmp_path / "run.mcap"),
+        TableFile(tmp_path / "run.mcap", Head(figure="fig", columns=("a",), origin={})),
+    ):
+        with pytest.raises(Unavailable, match=r"cannot write .*run\.mcap"):
+            grows.__enter__()
+    assert (tmp_path / "theirs").read_text() == "old"
 
 
 @pytest.mark.parametrize("words", ["", "1.2.3.4", "host:5", "1.2.3.4:0", "1.2.3.4:65536", "[::1", "1.2.3.4:٣", ":5"])

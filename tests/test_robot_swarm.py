@@ -23,6 +23,7 @@ from phalanx.daemon.gateway_node import GatewayNode, gateway_limits
 from phalanx.daemon.proofs import mac_of, unsealed
 from phalanx.daemon.run import mission_of
 from phalanx.daemon.settings import read_robot
+from phalanx.daemon.signers import NOBODY, signed_in
 from phalanx.daemon.swarm import LAST_TIMES, YEAR_MS, RobotSwarm
 from phalanx.daemon.swarm_file import read_swarm
 from phalanx.daemon.trusted import program
@@ -322,6 +323,27 @@ class TestSwarm:
             with pytest.raises(Unknown):
                 swarm.compromise(first.address, "hijack")
 
+    def test_true_tokens_that_were_held_back_show_nobody_as_protected_for_longer(self, protected, robots):
+        file, key = protected
+        with gateway(file) as swarm:
+            for which in (0, 1):
+                robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
+            claims(robots, 1, 2, HCKPT)
+
+            def left_s(t, red):
+                vouches(robots, 0, key, 1, 2, t, HCKPT)
+                robots.say(0, WHEELS_STATE.encode(id=1, **STATE | {"red": red}))  # behind it
+                soon(lambda: len(swarm.robots()) == 2 and swarm.robots()[0].led.red == red)
+                return sum(left_s for _, left_s in swarm.shields()[1].vouchers)
+
+            began_s = time.monotonic()
+            assert left_s(50_000, 10) > 1
+            time.sleep(1.2)
+            # Its robot asked for it soon after the first, and it is shown now: as its nodes do, we count from then.
+            assert 0 < left_s(50_100, 20) <= 2.5 - 1.1
+            new = 50_000 + int(1000 * (time.monotonic() - began_s))
+            assert left_s(new, 30) > 1.5
+
     def test_no_seal_is_older_than_one_of_a_start_before(self, protected, robots):
         file, _ = protected
         file.write_text(json.dumps(json.loads(file.read_text()) | {"frames": "sealed"}))
@@ -419,5 +441,12 @@ async def test_a_phone_drives_processes_and_the_operator_stops_them_all(tmp_path
     assert summary["correct_in_safe_mode"] == []
     # Whoever has the log can tell who ordered what: with another mission's keys or number it is no honest robot's.
     log = read_kept(kept / "robot-2.log")
+    said = {each.signer: each for each in signed_in(log)}
+    assert set(said) == {"gateway", "operator"}
+    assert said["gateway"].key == log.scenario.gateway_key
+    assert said["gateway"].count > 5, "a beacon a second, and a route"
+    assert 0 < said["operator"].first_s <= said["operator"].last_s < 60
+    other = replace(log, scenario=replace(log.scenario, operator_key=log.scenario.gateway_key))
+    assert {each.signer for each in signed_in(other)} == {"gateway", NOBODY}
     assert log.first_lie() is None
     assert replace(log, mission=log.mission + 1).first_lie().refusal == Refusal.OUTPUT_WRONG

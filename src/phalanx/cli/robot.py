@@ -6,7 +6,7 @@ import contextlib
 import json
 import tempfile
 import time
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from phalanx.daemon.proofs import Proven, mission_key_of, proven
 from phalanx.daemon.run import provision as give_master_key
 from phalanx.daemon.run import run_robot
 from phalanx.daemon.settings import read_robot, robot_schema
+from phalanx.daemon.signers import signed_in
 from phalanx.daemon.state import is_running, told
 from phalanx.errors import UsageError
 from phalanx.io.mission_key import read_mission_number
@@ -242,6 +243,7 @@ def verify(
         borne = proven(kept, mission_key_of(kept, keys, passphrase_of(keys, passphrase_file), issued))
     with mistakes_in(controller):
         found, entries = kept.first_lie(own), len(kept.entries())
+    signed = signed_in(kept)
     at_s = None if found is None else (found.t_ms - kept.t_key_ms) / 1000
     reason = "" if found is None else found.refusal.name.lower().replace("_", " ")
     if as_json:
@@ -256,11 +258,15 @@ def verify(
                 "reason": reason or None,
                 "proven_entries": None if borne is None else borne.entries,
                 "disproved_at": None if borne is None else borne.false_at,
+                "signed": [asdict(each) for each in signed],
             }
         )
     else:
         words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
         click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}{_borne(borne)}")
+        for each in signed:
+            key = f" ({each.key})" if each.key else ""
+            click.echo(f"told {each.count} times from {each.first_s:.1f} to {each.last_s:.1f} s by {each.signer}{key}")
     return int(found is not None or (borne is not None and not borne.holds))
 
 

@@ -34,6 +34,7 @@ ALL_US = 1_000_000
 # begins where none of its seals can have been: a file says up to where it may have sealed, and is ahead by so much.
 RESERVED_MS = 3_600_000
 LAST_MS = 1 << 31  # of what a process's clock begins with
+DRIFT = 2000  # of two clocks, the one may gain a part in so many on the other: 500 ppm
 CLAIMS = 4  # checkpoints of a robot that a token may be for, the newest
 
 
@@ -65,6 +66,7 @@ class GatewayNode:
         except BaseException:
             self._node.close()
             raise
+        self._least_s: dict[int, tuple[float, float]] = {}
         self._claims: defaultdict[int, deque[bytes]] = defaultdict(lambda: deque(maxlen=CLAIMS))
 
     def _begin(self, settings: RobotSettings, scenario: Scenario) -> None:
@@ -108,6 +110,18 @@ class GatewayNode:
             self._node.ask(lines.CHECK_TOKEN, tor=tor, tee=tee, t=t, hckpt=hckpt, mac=mac)[0] >= 0
             for hckpt in reversed(self._claims[tee])
         )
+
+    def age_s(self, tee: int, t: int, now_s: float) -> float:
+        """How old a true token is that a robot asked for at `t` of its clock.
+
+        That clock is where the least `now - t` of all true tokens for it says; of the same time a part in DRIFT more.
+        """
+        behind_s = now_s - t / 1000
+        least_s, since_s = self._least_s.get(tee, (behind_s, now_s))
+        age_s = behind_s - least_s - (now_s - since_s) / DRIFT
+        if age_s <= 0:
+            self._least_s[tee] = behind_s, now_s
+        return max(0.0, age_s)
 
     def _reserve(self, now_ms: int) -> None:
         if self._is_process and now_ms + RESERVED_MS // 2 >= self._reserved_ms:

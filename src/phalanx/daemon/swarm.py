@@ -55,8 +55,8 @@ SUB = AUDIT_TOKEN.at("sub")
 class RobotSwarm(Ordered):
     """The robots of a swarm's file, while the context lasts; on the way out those under way are stopped.
 
-    A robot is there from when it was heard first. A token counts from when it came by; without nodes to check it there
-    are no shields. The clock says seconds since 1970.
+    A robot is there from when it was heard first. A token counts from when it was asked for, as far as that is known;
+    without nodes to check it there are no shields. The clock says seconds since 1970.
 
     Attributes:
         unchecked: what is to be said of that, "" if they are checked.
@@ -236,7 +236,9 @@ class RobotSwarm(Ordered):
             return
         if is_true:
             self._newest_ms[tor, tee] = t
-            self._tokens[tor, tee] = time.monotonic()
+            now_s = time.monotonic()
+            # As its robot's nodes count it: who holds true ones back shows nobody as protected for longer.
+            self._tokens[tor, tee] = now_s - node.age_s(tee, t, now_s)
             self._audits.append(Audit(auditor=self._address(tor), auditee=self._address(tee), refusal=""))
 
     # --- the swarm ----------------------------------------------------------------------------------------------------

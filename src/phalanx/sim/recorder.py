@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -48,7 +49,8 @@ class Recorder:
         if not self._path.absolute().parent.is_dir():
             raise UsageError(f"no folder {self._path.parent}", "make it first")
         try:
-            self._file = self._path.open("wb")
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC  # nobody's link is followed
+            self._file = os.fdopen(os.open(self._path, flags, 0o666), "wb")
             self._writer: Any = Writer(self._file)
             self._writer.start(profile="", library=f"phalanx {__version__}")
             for topic, kind in TOPICS.items():
