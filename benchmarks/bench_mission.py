@@ -36,7 +36,7 @@ from phalanx.mission import (
     build,
     parse_mission,
 )
-from phalanx.mission.walk.cells import spiral
+from phalanx.mission.walk.searched import spiral
 
 MESSAGE_BYTES = 40
 MANY = 4096

@@ -21,7 +21,6 @@ from phalanx.mission.walk.cells import (
     Doubt,
     Groups,
     Message,
-    Searched,
     numbers_of,
     region_of,
     search_cells,
@@ -29,6 +28,7 @@ from phalanx.mission.walk.cells import (
 )
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
+from phalanx.mission.walk.searched import Searched
 
 metres = st.floats(-1e6, 1e6)
 STEPS = (0.1, 0.1, math.pi / 12, 2.0)
@@ -106,7 +106,7 @@ def _asked(searched: Searched, xs_m: list[float], first: int = 0, left: int = 10
     text = struct.pack("<8xiihih16x", wanted or 0, 0, -1, -1, 0)
     targets = Targets([] if wanted is None else [sha3_256(text)])
     groups = Groups(np.zeros((1, 5)), targets.rows, np.array([0, len(targets.rows)]))
-    return search_cells(first, things, False, _doubt(), groups, STEPS, 1, searched.known, 1, left, MESSAGE)
+    return search_cells(first, things, False, _doubt(), groups, STEPS, 1, searched.known, np.array([1]), left, MESSAGE)
 
 
 def test_a_search_tells_where_it_found_what_and_goes_on_behind_it():

@@ -13,8 +13,8 @@ from phalanx.experiments.missions.fig8c import plainly
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.file.canonical import AT_POSITION, Shape
 from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.cells import spiral
 from phalanx.mission.walk.search import cells_around, doubt_in, is_around
+from phalanx.mission.walk.searched import spiral
 
 
 def test_the_compiled_and_the_plain_search_walk_alike():

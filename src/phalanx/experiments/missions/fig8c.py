@@ -30,9 +30,10 @@ from phalanx.experiments.table import Rows, Table, seed_of
 from phalanx.mission import Experience
 from phalanx.mission.landmarks import LaserScan, extract
 from phalanx.mission.observable import MM_PER_M
-from phalanx.mission.walk.cells import Words, search_cells, search_shapes
+from phalanx.mission.walk.cells import search_cells, search_shapes
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
+from phalanx.mission.walk.searched import Words
 
 from .drive import encoded, record
 

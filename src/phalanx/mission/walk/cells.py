@@ -8,7 +8,6 @@ counts.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,14 +18,11 @@ from phalanx.crypto.sha3 import find
 from phalanx.kernel import counting_kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
 
+from .searched import RINGS_MOST, SPIRAL, Known, Numbers, Table, Words, keep, keep_tiles, row_of, untried
+
 CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
-TABLE_ROWS = 1 << 14
-LANES_LIMIT = 4096
 
 Floats = NDArray[np.float64]
-Table = NDArray[np.int64]
-Words = NDArray[np.uint64]
-Numbers = tuple[int, int, int, int]
 Steps = tuple[float, float, float, float]
 
 
@@ -57,24 +53,19 @@ class Message(NamedTuple):
     shift: int  # by so many bits
 
 
-class Known(NamedTuple):
-    """Cells that nothing is around."""
-
-    table: Table  # (n, 5) lane, 0 where a row is free; x, y, bin, area
-    used: Table  # (1,) rows
-
-
 class Shapes(NamedTuple):
     """Shapes of which nothing but a place goes into the hash, with what they are searched among: one call for all."""
 
     asks: Table  # (s, 3) kind of the landmark, or OWN for the robot's own place; whether its orientation, its area
-    at: Table  # (s, 4) bins, lane, and of the message: the word where x begins, by so many bits
+    at: Table  # (s, 3) bins, and of the message: the word where x begins, by so many bits
+    lanes: Table  # (s, m) of each group
     templates: Words  # (s, w) messages
     # As in `Groups` and `Known`
     rows: Floats
     targets: Words
     ends: Table
     table: Table
+    tiles: Table
     used: Table
 
 
@@ -82,27 +73,8 @@ pack = bundled(Shapes)
 OWN = -1
 
 # So many rings are searched, or more; what is kept of earlier searches is kept for each.
-RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, 40)
+RINGS = (0, 1, 2, 3, 5, 7, 10, 14, 20, 28, RINGS_MOST)
 BIN_STEPS = (0, 1, -1)
-
-
-@lru_cache(maxsize=64)
-def spiral(rings: int) -> tuple[tuple[int, int], ...]:
-    """Steps (dx, dy) outwards from (0, 0), ring after ring, (2 * rings + 1)^2 of them.
-
-    Source: Encoded graphs §VI-B ("gradually done in a spiral manner").
-    """
-    steps = [(0, 0)]
-    for ring in range(1, rings + 1):
-        side = range(-ring, ring)
-        steps += [(ring, i + 1) for i in side]
-        steps += [(-i - 1, ring) for i in side]
-        steps += [(-ring, -i - 1) for i in side]
-        steps += [(i + 1, -ring) for i in side]
-    return tuple(steps)
-
-
-_SPIRAL = np.array(spiral(RINGS[-1]), np.int64)
 
 
 @counting_kernel
@@ -130,34 +102,6 @@ def numbers_of(
     if not np.isnan(area_m2):
         area = max(0, min(CELL_LIMIT, _number(area_m2, offset[3], steps[3])))
     return max(-CELL_LIMIT, min(CELL_LIMIT, x)), max(-CELL_LIMIT, min(CELL_LIMIT, y)), turn, area
-
-
-@counting_kernel
-def _row(table: Table, lane: int, numbers: Numbers) -> int:
-    """Where this cell is in the table, or the free row where it would be."""
-    x, y, turn, area = numbers
-    mask = len(table) - 1
-    row = (x * 73856093 + y * 19349663 + turn * 83492791 + area * 39916801 + lane * 67867967) & mask
-    while table[row, 0] != 0 and not (
-        table[row, 0] == lane
-        and table[row, 1] == x
-        and table[row, 2] == y
-        and table[row, 3] == turn
-        and table[row, 4] == area
-    ):
-        row = (row + 1) & mask
-    return row
-
-
-@counting_kernel
-def _add(table: Table, lane: int, numbers: Numbers) -> bool:
-    """Puts a cell into the table; whether it is new."""
-    row = _row(table, lane, numbers)
-    is_new = table[row, 0] == 0
-    table[row, 0] = lane
-    for k in range(4):
-        table[row, 1 + k] = numbers[k]
-    return bool(is_new)
 
 
 @counting_kernel
@@ -211,7 +155,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
     steps: Steps,
     bins: int,
     known: Known,
-    lane: int,
+    lanes: Table,
     left: int,
     message: Message,
 ) -> tuple[int, int, int, Numbers, int]:
@@ -223,7 +167,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
         first: pair to begin with; pair k is thing k // 3 // groups, group k // 3 % groups, and bin step k % 3.
         things: (n, 4) x, y, orientation and area, NaN where there is none.
         place: they are the robot's own place, and no landmarks.
-        lane: of the first group; the others' follow, and for each level of RINGS again as many.
+        lanes: (m,) the first lane of each group; those for further levels of RINGS follow.
     Returns: pair -1 where nothing more is found, by all pairs or by what tries there are.
     """
     rows, table = groups.rows, known.table
@@ -248,24 +192,26 @@ def search_cells(  # noqa: C901  # a kernel is one function
         offset = (group[0], group[1], group[2], group[3])
         turn = thing[2] + step * steps[2]
         numbers = numbers_of(thing[0], thing[1], turn, thing[3], offset, steps, bins)
-        own = lane + level * len(rows) + g
+        own = lanes[g] + level
         # With fewer tries left a search has fewer rings, and is another one.
         rings = min(wanted, (int(math.sqrt(left)) + 1) // 2)
-        if rings == wanted and table[_row(table, own, numbers), 0] != 0:
+        if rings == wanted and table[row_of(table, own, numbers), 0] != 0:
             left -= (2 * rings + 1) * (2 * rings + 1)
             continue
         trial[:] = message.template
         if not place:
             _put(trial, message, np.uint64(numbers[2] & 0xFFFF) | np.uint64(numbers[3] & 0xFFFFFFFF) << np.uint64(16))
-        words = words_around(numbers[0], numbers[1], _SPIRAL[: (2 * rings + 1) * (2 * rings + 1)])
+        words, places, bits = untried(known, lanes[g], numbers, rings)
         targets = groups.targets[groups.ends[g] : groups.ends[g + 1]]
         hit, row = find(trial, message.word, np.uint64(message.shift), words, targets)
         if hit >= 0:
-            x, y = numbers[0] + int(_SPIRAL[hit, 0]), numbers[1] + int(_SPIRAL[hit, 1])
-            return pair, groups.ends[g] + row, left - hit - 1, (x, y, numbers[2], numbers[3]), pair + 1
+            place = places[hit]
+            x, y = numbers[0] + int(SPIRAL[place, 0]), numbers[1] + int(SPIRAL[place, 1])
+            return pair, groups.ends[g] + row, left - place - 1, (x, y, numbers[2], numbers[3]), pair + 1
         left -= (2 * rings + 1) * (2 * rings + 1)
+        keep_tiles(known, lanes[g], numbers, rings, bits)
         if rings == wanted:
-            _keep(known, own, numbers)
+            keep(known, own, numbers)
     return -1, -1, left, (0, 0, 0, 0), -1
 
 
@@ -281,7 +227,7 @@ def search_shapes(
     Returns: shape -1 where nothing more is found. The rest is as `search_cells` has it.
     """
     first, pair = begin
-    groups, known = Groups(shapes.rows, shapes.targets, shapes.ends), Known(shapes.table, shapes.used)
+    groups, known = Groups(shapes.rows, shapes.targets, shapes.ends), Known(shapes.table, shapes.tiles, shapes.used)
     things, which = np.empty((len(seen) + 1, 4)), np.empty(len(seen) + 1, np.int64)
     for s in range(first, len(shapes.asks)):
         kind, oriented, area = shapes.asks[s, 0], shapes.asks[s, 1] != 0, shapes.asks[s, 2] != 0
@@ -296,10 +242,10 @@ def search_shapes(
             things[found, 2], things[found, 3] = seen[k, 3] if oriented else np.nan, seen[k, 4] if area else np.nan
             which[found] = k
             found += 1
-        bins, lane, word, shift = shapes.at[s, 0], shapes.at[s, 1], shapes.at[s, 2], shapes.at[s, 3]
+        bins, word, shift = shapes.at[s, 0], shapes.at[s, 1], shapes.at[s, 2]
         message = Message(shapes.templates[s], word, shift)
         hit, row, left, numbers, after = search_cells(
-            pair, things[:found], kind == OWN, doubt, groups, steps, bins, known, lane, left, message
+            pair, things[:found], kind == OWN, doubt, groups, steps, bins, known, shapes.lanes[s], left, message
         )
         if hit >= 0:
             return s, which[hit // 3 // len(groups.rows)], hit, row, left, numbers, after
@@ -314,43 +260,3 @@ def _put(trial: Words, message: Message, six: np.uint64) -> None:
     trial[message.word + 1] ^= six << shift
     if shift > np.uint64(16):
         trial[message.word + 2] ^= six >> (np.uint64(64) - shift)
-
-
-@counting_kernel
-def _keep(known: Known, lane: int, numbers: Numbers) -> None:
-    """Nothing is around this cell."""
-    if known.used[0] >= len(known.table) * 3 // 4:
-        known.table[:] = 0
-        known.used[0] = 0
-    known.used[0] += _add(known.table, lane, numbers)
-
-
-@counting_kernel
-def words_around(x: int, y: int, steps: NDArray[np.int64]) -> Words:
-    """(n,) what eight bytes of an observable say of the cells that are `steps`, (n, 2), from a cell: x, then y."""
-    words = np.empty(len(steps), np.uint64)
-    for k in range(len(steps)):
-        low, high = np.uint64((x + steps[k, 0]) & 0xFFFFFFFF), np.uint64((y + steps[k, 1]) & 0xFFFFFFFF)
-        words[k] = low | high << np.uint64(32)
-    return words
-
-
-class Searched:
-    """Cells that nothing was found around, in all their rings; who asks has always as many.
-
-    A lane stands for all that goes into a hash beside the cell, and for the digests that are looked for.
-    """
-
-    def __init__(self, rows: int = TABLE_ROWS) -> None:
-        self.known = Known(np.zeros((rows, 5), np.int64), np.zeros(1, np.int64))
-        self._lanes: dict[object, int] = {}
-        self._next_lane = 1
-
-    def lane(self, name: object, count: int) -> int:
-        """The first of `count` lanes that belong together; the same for the same name."""
-        if name not in self._lanes:
-            if len(self._lanes) >= LANES_LIMIT:
-                self._lanes.clear()
-            self._lanes[name] = self._next_lane
-            self._next_lane += count
-        return self._lanes[name]

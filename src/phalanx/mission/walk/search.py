@@ -32,8 +32,9 @@ from phalanx.mission.observable import (
 )
 from phalanx.mission.pose.spread import pose_spread
 
-from .cells import BIN_STEPS, Doubt, region_of, spiral
+from .cells import BIN_STEPS, Doubt, region_of
 from .fix import distance_m, sight_of
+from .searched import spiral
 
 READINGS_LIMIT = 16  # of one experience; combinations of more would let a chatty sensor eat the budget
 WINDOWS = (0, -1, 1)

@@ -26,9 +26,10 @@ from phalanx.mission.observable import (
     steps_of,
 )
 
-from .cells import BIN_STEPS, OWN, RINGS, Doubt, Groups, Message, Searched, Shapes, pack, search_cells, search_shapes
+from .cells import BIN_STEPS, OWN, RINGS, Doubt, Groups, Message, Shapes, pack, search_cells, search_shapes
 from .found import Claim, Found
 from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
+from .searched import Searched
 
 CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
 _BARE = Variant(None, (), None, None, ())
@@ -71,7 +72,7 @@ class _Batch:
     # (n, 4) x, y, orientation and area of each one's landmark, or the robot's; NaN for what is not asked
     things: NDArray[np.float64]
     message: Callable[[Cell], bytes]  # the canonical bytes at a cell
-    lane: int  # of the first group
+    lanes: NDArray[np.int64]  # of the groups
 
 
 class PaperSearch:
@@ -122,18 +123,20 @@ class PaperSearch:
         return known
 
     def _together(self, among: _Candidates, shapes: tuple[Shape, ...], released: bytes) -> _Together:
-        asks, at, templates = [], [], []
+        asks, at, lanes, templates = [], [], [], []
         for shape in shapes:
             is_own, begin = shape.place == AT_POSITION, cell_at(shape)
             previous = released if shape.previous else None
             asks.append((OWN if is_own else shape.place - 1, shape.oriented, shape.area))
-            at.append((self._bins(shape), self._lane(among, shape, _BARE[1:], previous), begin // 8, begin % 8 * 8))
+            at.append((self._bins(shape), begin // 8, begin % 8 * 8))
+            lanes.append(self._lanes(among, shape, (None, *_BARE[1:]), previous))
             templates.append(padded(_BARE.canonical(shape, Cell(0, 0, 0, 0), (), previous), begin))
         searched = (*among.arrays, *self._searched.known)
-        return _Together(shapes, pack(Shapes(np.array(asks), np.array(at), np.array(templates), *searched)))
+        arrays = np.array(asks), np.array(at), np.array(lanes, np.int64), np.array(templates)
+        return _Together(shapes, pack(Shapes(*arrays, *searched)))
 
-    def _lane(self, among: _Candidates, shape: Shape, rest: object, previous: bytes | None) -> int:
-        return self._searched.lane((among.nodes, shape, rest, previous), len(RINGS) * len(among.groups))
+    def _lanes(self, among: _Candidates, shape: Shape, rest: object, previous: bytes | None) -> list[int]:
+        return [self._searched.lane((group.aliases, shape, rest, previous), len(RINGS)) for group in among.groups]
 
     def _bins(self, shape: Shape) -> int:
         is_own = shape.place not in LANDMARK_PLACES
@@ -207,8 +210,8 @@ class PaperSearch:
                 else (seen.x_m, seen.y_m, math.nan, math.nan)
                 for landmark in (variant.landmark for variant in batch)
             ]
-            lane = self._lane(among, shape, same, previous)
-            yield _Batch(shape, batch, np.array(things, np.float64), message, lane)
+            lanes = np.array(self._lanes(among, shape, same, previous), np.int64)
+            yield _Batch(shape, batch, np.array(things, np.float64), message, lanes)
 
     def _around(self, among: _Candidates, batch: _Batch, doubt: Doubt, budget: Budget) -> Iterator[Found]:
         """Matches of what has a place: each landmark against each group, around its cell."""
@@ -225,7 +228,7 @@ class PaperSearch:
                 self._steps,
                 self._bins(shape),
                 self._searched.known,
-                batch.lane,
+                batch.lanes,
                 budget.left,
                 message,
             )
