@@ -31,10 +31,11 @@ from pathlib import Path
 
 from phalanx.cli.mission.files import read_plain
 from phalanx.errors import UsageError
-from phalanx.mission import BuildOptions, Profile, build
+from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
+from phalanx.mission.file import sealed
 from phalanx.mission.worth.feasible import time_for_s
-from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.builtin import built_in
 from phalanx.sim.missions.orders import Orders, orders_of
@@ -48,6 +49,8 @@ MAPS = (
 DRAWN = "drawn:0-199"
 SIGMAS = "0.03,0.05"
 DENIED_KEPT = 6
+# Robots of many seeds try the same; each must take an scrypt of its own, but need not here. 200 bytes each.
+sealed.scrypt = lru_cache(maxsize=1 << 18)(sealed.scrypt)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,17 +127,22 @@ def wheres_of(names: Iterable[str]) -> Iterator[str]:
             yield name
 
 
-@lru_cache(maxsize=2)
-def orders(where: str, profile: str) -> tuple[Orders, float]:
-    """What robots are given there, and in how many seconds it can be done. Raises: UsageError: there is no mission."""
+@lru_cache(maxsize=64)
+def mission_in(where: str) -> tuple[Mission, FloorPlan]:
+    """What robots are to do there, and the building. Raises: UsageError: there is no mission."""
     if where in built_in("missions"):
         plain = read_plain(where)
-        plan = load_floorplan(plain.floor_plan)
-    else:
-        there = ELSEWHERE / f"{where}.yaml"
-        plan = load_floorplan(there if there.exists() else where)
-        plan = plan if plan.start is not None else begun_at(plan, roomiest(plan))
-        plain = survey(plan)
+        return plain, load_floorplan(plain.floor_plan)
+    there = ELSEWHERE / f"{where}.yaml"
+    plan = load_floorplan(there if there.exists() else where)
+    plan = plan if plan.start is not None else begun_at(plan, roomiest(plan))
+    return survey(plan), plan
+
+
+@lru_cache(maxsize=64)
+def orders(where: str, profile: str) -> tuple[Orders, float]:
+    """What robots are given there, and in how many seconds it can be done. Raises: UsageError: there is no mission."""
+    plain, plan = mission_in(where)
     built = build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(0).randbytes)  # noqa: S311
     return orders_of(plain, built, plan), time_for_s(plain)
 

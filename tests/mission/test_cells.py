@@ -92,6 +92,20 @@ def test_a_search_that_is_made_again_hashes_nothing_again(monkeypatch):
     assert len(hashed) == before
 
 
+def test_a_search_one_cell_further_hashes_an_edge_alone(monkeypatch):
+    hashed = []
+
+    def counted(template, word, shift, patches, targets):
+        hashed.append(len(patches))
+        return find(template, word, shift, patches, targets)
+
+    monkeypatch.setattr("phalanx.mission.walk.cells.find", counted)
+    searched, kernel = Searched(), search_cells.py_func
+    for x_m in (-0.8, -0.7, -0.9, -0.8):
+        _asked(searched, [x_m], kernel=kernel)
+    assert hashed == [11 * 11, 11, 11]
+
+
 def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
     """Five rings around what is near, of cells of 0.1 m."""
     return Doubt(0.0, 0.0, np.diag([metres**2, metres**2, radians**2]), Sight(0.001, 0.0, 0.001), 3.5, 1.0)
@@ -100,13 +114,20 @@ def _doubt(metres: float = 0.145, radians: float = 0.0) -> Doubt:
 MESSAGE = Message(padded(bytes(40), 8), 1, 0)
 
 
-def _asked(searched: Searched, xs_m: list[float], first: int = 0, left: int = 10_000, wanted: int | None = None):
+def _asked(
+    searched: Searched,
+    xs_m: list[float],
+    first: int = 0,
+    left: int = 10_000,
+    wanted: int | None = None,
+    kernel=search_cells,
+):
     """What a search around these places tells, where the digest of one cell is wanted, or none."""
     things = np.array([[x_m, 0.0, math.nan, math.nan] for x_m in xs_m])
     text = struct.pack("<8xiihih16x", wanted or 0, 0, -1, -1, 0)
     targets = Targets([] if wanted is None else [sha3_256(text)])
     groups = Groups(np.zeros((1, 5)), targets.rows, np.array([0, len(targets.rows)]))
-    return search_cells(first, things, False, _doubt(), groups, STEPS, 1, searched.known, np.array([1]), left, MESSAGE)
+    return kernel(first, things, False, _doubt(), groups, STEPS, 1, searched.known, np.array([1]), left, MESSAGE)
 
 
 def test_a_search_tells_where_it_found_what_and_goes_on_behind_it():

@@ -6,14 +6,19 @@ import math
 from itertools import product
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from worlds import built, corridor, walk, walker_of
 
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.experiments.missions.fig8c import plainly
 from phalanx.mission import Experience, Landmark, Profile
 from phalanx.mission.file.canonical import AT_POSITION, Shape
-from phalanx.mission.observable import Cell, Offset
-from phalanx.mission.walk.search import cells_around, doubt_in, is_around
+from phalanx.mission.observable import LANDMARK_TYPES, Cell, Offset, middle_of
+from phalanx.mission.pose.spread import misfit
+from phalanx.mission.walk.fix import fits, sighting
+from phalanx.mission.walk.search import cells_around, doubt_in, is_around, placed
+from phalanx.mission.walk.search_sealed import cells_that_fit
 from phalanx.mission.walk.searched import spiral
 
 
@@ -82,3 +87,26 @@ def test_a_cell_is_around_another_if_it_is_tried(shape, turn_rad, centre):
     near = {Cell(*at) for at in product(range(-12, 13), range(-12, 13), range(-1, bins), (-1, 4, 5))}
     assert tried <= near
     assert {cell for cell in near if is_around(*asked, cell)} == tried
+
+
+@settings(deadline=None)
+@given(
+    st.floats(-3.2, 3.2),
+    st.booleans(),
+    st.sampled_from(["doorway", "concave_left"]),
+    st.tuples(st.floats(0.01, 0.3), st.floats(0.001, 0.2)),
+    st.tuples(*[st.integers(-50, 50)] * 2, st.integers(-1000, 1000)),
+)
+def test_the_slow_search_tries_what_fits_of_the_cells_around(turn, oriented, kind, sure, moved):
+    coding, config, offset = CodingConfig(), MissionConfig(), Offset(*moved)
+    shape = Shape(1 + LANDMARK_TYPES.index(kind), int(oriented))
+    landmark = Landmark(kind, 2.0, -1.0, turn)
+    spread = (sure[0] ** 2, 0.0, 0.0, sure[0] ** 2, 0.0, sure[1] ** 2)
+    seen = Experience(0.0, 0.1, 0.2, 0.0, landmarks=(landmark,), spread=spread)
+    ((_, centre),) = placed(shape, coding, seen, (), offset, 0)
+    doubt, expected = doubt_in(config, seen), []
+    for cell in cells_around(shape, coding, doubt, landmark, centre, offset):
+        match = sighting(landmark, Landmark(kind, *middle_of(coding, offset, cell)), 2.0, -1.0)
+        if fits(config, doubt.spread, 0.1, 0.2, match):
+            expected.append((misfit(doubt.spread, 0.1, 0.2, match, doubt.sight), cell))
+    assert cells_that_fit(shape, coding, doubt, landmark, centre, offset) == expected

@@ -88,7 +88,7 @@ def cells_around(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, centre: Cell, offset: Offset
 ) -> list[Cell]:
     """The cells in which the thing may truly be that was seen in `centre`: ring after ring, likely bins first."""
-    rings, steps, bins = _region(shape, coding, doubt, landmark, offset)
+    rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     return [
         centre._replace(
             x=centre.x + dx, y=centre.y + dy, bin=centre.bin if centre.bin < 0 else (centre.bin + step) % bins
@@ -108,7 +108,7 @@ def is_around(
     cell: Cell,
 ) -> bool:
     """Whether `cell` is one of `cells_around`, of which there may be a thousand."""
-    rings, steps, bins = _region(shape, coding, doubt, landmark, offset)
+    rings, steps, bins = region(shape, coding, doubt, landmark, offset)
     return (
         max(abs(cell.x - centre.x), abs(cell.y - centre.y)) <= rings
         and cell.bin in {centre.bin if centre.bin < 0 else (centre.bin + step) % bins for step in steps}
@@ -116,7 +116,7 @@ def is_around(
     )
 
 
-def _region(
+def region(
     shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark | None, offset: Offset
 ) -> tuple[int, list[int], int]:
     """How many rings of cells, by how many bins to either side, and how many bins there are."""

@@ -4,18 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
-from phalanx.config.mission import MissionConfig
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import sha3_256
+from phalanx.kernel import counting_kernel
+from phalanx.mission.angles import wrap_rad_kernel
 from phalanx.mission.file import sealed
+from phalanx.mission.file.canonical import Shape
 from phalanx.mission.file.records import EncodedMission
-from phalanx.mission.observable import Cell, Experience, Landmark, middle_of
-from phalanx.mission.pose.spread import misfit
+from phalanx.mission.observable import (
+    HALF_TURN_TYPES,
+    MM_PER_M,
+    OFFSET_RAD,
+    Cell,
+    Experience,
+    Landmark,
+    Offset,
+    middle_of,
+    number_or_nan,
+)
+from phalanx.mission.pose.spread import Floats, Sighting, misfit
 
-from .fix import fits, is_there, sighting
+from .cells import Doubt
+from .chart import most_of, turn_to
+from .fix import is_there
 from .found import Claim, Found
 from .gate import Hint
-from .search import Budget, Variant, cells_around, doubt_in, placed
+from .search import Budget, Variant, cells_around, doubt_in, placed, region
+from .searched import SPIRAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +69,15 @@ def search_sealed(
     header = mission.header
     # What is nearest to its estimate comes first, whichever candidate it is of.
     jobs = sorted(_jobs(mission, config, candidates, seen, heard), key=lambda job: job[0])
-    for _, candidate, variant, cell in jobs:
+
+    @cache
+    def salt_of(k: int, messages: tuple[bytes, ...]) -> bytes:
+        candidate = candidates[k]
+        return sealed.node_salt(candidate.gate, messages, header, candidate.node, candidate.alias)
+
+    for _, k, variant, cell in jobs:
+        candidate, salt = candidates[k], salt_of(k, variant.messages)
         shape = candidate.hint.shape
-        salt = sealed.node_salt(candidate.gate, variant.messages, header, candidate.node, candidate.alias)
         observed = variant.canonical(shape, cell)
         name = sha3_256(salt + observed)
         if name in tried or name in newly_tried:
@@ -73,20 +99,79 @@ def _jobs(
     candidates: list[Candidate],
     seen: Experience,
     heard: tuple[bytes, ...],
-) -> Iterator[tuple[float, Candidate, Variant, Cell]]:
-    """(misfit, candidate, what is tried, in which cell): what was encoded lies in the middle of its cell."""
+) -> Iterator[tuple[float, int, Variant, Cell]]:
+    """(misfit, number of the candidate, what is tried, in which cell); what was encoded lies in its cell's middle."""
     coding, doubt = mission.header.coding, doubt_in(config, seen)
-    for candidate in candidates:
+    for k, candidate in enumerate(candidates):
         shape, offset = candidate.hint.shape, candidate.hint.offset
         reach_dm = mission.nodes[candidate.node].reach_dm
         for variant, centre in placed(shape, coding, seen, heard, offset, reach_dm):
-            for cell in cells_around(shape, coding, doubt, variant.landmark, centre, offset):
-                x, y, turn = middle_of(coding, offset, cell)
-                if variant.landmark is None:
-                    if not shape.place or is_there(config, seen, x, y):
-                        yield float(abs(cell.x - centre.x) + abs(cell.y - centre.y)), candidate, variant, cell
-                    continue
-                truth = Landmark(variant.landmark.type, x, y, turn)
-                match = sighting(variant.landmark, truth, variant.landmark.x_m, variant.landmark.y_m)
-                if fits(config, doubt.spread, seen.x_m, seen.y_m, match):
-                    yield misfit(doubt.spread, seen.x_m, seen.y_m, match, doubt.sight), candidate, variant, cell
+            if variant.landmark is not None:
+                for misfits, cell in cells_that_fit(shape, coding, doubt, variant.landmark, centre, offset):
+                    yield misfits, k, variant, cell
+                continue
+            for cell in cells_around(shape, coding, doubt, None, centre, offset):
+                x, y, _ = middle_of(coding, offset, cell)
+                if not shape.place or is_there(config, seen, x, y):
+                    yield float(abs(cell.x - centre.x) + abs(cell.y - centre.y)), k, variant, cell
+
+
+def cells_that_fit(
+    shape: Shape, coding: CodingConfig, doubt: Doubt, landmark: Landmark, centre: Cell, offset: Offset
+) -> list[tuple[float, Cell]]:
+    """The cells in which a landmark may truly be, in the order of `cells_around`, each with how badly that fits."""
+    rings, steps, bins = region(shape, coding, doubt, landmark, offset)
+    rows, fits = _that_fit(
+        (centre.x, centre.y, centre.bin),
+        rings,
+        np.array(steps, np.int64),
+        bins,
+        (float(landmark.x_m), float(landmark.y_m), number_or_nan(landmark.orientation_rad)),
+        landmark.type in HALF_TURN_TYPES,
+        (offset.x, offset.y, offset.orientation),
+        (coding.delta_mm, coding.bin_rad),
+        doubt,
+    )
+    return [
+        (fit, Cell(x, y, turn, centre.area)) for (x, y, turn), fit in zip(rows.tolist(), fits.tolist(), strict=True)
+    ]
+
+
+@counting_kernel
+def _that_fit(
+    centre: tuple[int, int, int],
+    rings: int,
+    steps: NDArray[np.int64],
+    bins: int,
+    thing: tuple[float, float, float],
+    half: bool,
+    offset: tuple[int, int, int],
+    units: tuple[int, float],
+    doubt: Doubt,
+) -> tuple[NDArray[np.int64], Floats]:
+    """((k, 3) x, y and bin, (k,) misfit) of cells around.
+
+    Args:
+        steps: bins to look at, beside that of `centre`.
+        thing: x, y and orientation, as it was seen.
+        half: its orientation counts modulo half a turn.
+        offset: as stored.
+        units: edge of a cell, mm, and width of a bin, radians.
+    """
+    count = (2 * rings + 1) * (2 * rings + 1)
+    rows, fits, found = np.empty((count * len(steps), 3), np.int64), np.empty(count * len(steps)), 0
+    for k in range(count):
+        x, y = centre[0] + SPIRAL[k, 0], centre[1] + SPIRAL[k, 1]
+        x_m, y_m = (x * units[0] + offset[0]) / MM_PER_M, (y * units[0] + offset[1]) / MM_PER_M
+        for step in steps:
+            at, turn = -1, np.nan
+            if centre[2] >= 0:
+                at = (centre[2] + step) % bins
+                turn = turn_to(wrap_rad_kernel(at * units[1] + offset[2] * OFFSET_RAD), thing[2], half)
+                turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
+            match = Sighting(thing[0], thing[1], x_m, y_m, turn)
+            fit = misfit(doubt.spread, doubt.x_m, doubt.y_m, match, doubt.sight)
+            if fit <= most_of(turn):
+                rows[found, 0], rows[found, 1], rows[found, 2], fits[found] = x, y, at, fit
+                found += 1
+    return rows[:found], fits[:found]

@@ -138,9 +138,8 @@ class Searched:
     """
 
     def __init__(self, rows: int = TABLE_ROWS) -> None:
-        self.known = Known(
-            *(np.zeros((count, wide), np.int64) for count, wide in ((rows, 5), (2 * rows, 6))), np.zeros(2, np.int64)
-        )
+        table, tiles = np.zeros((rows, 5), np.int64), np.zeros((2 * rows, 6), np.int64)
+        self.known = Known(table, tiles, np.zeros(2, np.int64))
         self._lanes: dict[object, int] = {}
         self._next_lane = 1
 
