@@ -38,7 +38,7 @@ KERNELS = {
     "bti/log": ("piece_at",),
     "bti/request": ("admit",),
     "robot/auditor": (),
-    "robot/node": ("hear_audit", "knock", "judge", "answer"),
+    "robot/node": ("hear_audit", "hear_fragment", "knock", "judge", "answer"),
 }
 MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them

@@ -41,7 +41,7 @@ def run_with(patch: pytest.MonkeyPatch, made: Scenario, *holes: Hole) -> Run:
     Run(scenario("bound"))  # compiles the loop over the world, which has what is uncompiled below built in
     with patch.context() as within:
         opened = [(hole, hole.opened()) for hole in holes]
-        for module, name in ((node, "hear"), (node, "hear_audit"), (request, "take_fragment")):
+        for module, name in ((node, "hear"), (node, "hear_audit"), (node, "hear_fragment"), (request, "take_fragment")):
             within.setattr(module, name, getattr(module, name).py_func)
         for hole, function in opened:
             within.setattr(hole.module, hole.name, function)

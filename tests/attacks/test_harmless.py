@@ -97,4 +97,5 @@ def test_robots_that_audit_nobody_starve_those_with_fewer_than_f_max_plus_one_co
 def test_these_are_all_that_are_harmless_everywhere():
     assert {name for name, kind in IN_FLOCKS.items() if set(kind.verdicts.values()) == {"harmless"}} == {
         "slot-squat", "stale-answers", "wrong-checkpoint", "drain", "refuse-to-audit", "talk-over",  # test_hidden.py
+        "mask",  # test_mask.py
     }  # fmt: skip

@@ -34,6 +34,7 @@ ROBOT = np.dtype(
         ("log_full", "u1"),
         # What each event needs lies together: of large swarms it is not near, and each line of it is waited for.
         ("booted", "u1"),  # the log begins at boot, not at a checkpoint
+        ("seeks", "u1"),  # in this round it asks who is there
         ("log_len", "i8"),
         ("log_max", "i8"),  # longest log so far
         ("state_len", "i8"),
@@ -55,6 +56,8 @@ ROBOT = np.dtype(
         ("request_len", "i8"),  # of the request under way, 0 if none
         ("request_row", "i4"),  # where it is, NO_ROW if nowhere
         ("drawn", "u4"),  # what nobody could know who had not heard the last one
+        ("secret", "u4"),  # what nobody else can know, of a round in which it seeks
+        ("seek_at", "i8"),  # when it asks again who is there, ms of the robot's clock
         ("request_next", "i8"),  # its next fragment
         ("repeats", "i8"),  # how often fragments of it were said again
         ("repeat_at", "i8"),  # when the next fragment may be said, ms of the robot's clock
@@ -76,6 +79,7 @@ PEER = np.dtype(
         ("asked_ms", "i8"),  # when we last asked it
         ("took", "i8"),  # ms at which we last took a request of its
         ("took_t", "i8"),  # and that request's own time
+        ("told", "i8"),  # ms at which we last told it, and it alone, that we are here
         ("asked", "i4"),  # round in which we last asked it
         ("claimed", "i4"),  # the checkpoint that was about, by its number
         ("answered", "i4"),  # round in which it last gave us a token

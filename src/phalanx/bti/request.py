@@ -10,11 +10,13 @@ from phalanx.config.bti import MOST_FRAGMENTS
 from phalanx.kernel import kernel
 from phalanx.pool import NO_ROW, give_back, lend
 from phalanx.wire import table
-from phalanx.wire.fields import Row, copy, get_u16, put_u16, put_u32
+from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
+from . import trusted
 from .fleet import PENDING, START, Fleet
-from .rounds import again_after, drawn, flush_marks, mixed, next_candidate, peer_at, withdraw
+from .log import FLUSH_S, mark
+from .rounds import again_after, drawn, flush_marks, hears_few, mixed, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
 AT_FLAGS, AT_TEE, AT_T, AT_TOP_A, AT_TREQ_MAC = map(table.REQUEST.at, ("flags", "tee", "t", "top_a", "treq_mac"))
@@ -26,7 +28,7 @@ TOKEN_TOR, TOKEN_T, TOKEN_MAC = map(table.COVERING_TOKEN.at, ("tor", "t", "mac")
 TOKEN_BYTES = table.COVERING_TOKEN.size
 
 AUDIT = table.KIND_AUDIT
-HELLO, FRAGMENT, TOKEN = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY
+HELLO, FRAGMENT, TOKEN, SEEK = table.HELLO, table.FRAGMENT, table.TOKEN_REPLY, table.SEEK
 AUDIT_HEAD_BYTES = table.AUDIT_HEADER_BYTES
 FRAGMENT_HEAD_BYTES = table.AUDIT_FRAGMENT.size
 TOKEN_FRAME_BYTES = table.AUDIT_TOKEN.size
@@ -177,8 +179,14 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
 
 @kernel
 def _moves_on(f: Fleet, i: int, now: int) -> bool:
-    """Whether a robot of which nothing arrived counts as gone: so may f_max in a round, while others can be asked."""
+    """Whether a robot of which nothing arrived counts as gone: so may f_max in a round, while others can be asked.
+
+    Not for who seeks: its a-node's requests are what is rare by then, and what is said again costs none.
+    Source: docs/adr/0028, docs/adr/0036.
+    """
     r, silent = f.robot[i], 0
+    if r.seeks:
+        return False
     for k in range(r.peers):
         silent += f.peer[i, k].asked == r.round_no and f.peer[i, k].answered != r.round_no
     tor = next_candidate(f, i, now)
@@ -187,17 +195,63 @@ def _moves_on(f: Fleet, i: int, now: int) -> bool:
 
 
 @kernel
-def listens(f: Fleet, i: int) -> int:
+def listens(f: Fleet, i: int, now: int, auth_s: Row) -> int:
     """For how long the robot listens before it begins the round that is due, ms: 0 if the last one gave it its tokens.
 
     Two who speak at the same moment of each round would never hear each other's HELLO. Who lacks a token is silent at
-    that moment, and speaks at another that differs from robot to robot and that nobody can foresee.
-    Source: docs/adr/0030.
+    that moment, and speaks at another that differs from robot to robot. Who hears few besides will seek: then nobody
+    can foresee the moment, which comes of an authenticator, in `auth_s` (30,), that is shown to nobody.
+    Source: docs/adr/0030, docs/adr/0036.
     """
     r, s = f.robot[i], f.settings[0]
+    r.seeks = 0
     if r.round_no == 0 or r.got > s.f_max:
         return 0
-    return int(LISTENS_MS + mixed(drawn(f, i), r.id) % max(1, s.t_audit >> 4))
+    chance = mixed(drawn(f, i), r.id)
+    if hears_few(f, i, now) and trusted.snode_make_auth(s.profile, f.snode[i], f.hckpt[i, PENDING], auth_s) >= 0:
+        mark(f, i, FLUSH_S)
+        r.seeks = 1
+        chance = r.secret = get_u32(auth_s, AUTH_MAC)
+    return int(LISTENS_MS + chance % max(1, s.t_audit >> 4))
+
+
+@kernel
+def hello(f: Fleet, i: int, now: int, frame: Row) -> int:
+    """The frame by which others know, in a round that begins, that this robot is here to audit; its length.
+
+    Who seeks asks for one of each that hears it: they may have spoken when somebody talked over them. It asks for
+    audits when they have answered. Source: docs/adr/0036.
+    """
+    r, s = f.robot[i], f.settings[0]
+    if r.seeks:
+        r.quota = 0
+        r.asked_at = now
+        pause = max(1, s.t_audit >> 3)
+        r.seek_at = now + pause + mixed(r.secret, now) % pause
+    audit_head(frame, r.id, 0, SEEK if r.seeks else HELLO)
+    return AUDIT_HEAD_BYTES
+
+
+@kernel
+def seek(f: Fleet, i: int, now: int, frame: Row) -> int:
+    """As `hello`, once more in a round that began so, after a pause that nobody can foresee; 0 if it is not to be."""
+    r = f.robot[i]
+    due = r.seeks and r.got <= f.settings[0].f_max and now >= r.seek_at
+    return int(hello(f, i, now, frame)) if due and hears_few(f, i, now) else 0
+
+
+@kernel
+def hello_to(f: Fleet, i: int, src: int, now: int, frame: Row) -> int:
+    """The same for one robot alone, which asked for it; 0 if it was told in the last T_audit / 2.
+
+    Source: docs/adr/0036.
+    """
+    at = peer_at(f, i, src)
+    if at < 0 or now - f.peer[i, at].told < f.settings[0].t_audit // 2:
+        return 0
+    f.peer[i, at].told = now
+    audit_head(frame, f.robot[i].id, src, HELLO)
+    return AUDIT_HEAD_BYTES
 
 
 @kernel

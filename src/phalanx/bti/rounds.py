@@ -27,7 +27,7 @@ HEARD_ROUNDS_X2 = 5
 MOST_MISSES = 15
 # Who was never heard, asked or audited.
 STRANGER = records(1, PEER)
-STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = LONG_AGO
+STRANGER["heard"] = STRANGER["token"] = STRANGER["asked_ms"] = STRANGER["took"] = STRANGER["told"] = LONG_AGO
 STRANGER["asked"] = STRANGER["claimed"] = STRANGER["answered"] = STRANGER["took_t"] = -1
 
 
@@ -138,7 +138,10 @@ def next_retry(f: Fleet, i: int, now: int) -> int:
     if r.request_len > 0:
         return int(max(r.repeat_at, now + 1))
     soon = r.asked_at + s.retry
-    return int(soon if soon > now else max(now + s.retry, r.asked_at + again_after(f)))
+    if soon > now:
+        return int(soon)
+    # Who seeks hears of others at any time; and what its a-node has no request for now, it has soon.
+    return int(now + s.retry if r.seeks else max(now + s.retry, r.asked_at + again_after(f)))
 
 
 @kernel
@@ -171,6 +174,18 @@ def drawn(f: Fleet, i: int) -> int:
     """A number out of a MAC in the robot's last request, which nobody knows who has not heard it; at first 0."""
     r = f.robot[i]
     return whole(r.drawn) if r.request_row == NO_ROW else get_u32(f.request.rows[r.request_row], AT_AUTH_S)
+
+
+@kernel
+def hears_few(f: Fleet, i: int, now: int) -> bool:
+    """Whether of those heard in the last round too few may be left to ask, if f_max of them lie: not 2 f_max + 1.
+
+    Source: docs/adr/0036.
+    """
+    s, heard_of = f.settings[0], 0
+    for k in range(f.robot[i].peers):
+        heard_of += (now - f.peer[i, k].heard) * 4 <= s.t_audit * 5
+    return bool(heard_of <= 2 * s.f_max)
 
 
 @kernel

@@ -142,18 +142,23 @@ class CNode:
         if told == node.WHOLE:
             place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
             told = int(node.answer(self.f, self.i, self.w, place, src, self._judge(place, src)))
+        if told == node.HELLO:
+            return self._tell(now_ms, int(self.w.told[node.TOLD_TO]))
         return self.judged(now_ms) if told == node.REPLY else []
 
     def on_round(self, now_ms: int) -> list[Action]:
         """T_audit has passed: say hello, take a checkpoint, ask the first auditor."""
-        n = node.hello(self.f, self.i, self.w.frame)
-        actions = self.send(now_ms, self.w.frame[:n].tobytes(), EVERYBODY)
         rounds.begin_round(self.f, self.i)
-        return actions + self.next_frame(now_ms)
+        n = request.hello(self.f, self.i, now_ms, self.w.frame)
+        return self.send(now_ms, self.w.frame[:n].tobytes(), EVERYBODY) + self.next_frame(now_ms)
 
     def on_retry(self, now_ms: int) -> list[Action]:
         """The retry time has passed: ask further robots if tokens are missing."""
-        return self.next_frame(now_ms) if rounds.retry(self.f, self.i) > 0 else []
+        if rounds.retry(self.f, self.i) == 0:
+            return []
+        n = request.seek(self.f, self.i, now_ms, self.w.frame)
+        said = self.send(now_ms, self.w.frame[:n].tobytes(), EVERYBODY) if n else []
+        return said + self.next_frame(now_ms)
 
     def on_sent(self, now_ms: int, *, arrived: bool) -> list[Action]:
         """The radio is done with the last fragment."""
@@ -241,8 +246,11 @@ class CNode:
 
     def reply(self, now_ms: int, auditee: int) -> list[Action]:
         """The token in `work.frame` to the auditee."""
+        return self._tell(now_ms, auditee)
+
+    def _tell(self, now_ms: int, to: int) -> list[Action]:
         n = int(self.w.told[node.TOLD_LENGTH])
-        return self.send(now_ms, self.w.frame[:n].tobytes(), auditee)
+        return self.send(now_ms, self.w.frame[:n].tobytes(), to)
 
     def next_frame(self, now_ms: int) -> list[Action]:
         """The next fragment of an audit request, if one is due."""

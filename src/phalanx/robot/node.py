@@ -19,7 +19,7 @@ from . import auditor
 from .controllers import dispatch
 
 # What `hear` tells its caller; the numbers are in `work.told`.
-NOTHING, REPLY, WHOLE, INSTALLED = 0, 1, 2, 3
+NOTHING, REPLY, WHOLE, INSTALLED, HELLO = 0, 1, 2, 3, 4
 TOLD_LENGTH, TOLD_TO, TOLD_REFUSAL, TOLD_TEE, TOLD_PLACE = 0, 1, 2, 3, 4
 ID_AT = STATE.at("id")  # as in every other broadcast of a controller's
 ID_BYTES = STATE.at("t") - ID_AT
@@ -111,7 +111,8 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
     """A frame has arrived: passed on by the a-node, logged and given to the controller, or taken as audit traffic.
 
     Returns: NOTHING; REPLY: an audit is over, `w.frame` is a token if `told[TOLD_REFUSAL]` is 0; INSTALLED: a token
-        came; WHOLE: a request for a plain-Python controller waits at place `told[TOLD_PLACE]`. Negative: refused.
+        came; HELLO: it is in `w.frame`, for whom `told[TOLD_TO]` says; WHOLE: a request for a plain-Python controller
+        waits at place `told[TOLD_PLACE]`. Negative: refused.
     Source: RoboRebound Alg. 4, §3.7.
     """
     s = f.settings[0]
@@ -135,7 +136,7 @@ def hear(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
 
 @kernel
 def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> int:
-    """An AUDIT frame: HELLO, a fragment of a request, or a token. See `hear`. Source: docs/spec/rebound.md."""
+    """An AUDIT frame: HELLO, SEEK, a fragment of a request, or a token. See `hear`. Source: docs/spec/rebound.md."""
     r = f.robot[i]
     if length < request.AUDIT_HEAD_BYTES:
         return NOTHING
@@ -144,25 +145,35 @@ def hear_audit(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int) -> 
         return NOTHING
     rounds.heard(f, i, src, now)
     if sub == request.FRAGMENT:
-        place = request.take_fragment(f, i, frame, length, now)
-        if place < 0:
-            return NOTHING
-        w.told[TOLD_TEE] = src
-        w.told[TOLD_PLACE] = place
-        refused = knock(f, i, w, place, src)
-        if refused == 0:
-            if not request.admit(f, i, src, w.case[0].t, now):
-                return NOTHING
-            if f.settings[0].controller == 0:
-                return WHOLE
-            refused = judge(f, i, w, place, src)
-        return answer(f, i, w, place, src, refused)
+        return hear_fragment(f, i, w, now, frame, length, src)
     if sub == request.TOKEN and length == request.TOKEN_FRAME_BYTES:
         t, mac = get_u32(frame, request.REPLY_T), frame[request.REPLY_MAC : request.TOKEN_FRAME_BYTES]
         if rounds.on_token(f, i, src, t, mac, now) == 0:
             w.told[TOLD_TEE] = src
             return INSTALLED
+    if sub == request.SEEK and length == request.AUDIT_HEAD_BYTES:
+        w.told[TOLD_LENGTH] = request.hello_to(f, i, src, now, w.frame)
+        w.told[TOLD_TO] = src
+        return HELLO if w.told[TOLD_LENGTH] else NOTHING
     return NOTHING
+
+
+@kernel
+def hear_fragment(f: Fleet, i: int, w: Work, now: int, frame: Row, length: int, src: int) -> int:
+    """A fragment of a request by `src`, which is audited if it is whole now. See `hear`. Source: RoboRebound §3.7."""
+    place = request.take_fragment(f, i, frame, length, now)
+    if place < 0:
+        return NOTHING
+    w.told[TOLD_TEE] = src
+    w.told[TOLD_PLACE] = place
+    refused = knock(f, i, w, place, src)
+    if refused == 0:
+        if not request.admit(f, i, src, w.case[0].t, now):
+            return NOTHING
+        if f.settings[0].controller == 0:
+            return WHOLE
+        refused = judge(f, i, w, place, src)
+    return answer(f, i, w, place, src, refused)
 
 
 @kernel
@@ -219,13 +230,6 @@ def answer(f: Fleet, i: int, w: Work, place: int, src: int, refused: int) -> int
     copy(w.frame, request.REPLY_MAC, w.small[2], 0, MAC_BYTES)
     w.told[TOLD_LENGTH] = request.TOKEN_FRAME_BYTES
     return REPLY
-
-
-@kernel
-def hello(f: Fleet, i: int, frame: Row) -> int:
-    """The frame by which others know that this robot is here to audit; its length. Source: docs/spec/rebound.md."""
-    request.audit_head(frame, f.robot[i].id, 0, request.HELLO)
-    return request.AUDIT_HEAD_BYTES
 
 
 @kernel

@@ -82,7 +82,7 @@ class Runtime:
         due_ms = self.audit_ms
         if due_ms == self._round_ms:
             self._round_ms += self._config.t_audit_ms
-            listens_ms = int(request.listens(self.cnode.f, self.cnode.i))
+            listens_ms = int(request.listens(self.cnode.f, self.cnode.i, now_ms, self.cnode.w.small[1]))
             if listens_ms > 0:
                 self._listened_ms = now_ms + listens_ms
                 return []

@@ -133,9 +133,13 @@ ACTION = Record(
 HELLO = 0
 FRAGMENT = 1
 TOKEN_REPLY = 2
+SEEK = 3
 
 _AUDIT = (Field("src", "u16", "robot id; in `bound` written by the a-node"), Field("dst", "u16", "robot id, 0 for all"))
 AUDIT_HELLO = Record("audit_hello", (*_AUDIT, Field("sub", "u8", "", HELLO)), "here is somebody who audits", KIND_AUDIT)
+AUDIT_SEEK = Record(
+    "audit_seek", (*_AUDIT, Field("sub", "u8", "", SEEK)), "a hello that each who hears it answers with one", KIND_AUDIT
+)
 AUDIT_FRAGMENT = Record(
     "audit_fragment",
     (
@@ -358,7 +362,7 @@ LOGGED = (FLUSHED_S, FLUSHED_A, CHECKED, EVIDENCE, guarded.ADVICE)  # beside ENT
 DRIVEN = (*driven.ORDERS, WHEELS_COMMAND, WHEELS_SENSOR, WHEELS_STATE)
 ON_MISSION = (MISSION_READING, MISSION_MESSAGE, DRIVE, ACTION)
 ADVISED = (guarded.WISH, guarded.SIGNED_WISH)
-AUDITS = (AUDIT_HELLO, AUDIT_FRAGMENT, AUDIT_TOKEN)
+AUDITS = (AUDIT_HELLO, AUDIT_SEEK, AUDIT_FRAGMENT, AUDIT_TOKEN)
 PAYLOADS = (STATE, SENSOR, ACCELERATION, *ADVISED, *DRIVEN, *ON_MISSION, *AUDITS)
 MACED = (MKEY, AUTH_S, AUTH_S_PAPER, AUTH_A_PAPER, TREQ, TREQ_PAPER, TOKEN, SEALED)
 HANDED_OUT = (AUTHENTICATOR, TOKEN_REQUEST, BOARD, SEAL)

@@ -59,14 +59,14 @@ class Liar(CNode):
 
     Class attributes:
         scene: where such an attack is tried.
-        period_ms: `on_wake` is called so often while it lies; 0 never.
+        period_ms: `on_wake` is called so often while it lies; 0 never. One that knows when may set its own each time.
 
     Attributes:
         attack: what it is an instance of; set by who makes it (`lying`).
     """
 
     scene: ClassVar[Scene] = "flock"
-    period_ms: ClassVar[int] = 0
+    period_ms: int = 0
     attack: Attack
 
     def __init__(

@@ -166,6 +166,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="talks, in short AUDIT frames, whenever somebody whom it does not hear asks for audits",
                stopped_by="a fragment that was lost is said again, at a time that nobody can foresee; in `bound` the "
                           "a-node's bucket limits how much of the time can be talked over"),
+        Attack("mask", "mask.Mask", HARMLESS, STARVED, 1, crowd=True,
+               does="talks whenever somebody says that it is there, and audits nobody: others shall know no auditors",
+               stopped_by="who lacks tokens asks who is there, at a time that nobody can foresee, and each who hears "
+                          "it answers it alone, until that has arrived"),
         Attack("covert-talk", "floods.CovertTalk", LIMITED, AIRTIME, 4,
                does="sends an accomplice, or the nearest ear, whatever it likes in AUDIT frames, which no log shows",
                stopped_by="nothing ends it; in `bound` the a-node's bucket limits how much"),

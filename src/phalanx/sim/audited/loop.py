@@ -102,7 +102,7 @@ def _go_on(world: World, until_us: int) -> int:  # noqa: C901, PLR0912, PLR0915 
             if kind == ROUND:
                 if arg != LISTENED:
                     push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
-                    listens_us = request.listens(world.fleet, i) * 1000
+                    listens_us = 1000 * request.listens(world.fleet, i, clock_ms(world, i), world.work.small[1])
                     if listens_us > 0:
                         push(world.queue, now_us + listens_us, ROUND, i, LISTENED)
                         continue
@@ -192,11 +192,11 @@ def deliver(world: World, j: int) -> int:
     fetch(world.fleet.log, j, world.fleet.robot[j].log_len, 1)
     now = clock_ms(world, j)
     told = node.hear(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
+    t = world.work.told
     if told == node.REPLY:
-        t = world.work.told
         judged(world, j, t[node.TOLD_TEE], t[node.TOLD_REFUSAL])
-        if t[node.TOLD_REFUSAL] == 0:
-            pass_on(world, j, now, t[node.TOLD_LENGTH], t[node.TOLD_TO] - 1)
+    if told == node.HELLO or (told == node.REPLY and t[node.TOLD_REFUSAL] == 0):
+        pass_on(world, j, now, t[node.TOLD_LENGTH], t[node.TOLD_TO] - 1)
     return 0
 
 
@@ -231,14 +231,17 @@ def judged(world: World, auditor: int, auditee_id: int, refusal: int) -> None:
 @kernel
 def audit_timer(world: World, i: int, kind: int) -> None:
     """A round begins, or more auditors are asked. Source: RoboRebound §3.7."""
-    f = world.fleet
+    f, now = world.fleet, clock_ms(world, i)
     if kind == ROUND:
-        n = node.hello(f, i, world.work.frame)
-        pass_on(world, i, clock_ms(world, i), n, BROADCAST)
         rounds.begin_round(f, i)
-        pump(world, i)
+        n = request.hello(f, i, now, world.work.frame)
     elif rounds.retry(f, i) > 0:
-        pump(world, i)
+        n = request.seek(f, i, now, world.work.frame)
+    else:
+        return
+    if n > 0:
+        pass_on(world, i, now, n, BROADCAST)
+    pump(world, i)
 
 
 @kernel
