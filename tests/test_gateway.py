@@ -7,6 +7,7 @@ import json
 import os
 import re
 import time
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -19,12 +20,14 @@ from phalanx.gateway.events import tell_event
 from phalanx.gateway.gateway import TICK_S, UPDATES_PER_TICK
 from phalanx.gateway.joystick import EXPIRES_S, Joysticks
 from phalanx.gateway.visitors import FORGET_AFTER_S, FORGET_OLDER_AFTER_S, LIMIT, MOST_DRIVERS, Drivers, Visitors
+from phalanx.gateway.work import MOST_THINGS, WorkWatch
 from phalanx.io import Client, Server
 from phalanx.link import Command, Pin, Request, derive_epoch
 from phalanx.link.envelope import encode_envelope, seal
 from phalanx.link.messages import Publish, Rejected
 from phalanx.link.topics import CommandTopic, full_topic
 from phalanx.robot import Led, Point
+from phalanx.robot.at_work import Done
 from phalanx.sim import Dotbots
 
 pytestmark = pytest.mark.waits
@@ -90,6 +93,21 @@ class TestVisitors:
         assert re.fullmatch("visitor [0-9a-f]{6}", visitors.shown(published))
         assert visitors.shown(published) == visitors.shown(published) != visitors.shown("mqttjs_1a2b3c4e")
         assert visitors.shown(published) != Visitors().shown(published), "nobody finds it by trying names"
+
+    def test_work_is_told_once_a_second_and_things_when_they_move(self):
+        at_work = SimpleNamespace(things=lambda: places, done=lambda: done)
+        watch, places = WorkWatch(at_work), [Point(10.4, 20.6)]
+        done = Done(name="tracking", score=61.6, counts="% tracked", lately_s=120.0)
+        told = {"work": [["tracking", 62, "% tracked", 120]], "things": [[[10, 21]]]}
+        assert watch.news(dict, 10.0) == told
+        assert watch.news(dict, 10.1) == {}
+        places = [Point(i, 0.0) for i in range(100)]
+        assert watch.news(dict, 10.2) == {"things": [[[i, 0] for i in range(MOST_THINGS)]]}
+        places = []
+        assert watch.news(dict, 10.3) == {"things": [[]]}
+        assert watch.news(dict, 11.0) == {"work": told["work"]}
+        done = None
+        assert watch.news(dict, 12.0) == {}
 
     def test_drivers_are_told_twice_a_second_while_they_drive_and_so_many_only(self):
         drivers = Drivers()

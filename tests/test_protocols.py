@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import pickle
 import random
 from dataclasses import replace
 
@@ -102,6 +103,38 @@ def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
     assert told["safe_mode_s"] - told["first_deviation_s"] <= bound_s
     assert summary["correct_in_safe_mode"] == summary["without_quorum"] == []
     assert run.world.fleet.robot["audits_passed"].sum() >= ROBOTS
+
+
+@pytest.mark.parametrize("name, lie", [("patrol", "claim-visits"), ("tracking", "alter-entries")])
+def test_what_one_audit_replayed_no_further_one_does_and_the_run_is_the_same(name, lie):
+    scenario = small(name, AttackSpec(name=lie, at_s=4.0, robot=2), end_s=9.0)
+    told, known = [], []
+    for plain in (False, True):
+        run = Run(scenario, plain=plain)
+        run.advance(scenario.duration_s)
+        told.append(run.summary() | {"real_time_factor": None})
+        known.append(run.world.fleet.memo.passed["length"].tolist())
+    assert told[0] == told[1]
+    assert all(known[0][rob_id % ROBOTS] for rob_id in (1, 3, 4, 5)), "the last that passed, of each but the liar"
+    assert not any(known[1])
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_a_stage_that_goes_on_forgets_what_was_and_counts_what_came_since(name):
+    task = task_of(name, ROBOTS)
+    kept, forgetful = (ProtocolWorld(name, task) for _ in range(2))
+    for world in (kept, forgetful):
+        world.live(60.0)
+    forgetful.stage.forget(0.0)
+    assert forgetful.stage.score(()) == kept.stage.score(())
+    assert forgetful.stage.things(60.0) == kept.stage.things(60.0)
+    forgetful.stage.forget(30.0)
+    assert forgetful.stage.things(60.0) == kept.stage.things(60.0)
+    assert 0 <= forgetful.stage.score(()) <= 100
+    if name not in ("warehouse", "exploration"):
+        forgetful.stage.forget(60.0)
+        assert forgetful.stage.score(forgetful.ids) == forgetful.stage.score(()) == 0.0
+        assert len(pickle.dumps(forgetful.stage)) < 0.8 * len(pickle.dumps(kept.stage))
 
 
 def test_a_lie_is_of_one_protocol():

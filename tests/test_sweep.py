@@ -16,6 +16,7 @@ from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.figure import Figure
 from phalanx.experiments.library import FIGURES
+from phalanx.experiments.sweep import dealing
 from phalanx.experiments.sweep.cluster import run_job
 from phalanx.experiments.sweep.dealing import deal_cases
 from phalanx.experiments.sweep.plan import read_sweep
@@ -220,6 +221,15 @@ def _runs(pid: int) -> bool:
         return False
 
 
+def kills_or_doubles(job: tuple[int, bool]) -> int:
+    number, kills = job
+    if kills:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if number == 7:
+        raise ValueError("seven")
+    return 2 * number
+
+
 class TestCluster:
     LONGER = SMALL.replace("duration_s: 2", "duration_s: 10").replace("seeds: 3", "seeds: 4")
 
@@ -306,6 +316,18 @@ class TestCluster:
         assert "own.py:9: AssertionError: five is too many" in told
         assert "Traceback" not in err
         each_once(tmp_path / "out", 1)
+
+    def test_short_runs_share_a_task_and_the_one_that_kills_it_takes_no_other_with_it(self, monkeypatch):
+        monkeypatch.setitem(dealing.SETTINGS, "distributed.scheduler.allowed-failures", 0)
+        jobs = {f"job {i}": (i, i == 3) for i in range(12)}
+        come = list(dealing.dealt(jobs, kills_or_doubles, None, 1))
+        assert len(come) == len(dict(come)) == 12, "each once"
+        failed = {key: told for key, told in come if isinstance(told, dealing.Failed)}
+        assert failed.keys() == {"job 3", "job 7"}
+        assert failed["job 7"].why == "ValueError: seven"
+        assert "died" in failed["job 3"].why
+        doubled = {key: told for key, told in come if key not in failed}
+        assert doubled == {f"job {i}": 2 * i for i in range(12) if i not in (3, 7)}
 
     def test_no_scheduler_there_is_one_line(self, written, tmp_path, phalanx, monkeypatch):
         monkeypatch.setattr("phalanx.experiments.sweep.dealing.CONNECT_S", 1.0)

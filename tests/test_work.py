@@ -13,11 +13,12 @@ from phalanx.robot import Point
 from phalanx.robot.controllers.bundled import wheels
 from phalanx.robot.controllers.peer_bodies import TAKEN_MS
 from phalanx.sim.swarms.protected import DEMO, ProtectedSwarm
-from phalanx.sim.swarms.work import MOST_AT_WORK, ON_WHEELS, Work
+from phalanx.sim.swarms.work import ON_WHEELS, Work
 from phalanx.wire.record import MalformedRecord
 
 pytestmark = pytest.mark.timeout(600)  # the first run after a kernel has changed compiles the world
 STEP_S = 0.1
+LEAST = {"exploration": 90.0, "patrol": 50.0, "perimeter": -1.0, "tracking": 30.0}  # after 20 s
 
 
 def working(robots=8, protocol="patrol", seed=0, **more) -> ProtectedSwarm:
@@ -40,14 +41,23 @@ def places(swarm: ProtectedSwarm) -> list[Point]:
 @pytest.mark.parametrize("protocol", ON_WHEELS)
 def test_they_work_by_themselves_under_audit_and_show_where_they_go(protocol):
     swarm = working(protocol=protocol)
-    assert live(swarm, 20.0) == []
+    at_work = set()
+    for _ in range(20):
+        assert live(swarm, 1.0) == []
+        at_work |= {robot.address for robot in swarm.robots() if robot.route}
+    assert len(at_work) >= 6
     assert not swarm.world.safe.any()
     assert all(len(shield.vouchers) >= shield.needed for shield in swarm.shields())
-    visited = sum(bool(visits) for visits in swarm._work.stage.visits)
-    assert visited > 20
-    at_work = [robot for robot in swarm.robots() if robot.route]
-    assert len(at_work) >= 6
-    assert all(math.dist((r.route[-1].x_mm, r.route[-1].y_mm), (r.at.x_mm, r.at.y_mm)) > 0 for r in at_work)
+    done = swarm.done()
+    assert done.name == protocol
+    assert done.score > LEAST[protocol]
+    assert bool(swarm.things()) == (protocol in ("perimeter", "tracking"))
+
+
+def test_who_waits_for_people_has_done_nothing():
+    swarm = ProtectedSwarm(8, 0, lambda: 0.0)
+    assert swarm.done() is None
+    assert not swarm.things()
 
 
 def test_a_visitor_takes_one_over_and_it_goes_back_to_work():
@@ -98,9 +108,12 @@ def test_the_operator_holds_all_and_lets_them_go_on():
     assert all(math.dist((a.x_mm, a.y_mm), (b.x_mm, b.y_mm)) > 10 for a, b in zip(places(swarm), here))
 
 
-@pytest.mark.parametrize("attack", ["claim-visits", "hijack"])
-def test_who_begins_to_lie_in_the_middle_of_it_is_stopped_and_nobody_else(attack):
-    swarm = working(12)
+@pytest.mark.parametrize(
+    "protocol, attack",
+    [("patrol", "claim-visits"), ("patrol", "hijack"), ("perimeter", "open-breach"), ("tracking", "point-elsewhere")],
+)
+def test_who_begins_to_lie_in_the_middle_of_it_is_stopped_and_nobody_else(protocol, attack):
+    swarm = working(12, protocol)
     assert attack in [choice.name for choice in swarm.attacks()]
     live(swarm, 6.0)
     swarm.compromise(swarm.robots()[3].address, attack)
@@ -122,7 +135,8 @@ def test_a_protocol_s_lies_are_none_of_those_who_do_something_else():
     [
         ("warehouse", 8, "no wheels can do 'warehouse'"),
         ("dance", 8, "no wheels can do 'dance'"),
-        ("patrol", MOST_AT_WORK + 1, f"{MOST_AT_WORK + 1} robots that do patrol"),
+        ("patrol", 41, "41 robots that do patrol"),
+        ("perimeter", 13, "13 robots that do perimeter"),
     ],
 )
 def test_what_wheels_cannot_do_is_refused(protocol, robots, told, phalanx):

@@ -32,4 +32,5 @@ export {
   swarmReducer,
 } from "./swarm";
 export { type Point, TRAIL_POINTS, Trail } from "./trail";
+export { type Work, workWords } from "./work";
 export type { BrokerState, Health } from "./watch";

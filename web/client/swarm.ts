@@ -13,6 +13,7 @@ import { objectsOf, readNumber, readPoint, readText } from "./reading";
 import { type Robot, readBattery, readDirection, readRobot } from "./robot";
 import { type Audit, readShield, readTerms, readVerdict, type ShieldTerms } from "./shield";
 import { Trail } from "./trail";
+import { type Work, workInFrame } from "./work";
 
 export const REQUEST_ROBOTS = 0;
 export const REQUEST_AREA = 1;
@@ -79,6 +80,8 @@ export interface Swarm {
   readonly held: boolean;
   /** Undefined where robots live no missions. */
   readonly missions: Missions | undefined;
+  /** Undefined where robots have no work of their own. */
+  readonly work: Work | undefined;
   /** When the newest answer or frame came. */
   readonly at_ms: number;
 }
@@ -105,6 +108,7 @@ export const NO_SWARM: Swarm = {
   drivers: new Map(),
   held: false,
   missions: undefined,
+  work: undefined,
   at_ms: 0,
 };
 
@@ -254,7 +258,8 @@ function framed(swarm: Swarm, frame: JsonObject, at_ms: number): Swarm {
   const audits = [...recent, ...ended].slice(-MOST_AUDITS);
   const drivers = driversInFrame(swarm.drivers, numbers, frame, at_ms);
   const held = frame["held"] === true;
-  return { ...next, numbers, seq, audits, drivers, held, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
+  const work = workInFrame(swarm.work, frame);
+  return { ...next, numbers, seq, audits, drivers, held, work, missions: told?.missions, at_ms, missed: next.missed + (missed ? 1 : 0) };
 }
 
 function driversInFrame(

@@ -1,7 +1,7 @@
 // The live map: tap a robot to choose it; in route mode, tap a place to go there. Two fingers, buttons or keys zoom.
 
 import { type KeyboardEvent, type PointerEvent, useEffect, useRef, useState } from "react";
-import { type Point, type SwarmSource, useSwarm } from "../client";
+import { type Point, type SwarmSource, useSwarm, workWords } from "../client";
 import { Gesture, type Pinch } from "./gesture";
 import { Painter } from "./painter";
 import { nearest, rounded, toArea } from "./projection";
@@ -36,6 +36,8 @@ export function MapView({
 }: Props) {
   const area = useSwarm(link, ({ swarm }) => swarm.area);
   const count = useSwarm(link, ({ swarm }) => swarm.roster.length);
+  // A string: it renders again only when the words change, not at every frame.
+  const work = useSwarm(link, ({ swarm }) => (swarm.work ? workWords(swarm.work) : ""));
   const isLive = useSwarm(link, ({ health }) => health.state === "live");
   const [cursor, setCursor] = useState<Point>();
   const [isZoomed, setZoomed] = useState(false);
@@ -171,6 +173,11 @@ export function MapView({
         onKeyDown={onKeyDown}
         onBlur={() => setCursor(undefined)}
       />
+      {work !== "" && (
+        <p className="map-work" data-testid="work">
+          {work}
+        </p>
+      )}
       <p className="map-hint" role="status" data-testid="news">
         {news || hint}
       </p>

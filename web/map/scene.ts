@@ -28,6 +28,7 @@ const LEAST_RADIUS = 5;
 /** Few robots may be drawn larger than they are, for thumbs. */
 const LEAST_RADIUS_OF_FEW = 7.5;
 const MOST_RADIUS = 13;
+const THING_PX = 9;
 const TURN = 2 * Math.PI;
 
 export function shownRobots(swarm: Swarm): Robot[] {
@@ -76,6 +77,7 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
     drawWalls(ctx, p, theme, missions.walls ?? []);
     drawLit(ctx, p, theme, missions);
   }
+  drawThings(ctx, p, theme, scene.swarm.work?.things ?? []);
   const robots = shownRobots(scene.swarm);
   const short = robots.length <= FEW ? TRAIL_OF_FEW : robots.length <= 200 ? TRAIL_OF_MANY : 0;
   for (const robot of short > 0 ? robots : []) {
@@ -87,6 +89,24 @@ export function drawGround(ctx: CanvasRenderingContext2D, p: Projection, theme: 
     drawRoute(ctx, p, theme, selected.waypoints, selected.threshold, false);
   }
   if (scene.cursor) drawCursor(ctx, toScreen(p, scene.cursor), theme);
+}
+
+/** What the robots' work is about, on its tip: nobody takes it for a robot. */
+function drawThings(ctx: CanvasRenderingContext2D, p: Projection, theme: Theme, things: readonly Point[]): void {
+  ctx.fillStyle = theme.bad;
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = 1.5;
+  for (const thing of things) {
+    const { x, y } = toScreen(p, thing);
+    ctx.beginPath();
+    ctx.moveTo(x, y - THING_PX);
+    ctx.lineTo(x + THING_PX, y);
+    ctx.lineTo(x, y + THING_PX);
+    ctx.lineTo(x - THING_PX, y);
+    ctx.closePath();
+    ctx.fill();
+    ctx.stroke();
+  }
 }
 
 function drawGrid(ctx: CanvasRenderingContext2D, { area, scale, left, top }: Projection, theme: Theme): void {

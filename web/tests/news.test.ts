@@ -1,7 +1,7 @@
 // What visitors are told beside the map: who else drives, who arrived, who was stopped.
 
 import { describe, expect, test } from "vitest";
-import { driversOf, type Json, NO_SWARM, type Swarm, swarmReducer } from "../client";
+import { driversOf, type Json, NO_SWARM, type Swarm, swarmReducer, workWords } from "../client";
 import { newsOf } from "../visitor/news";
 import { shieldWords } from "../visitor/shield_words";
 
@@ -50,6 +50,32 @@ describe("who else drives", () => {
     const swarm = framed(swarmAt(0), { drivers: words }, 1000);
     expect(swarm.drivers.get(A)?.names.every((name) => name.length <= 8)).toBe(true);
     expect(swarm.drivers.get(B)?.names).toHaveLength(8);
+  });
+});
+
+describe("a swarm's own work", () => {
+  const told = { work: [["patrol", 86.6, "% watched", 120]], things: [[[10, 20], [30, 40]]] };
+
+  test("its score stays until another is told, and so do its things", () => {
+    expect(swarmAt(0).work).toBeUndefined();
+    let { work } = framed(swarmAt(0), told, 1000);
+    expect(work && workWords(work)).toBe("patrol: 87\u202f% watched, last 2 min");
+    expect(work?.things).toEqual([{ x: 10, y: 20 }, { x: 30, y: 40 }]);
+    const swarm = framed(framed(swarmAt(0), told, 1000), { work: [["patrol", 3, "deliveries", 30]] }, 1100);
+    ({ work } = swarm);
+    expect(work && workWords(work)).toBe("patrol: 3 deliveries, last 30 s");
+    expect(work?.things).toHaveLength(2);
+    expect(framed(swarm, { things: [[]] }, 1200).work?.things).toEqual([]);
+  });
+
+  test("whatever a peer says, nothing is thrown, and nothing grows without end", () => {
+    for (const work of [null, 1, [null], [[1, 2]], [["x", "y", "z", 1]], [["x", 1e99, "z", 1]], [["x", 1, "z", 0]]]) {
+      expect(framed(swarmAt(0), { work }, 1000).work).toBeUndefined();
+    }
+    const things = [[null, [], [1], ["a", 2], [1e99, 0], ...Array<[number, number]>(100).fill([1, 2])]];
+    expect(framed(swarmAt(0), { ...told, things }, 1000).work?.things).toHaveLength(27);
+    const { work } = framed(swarmAt(0), { work: [["x".repeat(1000), 1, "z".repeat(1000), 1]] }, 1000);
+    expect(work && workWords(work).length).toBeLessThan(100);
   });
 });
 

@@ -155,7 +155,7 @@ def check_start(f: Fleet, i: int, w: Work, q: Row) -> int:
         c.newest = c.due
         c.due += rounds.phase_of(s.mission_seed, c.tee, s.t_control)
         w.tops[:] = 0
-    c.known = memo.recall(f.memo, w, q) if s.controller != 0 and s.plain == 0 else 0
+    c.known = memo.recall(f.memo, w, q) if s.plain == 0 else 0
     if q[request.AT_FLAGS] or c.known:
         return 0
     if c.tokens < s.f_max + 1:

@@ -12,6 +12,7 @@ from phalanx.errors import Late, Unknown, UsageError
 from phalanx.io import Server
 from phalanx.link import Command, Request, SharedAnswer
 from phalanx.robot import Robot, Swarm
+from phalanx.robot.at_work import AtWork
 from phalanx.robot.on_mission import OnMission
 from phalanx.robot.shield import Shielded, Unprotected
 from phalanx.robot.swarm import Routed
@@ -24,6 +25,7 @@ from .missions.watch import MissionWatch
 from .shields import ShieldWatch
 from .visitors import Drivers, Visitors
 from .vocabulary import Notice
+from .work import WorkWatch
 
 log = logging.getLogger(__name__)
 
@@ -80,6 +82,7 @@ class Gateway:
     def _serve(self, swarm: Swarm) -> None:
         self.swarm = swarm
         self.shields = ShieldWatch(swarm, self._say) if isinstance(swarm, Shielded) else None
+        self.work = WorkWatch(swarm) if isinstance(swarm, AtWork) else None
         self._longest_route = swarm.longest_route if isinstance(swarm, Routed) else vocabulary.MAX_WAYPOINTS
 
     async def adopt(self, swarm: Swarm) -> None:
@@ -231,7 +234,7 @@ class Gateway:
         # A list that was made before this tick must not be handed out after its frames.
         self._lately.clear()
         robots = self.swarm.robots()
-        watches = [watch for watch in (self.shields, self.missions, self.drivers) if watch]
+        watches = [watch for watch in (self.shields, self.missions, self.work, self.drivers) if watch]
         more = {name: told for w in watches for name, told in w.news(self._frames.number, time.monotonic()).items()}
         tick = self._frames.next(robots, time.time(), time.monotonic(), more, held=self.brakes.held)
         for frame in tick.frames if tick else ():

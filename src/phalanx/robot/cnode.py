@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from phalanx.bti import audit, log, request, rounds, trusted
+from phalanx.bti import audit, log, memo, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, SEND, Work
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
@@ -101,6 +101,7 @@ class CNode:
         self._step_of, self._frame_max = fleet.robot["step"], int(fleet.settings[0].frame_max)
         self.controller = make_controller(self.id) if make_controller else None
         self.raw = b""
+        self._is_kept = True  # what its controller remembers, where checkpoints are made from
 
     @property
     def is_own(self) -> bool:
@@ -138,7 +139,7 @@ class CNode:
         told = node.hear(self.f, self.i, self.w, now_ms, row(frame), len(frame))
         if self.controller and told == node.NOTHING and not frame[0] & request.AUDIT:
             self.controller.on_recv(self._entry_time(), frame)
-            self.keep_state()
+            self._is_kept = False
         if told == node.WHOLE:
             place, src = int(self.w.told[node.TOLD_PLACE]), int(self.w.told[node.TOLD_TEE])
             told = int(node.answer(self.f, self.i, self.w, place, src, self._judge(place, src)))
@@ -178,6 +179,8 @@ class CNode:
 
         Raises: OwnMistake: it is not.
         """
+        if type(self) is CNode:
+            return told  # type: ignore[return-value] # its methods are these here
         if isinstance(told, list) and all(isinstance(each, Action) for each in told):
             return told
         wrong = next(each for each in told if not isinstance(each, Action)) if isinstance(told, list) else told
@@ -194,7 +197,9 @@ class CNode:
                 self.keep_evidence(evidence)
             outputs = _ask(self.controller, step, t_ms, reading, evidence)
             self._step_of[self.i] += 1
-            self.keep_state()
+            self._is_kept = False
+            if not self.controller.is_ours:  # what it does wrong is told at once
+                self.keep_state()
             return checked_outputs(outputs, self._frame_max, self.controller)
         n = node.think(self.f, self.i, self.w, entry_len)
         return unpack_outputs(self.w.out[:n].tobytes())
@@ -264,6 +269,7 @@ class CNode:
 
     def make_request(self, now_ms: int) -> bool:
         """Whether a request for an audit is ready in `fleet.request`."""
+        self.bring_up()  # its checkpoint is made now
         return bool(request.make_request(self.f, self.i, now_ms, *self.w.small[:3]) > 0)
 
     # --- plain-Python controllers ---
@@ -279,6 +285,12 @@ class CNode:
             state = checked_state(self.controller.encode(), self.f.state.shape[1], self.controller)
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
             self.f.robot[self.i].state_len = len(state)
+        self._is_kept = True
+
+    def bring_up(self) -> None:
+        """Its state in the fleet's memory is up to date, for a checkpoint or for whoever looks there."""
+        if not self._is_kept:
+            self.keep_state()
 
     def _judge(self, place: int, src: int) -> int:
         """As `node.judge`, with the mission's plain-Python controller."""
@@ -296,9 +308,11 @@ class CNode:
         assert self.make_controller
         case, w = self.w.case[0], self.w
         controller = self.make_controller(int(case.tee))
-        if q[request.AT_FLAGS] == 0:
+        known = int(case.known)
+        if known or q[request.AT_FLAGS] == 0:
+            end = CHECKPOINT_BYTES + int(case.state_len) if known else int(case.start_len)
             try:
-                controller.decode(w.state[CHECKPOINT_BYTES : case.start_len].tobytes())
+                controller.decode(w.state[CHECKPOINT_BYTES:end].tobytes())
             except PeerError:
                 return int(Refusal.STATE_MALFORMED)
         while (event := audit.next_event(self.f, w, q)) > audit.END:
@@ -324,6 +338,11 @@ class CNode:
                 refused = audit.check_state(w, q, len(state))
             if refused:
                 return int(refused)
+        if event == audit.END and controller.is_ours and not self.f.settings[0].plain:
+            state = controller.encode()
+            w.state[CHECKPOINT_BYTES : CHECKPOINT_BYTES + len(state)] = np.frombuffer(state, np.uint8)
+            case.state_len = len(state)
+            memo.remember(self.f.memo, w, q, known)
         return int(-event)
 
 

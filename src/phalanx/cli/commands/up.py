@@ -39,7 +39,8 @@ ROBOTS, ROBOTS_ON_MISSION = 12, 4
 @option(
     "--scenario",
     "protocol",
-    help="What simulated robots do while nobody drives them: patrol, or exploration (docs/protocols.md).",
+    help="What simulated robots do while nobody drives them: exploration, patrol, perimeter or tracking"
+    " (docs/protocols.md).",
     metavar="NAME",
 )
 @option("--seed", help="Of the robots' places and batteries.", default=0)

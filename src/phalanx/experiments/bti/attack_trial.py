@@ -160,7 +160,7 @@ def try_attack(
 
     def on_attacked(run: Run) -> None:
         if run.now_s <= at_s:
-            before.update((i, sent(run, i)) for i in run.robots)
+            before.update((i, sent(run, i)) for i, robot in run.robots.items() if isinstance(robot, Liar))
         on_step("attacked", run)
 
     attacked = play(scenario, on_step=on_attacked, controller=controller)

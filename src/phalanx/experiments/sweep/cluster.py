@@ -12,7 +12,7 @@ from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
-from .dealing import dealt, why_not
+from .dealing import Failed, dealt
 from .plan import Job, Plan, Planned
 from .store import Store, outcome
 
@@ -47,8 +47,8 @@ def run_sweep(
     failed: list[str] = []
     left = len(todo)
     for key, row in dealt({job.key: job for job in todo}, run or run_job, scheduler, workers):
-        if isinstance(row, BaseException):
-            failed.append(f"{_named(jobs[key])}: {why_not(row)}")
+        if isinstance(row, Failed):
+            failed.append(f"{_named(jobs[key])}: {row.why}")
         else:
             store.add(jobs[key], row)
         left -= 1

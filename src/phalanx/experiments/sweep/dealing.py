@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -18,7 +21,22 @@ SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
 CONNECT_S = 15.0
 # Of a worker that dies, dask gives its run to another; whose death comes so often again is not by chance.
 DEATHS = 5
-AHEAD = 8  # runs that wait for each process, so that none waits for us
+# Dask has some milliseconds of work with a task, and runs can be shorter than that: a task is several of them, for
+# about so long and at most so many. One more waits for each process, so that none waits for us.
+TASK_S, MOST_IN_TASK = 0.3, 64
+AHEAD = 2
+ALONE = " alone"
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": DEATHS - 1,
+    "distributed.worker.profile.enabled": False,  # it looks at each worker a hundred times a second
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """What a job came to that ended with an exception: a line that says why."""
+
+    why: str
 
 
 def key_of(*said: object) -> str:
@@ -38,8 +56,8 @@ def deal_cases(scheduler: str | None, workers: int | None) -> EachCase:
         failed: list[str] = []
         for key, measured in dealt(jobs, _measure_case, scheduler, workers) if jobs else ():
             case = jobs[key][1]
-            if isinstance(measured, BaseException):
-                failed.append(f"{case}: {why_not(measured)}")
+            if isinstance(measured, Failed):
+                failed.append(f"{case}: {measured.why}")
             else:
                 yield case, measured
         if failed:
@@ -56,21 +74,56 @@ def _measure_case(job: tuple[Figure, str]) -> Any:
 def dealt(
     jobs: Mapping[str, Any], run: Callable[[Any], Any], scheduler: str | None, workers: int | None
 ) -> Iterator[tuple[str, Any]]:
-    """Of each job its key, and what it came to or the exception that it ended with: as they come."""
+    """Of each job its key, and what it came to or `Failed`: as they come."""
     with _client(scheduler, workers) as (dask, client):
-        ahead = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-        waiting = iter(jobs.items())
+        # Dask suspects of a death whatever waits for the same process: who is suspected is tried again by itself.
+        waiting, suspects = deque(jobs.items()), deque[tuple[str, Any]]()
+        of: dict[str, Sequence[tuple[str, Any]]] = {}  # by task
+        processes, size = max(1, len(client.scheduler_info(n_workers=-1)["workers"])), 1
 
-        def submit(count: int) -> list[Any]:
-            given = [job for _, job in zip(range(count), waiting, strict=False)]
-            return [client.submit(run, job, key=key, pure=False) for key, job in given]
+        def submit(given: Sequence[tuple[str, Any]], more: str = "") -> Any:
+            future = client.submit(_make, run, given, key=given[0][0] + more, pure=False)
+            of[future.key] = given
+            return future
 
-        going = dask.as_completed(submit(ahead), loop=client.loop)
+        def submit_more() -> list[Any]:
+            submitted = []
+            while waiting and len(of) < AHEAD * processes:
+                count = min(size, -(-len(waiting) // (AHEAD * processes)))
+                submitted.append(submit([waiting.popleft() for _ in range(count)]))
+            if suspects and not of:
+                submitted.append(submit([suspects.popleft()], ALONE))
+            return submitted
+
+        going = dask.as_completed(submit_more(), loop=client.loop)
         for future in going:
+            given = of.pop(future.key)
             if future.status == "cancelled":
                 raise Unavailable(f"the scheduler at {scheduler} went away", "the same command goes on")
-            yield future.key, future.result() if future.status == "finished" else future.exception()
-            going.update(submit(1))
+            if future.status == "finished":
+                made = future.result()
+                yield from zip((key for key, _ in given), made, strict=False)
+                waiting.extendleft(reversed(given[len(made) :]))
+                size = min(2 * size, MOST_IN_TASK) if len(made) == len(given) else len(made)
+            elif future.key.endswith(ALONE):
+                yield given[0][0], Failed(why_not(future.exception()))
+            else:
+                suspects.extend(given)
+            going.update(submit_more())
+
+
+def _make(run: Callable[[Any], Any], jobs: Sequence[tuple[str, Any]]) -> list[Any]:
+    """What the first jobs came to, or `Failed`: of as many as fit into `TASK_S`, of one at least."""
+    made: list[Any] = []
+    until_s = time.perf_counter() + TASK_S
+    for _, job in jobs:
+        try:
+            made.append(run(job))
+        except Exception as error:  # noqa: BLE001 - whatever a researcher's file raises
+            made.append(Failed(why_not(error)))
+        if time.perf_counter() >= until_s:
+            break
+    return made
 
 
 def why_not(error: BaseException | None) -> str:
@@ -98,7 +151,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
     # It logs what we tell in a line, or mend.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(import_module("dask").config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}))
+        stack.enter_context(import_module("dask").config.set(SETTINGS))
         where: Any = scheduler
         if scheduler is None:
             # Whoever reaches a worker runs what he likes as us: certificates of this run's own, nobody else's.

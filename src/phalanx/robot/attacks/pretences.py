@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.peer_bodies import fields_of
+from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SIGHTING
@@ -95,10 +96,10 @@ class PointElsewhere(Pretender):
 
     def on_wake(self, now_ms: int) -> list[Action]:
         """Its own word is always the latest."""
-        if not self.seen:
-            return []
+        assert isinstance(self._honest, PeerController), "as all who see things"
         number, *at_m = self._seen
-        x, y = max(((each.x_m, each.y_m) for each in self.seen.values()), key=lambda place_m: math.dist(place_m, at_m))
+        others = ((each.x_m, each.y_m) for each in self._honest.others.values())
+        x, y = max(others, key=lambda place_m: math.dist(place_m, at_m))
         return self.send(now_ms, SIGHTING.form.pack(KIND_SIGHTING, self.id, now_ms, number, x, y), EVERYBODY)
 
 

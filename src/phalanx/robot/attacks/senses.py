@@ -10,6 +10,7 @@ from phalanx.bti import rounds
 from phalanx.bti.fleet import START
 from phalanx.robot.cnode import Action
 from phalanx.robot.controllers.peer_bodies import BEHIND_T, fields_of
+from phalanx.robot.controllers.peers import PeerController
 from phalanx.wire.fields import put_u32
 from phalanx.wire.protocols import SEEN, SIGHTING
 from phalanx.wire.table import SENSOR
@@ -37,7 +38,7 @@ class ShowThing(Liar):
     """Somebody outside shows its sensor, close by, the thing that was spoken of last; the robot itself is honest."""
 
     scene: ClassVar[Scene] = "protocol"
-    ASIDE_M: ClassVar[float] = 2.0  # along each axis
+    ASIDE_STEPS: ClassVar[float] = 0.125  # along each axis
     _number = 0  # until somebody has spoken of one
 
     def on_message(self, now_ms: int, frame: bytes) -> list[Action]:
@@ -48,9 +49,11 @@ class ShowThing(Liar):
 
     def read(self, now_ms: int, reading: bytes) -> bytes:
         """The reading, and what is not there; nothing to a sensor that sees no things."""
-        if not self.lies(now_ms) or len(reading) != SENSOR.size + SEEN.size:
+        mine = self._honest
+        if not self.lies(now_ms) or not isinstance(mine, PeerController) or len(mine.body.beside(reading)) != SEEN.size:
             return reading
-        return reading[: SENSOR.size] + SEEN.form.pack(self._number, self.ASIDE_M, self.ASIDE_M)
+        aside_m = self.ASIDE_STEPS * mine.task.step_m
+        return reading[: mine.body.sensor.size] + SEEN.form.pack(self._number, aside_m, aside_m)
 
 
 class ShowIntruder(ShowThing):

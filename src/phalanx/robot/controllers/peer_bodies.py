@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -28,7 +28,8 @@ ID, BEHIND_T = 1, 3  # of the fields of what robots say, sense and do, by number
 MOST_MPS2 = 5.0  # along each axis, as the body can
 # Of the drive: pace for each metre that is left, and share of a wrong pace that is undone in a second.
 PACE_PER_S, HASTE_PER_S = 1.5, 3.0
-WHEELS_MPS = 0.3  # about what wheels do: only how far a place is in seconds rests on it
+WHEELS_MPS = 0.3  # about what wheels do
+STANDS_MM = 20.0  # so near to where they are to be they stand, and do not circle around it
 # Who drives a robot by joystick has it for so long after the last word; then it goes back to its work.
 TAKEN_MS: Final = 5000
 
@@ -43,7 +44,9 @@ def fields_of(record: Record, said: bytes) -> tuple[Any, ...] | None:
     if len(said) != record.size or said[0] != record.tag:
         return None
     found = record.form.unpack(said)
-    return found if all(map(is_fine, found[BEHIND_T:])) else None
+    rest = found[BEHIND_T:]
+    # Mostly all together are no more than one may be, which is quickly said; of a NaN it is not.
+    return found if sum(map(abs, rest)) <= LARGEST_NUMBER or all(map(is_fine, rest)) else None
 
 
 class PeerBody(ABC):
@@ -51,7 +54,12 @@ class PeerBody(ABC):
 
     Args:
         pace_mps: its top speed along each axis.
+
+    Class attributes:
+        sensor: what a reading says of the robot itself; what else it sees is behind that.
     """
+
+    sensor: ClassVar[Record]
 
     def __init__(self, rob_id: int, pace_mps: float) -> None:
         self.rob_id, self.pace_mps = rob_id, pace_mps
@@ -59,6 +67,15 @@ class PeerBody(ABC):
     @abstractmethod
     def where(self, reading: bytes) -> Point | None:
         """Where the robot is, m; None if the reading makes no sense."""
+
+    def beside(self, reading: bytes) -> bytes:
+        """What a reading says of other things than the robot: a protocol's own matter."""
+        return reading[self.sensor.size :]
+
+    def own(self, reading: bytes) -> tuple[Any, ...] | None:
+        """What a reading says of the robot, as fields; None if it makes no sense."""
+        own = fields_of(self.sensor, reading[: self.sensor.size])
+        return own if own and own[ID] == self.rob_id else None
 
     @abstractmethod
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:
@@ -90,14 +107,16 @@ class PeerBody(ABC):
 class PointMass(PeerBody):
     """A body that accelerates, along each axis by itself."""
 
+    sensor = SENSOR
+
     def where(self, reading: bytes) -> Point | None:
         """See `PeerBody`."""
-        own = self._own(reading)
+        own = self.own(reading)
         return (own[BEHIND_T], own[BEHIND_T + 1]) if own else None
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
         """See `PeerBody`."""
-        own = self._own(reading)
+        own = self.own(reading)
         if own is None or aim_m is None:
             return [Act(ACCELERATION.form.pack(KIND_ACCELERATION, self.rob_id, t_ms, 0.0, 0.0))]
         x_m, y_m, *paces = own[BEHIND_T:]
@@ -116,10 +135,6 @@ class PointMass(PeerBody):
         said = fields_of(STATE, frame)
         return (said[ID], said[BEHIND_T], said[BEHIND_T + 1]) if said else None
 
-    def _own(self, reading: bytes) -> tuple[Any, ...] | None:
-        own = fields_of(SENSOR, reading[: SENSOR.size])  # what else it sees is a protocol's own matter
-        return own if own and own[ID] == self.rob_id else None
-
 
 class DrivenWheels(PeerBody):
     """Two wheels that obey signed orders as `wheels` do; nobody's orders, they do the protocol's work.
@@ -128,19 +143,21 @@ class DrivenWheels(PeerBody):
     of that, and this takes the wheels where that leaves them idle.
     """
 
+    sensor = WHEELS_SENSOR
+
     def __init__(self, rob_id: int, params: Params) -> None:
         super().__init__(rob_id, WHEELS_MPS)
         self._driven = compiled(dispatch.NUMBERS["wheels"], params)(rob_id)
 
     def where(self, reading: bytes) -> Point | None:
         """See `PeerBody`."""
-        own = self._own(reading)
+        own = self.own(reading)
         return (own[BEHIND_T] / 1000, own[BEHIND_T + 1] / 1000) if own else None
 
     def drive(self, step: int, t_ms: int, reading: bytes, aim_m: Point | None, *, speaks: bool) -> list[Output]:  # noqa: ARG002
         """See `PeerBody`."""
-        outputs = list(self._driven.on_input(step, t_ms, reading))
-        own = self._own(reading)
+        outputs = list(self._driven.on_input(step, t_ms, reading[: self.sensor.size]))
+        own = self.own(reading)
         if own is None or aim_m is None or self.is_taken(t_ms):
             return outputs
         act = bytearray(outputs[0].payload)
@@ -173,10 +190,6 @@ class DrivenWheels(PeerBody):
         self._driven.decode(encoding[:end])
         return encoding[end:]
 
-    def _own(self, reading: bytes) -> tuple[Any, ...] | None:
-        own = fields_of(WHEELS_SENSOR, reading)
-        return own if own and own[ID] == self.rob_id else None
-
     def is_taken(self, t_ms: int) -> bool:
         """See `PeerBody`."""
         state = row(self._driven.encode())
@@ -186,5 +199,8 @@ class DrivenWheels(PeerBody):
     def _towards(self, own: tuple[Any, ...], aim_m: Point) -> tuple[int, int]:
         x_mm, y_mm, direction_deg = own[BEHIND_T:]
         dx, dy = aim_m[0] * 1000 - x_mm, aim_m[1] * 1000 - y_mm
+        away_mm = math.sqrt(dx * dx + dy * dy)
+        if away_mm < STANDS_MM:
+            return 0, 0
         sin, cos = sine_cosine(direction_deg)
-        return steer(dy * cos - dx * sin, -dx * cos - dy * sin, math.sqrt(dx * dx + dy * dy))
+        return steer(dy * cos - dx * sin, -dx * cos - dy * sin, away_mm)

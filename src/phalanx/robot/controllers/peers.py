@@ -47,6 +47,7 @@ class PeerController(Controller):
     """
 
     pace_mps: ClassVar[float] = 3.0
+    is_ours = True
 
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id)
@@ -112,9 +113,7 @@ class PeerController(Controller):
             PEER.form.pack(each.heard_ms, each.x_m, each.y_m, each.here, each.holds, each.wants)
             for each in self.others.values()
         )
-        return self.body.encode() + PEER_MEMORY.encode(
-            here=self.here, holds=self.holds, wants=self.wants, done=self.done, rest=peers
-        )
+        return self.body.encode() + PEER_MEMORY.form.pack(self.here, self.holds, self.wants, self.done) + peers
 
     def decode(self, encoding: bytes) -> None:
         """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""

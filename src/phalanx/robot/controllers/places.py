@@ -104,7 +104,6 @@ class PlaceStage(Stage):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        self.now_s = 0.0
         self.visits: list[list[tuple[float, int]]] = [[] for _ in PLACES]
 
     def look(self, rob_id: int, t_s: float, at_m: Point, *, lies: bool) -> bytes:

@@ -28,7 +28,7 @@ class Task:
     """What a mission says to all its robots; a scenario says the same in the same words."""
 
     starts_m: tuple[Point, ...]  # N, of robots 1 to N
-    step_m: float  # between two robots of the grid
+    step_m: float  # between two robots of the grid; what a protocol measures is so much of it
     boxes: tuple[Box, ...]  # what nobody drives through
     seed: int  # of what the world does
     control_ms: int  # a control step
@@ -36,6 +36,12 @@ class Task:
     doubt_ms: int  # who lied is silent so long after, at the latest
     origin_m: Point = (0.0, 0.0)  # where the first place is
     wheels: Params | None = None  # of robots on wheels, who obey orders too: what `wheels` are given; else point masses
+    posts_m: tuple[Point, ...] = ()  # where each waits; () for where it starts
+
+    @property
+    def waits_m(self) -> tuple[Point, ...]:
+        """N, where each robot waits for something to do."""
+        return self.posts_m or self.starts_m
 
 
 class Stage(ABC):
@@ -57,6 +63,7 @@ class Stage(ABC):
 
     def __init__(self, task: Task) -> None:
         self.task = task
+        self.now_s = self.since_s = 0.0  # when it was looked at last, and from when on it counts
 
     @abstractmethod
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
@@ -72,6 +79,14 @@ class Stage(ABC):
     def marks(self) -> list[Point]:
         """Places that a picture shows, m: what it is all about."""
         return []
+
+    def things(self, t_s: float) -> dict[int, Point]:  # noqa: ARG002 - most have none
+        """By number, where each thing is now that moves by itself, m."""
+        return {}
+
+    def forget(self, before_s: float) -> None:
+        """What was before counts no more, and is not kept where it would grow: some stages go on for days."""
+        self.since_s = before_s
 
     @abstractmethod
     def score(self, left_out: Collection[int]) -> float:

@@ -70,9 +70,12 @@ class Controller(ABC):
 
     Class attributes:
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
+        is_ours: it is tested that it answers the same inputs alike: a simulation replays what it did once, and not for
+            each auditor. Of a researcher's own each replay may be the one that tells.
     """
 
     state_bytes: ClassVar[int] = 0
+    is_ours: ClassVar[bool] = False
 
     def __init__(self, rob_id: int) -> None:
         self.rob_id = rob_id
@@ -188,7 +191,7 @@ def kind_of(told: object) -> str:
 def pack_outputs(outputs: Iterable[Output]) -> bytes:
     """Outputs as kernels put them out (outputs.py)."""
     return b"".join(
-        OUTPUT.encode(type=ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, payload=output.payload)
+        OUTPUT.form.pack(ENTRY_SEND if isinstance(output, Send) else ENTRY_ACMD, len(output.payload)) + output.payload
         for output in outputs
     )
 
@@ -198,6 +201,7 @@ def unpack_outputs(packed: bytes) -> list[Output]:
     outputs: list[Output] = []
     at = 0
     while at < len(packed):
-        output, at = OUTPUT.read(packed, at)
-        outputs.append((Send if output["type"] == ENTRY_SEND else Act)(output["payload"]))
+        kind, length = OUTPUT.form.unpack_from(packed, at)
+        begin, at = at + OUTPUT.size, at + OUTPUT.size + length
+        outputs.append((Send if kind == ENTRY_SEND else Act)(packed[begin:at]))
     return outputs

@@ -15,11 +15,11 @@ import hashlib
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 from phalanx.wire.protocols import KIND_SIGHTING, NOWHERE, SEEN, SIGHTED, SIGHTING
 from phalanx.wire.record import MalformedRecord
-from phalanx.wire.table import SENSOR
 
 from .peer_bodies import BEHIND_T, ID, fields_of, is_fine
 from .peers import PeerController
@@ -84,7 +84,7 @@ class SightController(PeerController):
 
     def aim(self) -> Point:
         """Where its thing is, or its post."""
-        return self.things().get(self.holds, self.task.starts_m[self.rob_id - 1])
+        return self.things().get(self.holds, self.task.waits_m[self.rob_id - 1])
 
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         """What another robot of the mission sees is remembered too."""
@@ -103,11 +103,11 @@ class SightController(PeerController):
         return [*outputs, Send(frame)] if frame and len(outputs) > 1 else outputs
 
     def _frame(self, t_ms: int, reading: bytes) -> bytes:
-        own, beside = fields_of(SENSOR, reading[: SENSOR.size]), reading[SENSOR.size :]
-        if own is None or own[ID] != self.rob_id or len(beside) != SEEN.size:
+        place_m, beside = self.body.where(reading), self.body.beside(reading)
+        if place_m is None or len(beside) != SEEN.size:
             return b""
         number, dx_m, dy_m = SEEN.form.unpack(beside)
-        x_m, y_m, *_ = own[BEHIND_T:]
+        x_m, y_m = place_m
         if number == NOWHERE or not (is_fine(x_m + dx_m) and is_fine(y_m + dy_m)):
             return b""
         return SIGHTING.form.pack(KIND_SIGHTING, self.rob_id, t_ms, number, x_m + dx_m, y_m + dy_m)
@@ -132,13 +132,9 @@ class SightStage(Stage):
 
     seen_bytes = SEEN.size
 
-    def __init__(self, task: Task) -> None:
-        super().__init__(task)
-        self.now_s = 0.0
-
     @abstractmethod
     def things(self, t_s: float) -> dict[int, Point]:
-        """By number, where each is now that is still there, m."""
+        """See `Stage`: each that is still there."""
 
     @abstractmethod
     def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
@@ -154,17 +150,18 @@ class SightStage(Stage):
         x, y = things[number]
         if not lies:
             self.near(rob_id, t_s, number, away_m[number])
-        return SEEN.form.pack(number, x - place_m[0], y - place_m[1])
+        return SEEN.form.pack(number % NOWHERE, x - place_m[0], y - place_m[1])
 
 
 def middle_m(task: Task) -> Point:
     """Of the posts, m."""
     x_m = y_m = 0.0
-    for x, y in task.starts_m:
+    for x, y in task.waits_m:
         x_m, y_m = x_m + x, y_m + y
-    return x_m / len(task.starts_m), y_m / len(task.starts_m)
+    return x_m / len(task.waits_m), y_m / len(task.waits_m)
 
 
+@lru_cache(256)
 def drawn(words: str) -> tuple[float, float]:
     """Two shares of one, the same for the same words with any version of any library."""
     number = int(hashlib.sha256(words.encode()).hexdigest(), 16)

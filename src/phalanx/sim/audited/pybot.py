@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import itemgetter
+from typing import Final
 
 from phalanx.bti import request, rounds
 from phalanx.bti.fleet import PLAIN
@@ -17,7 +19,7 @@ from phalanx.wire.fields import get_u16, row
 from . import body, loop
 from .errands import CONTROL, MESSAGE
 from .events import push
-from .world import World, clock_ms
+from .world import CLOCK, World
 
 # What hears of each kind of event.
 METHODS = {
@@ -31,6 +33,8 @@ METHODS = {
 
 
 NO_PLANNERS: Mapping[int, Planner] = {}
+# What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
+_EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arrived")))
 
 
 def handle(
@@ -43,25 +47,24 @@ def handle(
 
     `planners` advise some of them; on a `stage` their sensors see more than themselves.
     """
-    clock = world.clock[0]
-    i, kind = int(clock.robot), int(clock.kind)
+    i, kind, now_us, driven, arrived = _EVENT(world.clock.item())
     cnode = robots[i]
-    now_ms = clock_ms(world, i)
+    now_ms = (now_us + int(world.boot_us[i])) // 1000
     if i in planners:
         _plan(world, cnode, planners[i], kind, now_ms)
-    seen = _look(world, cnode, stage, now_ms) if stage and kind == CONTROL else b""
-    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms, seen))
+    seen = _look(world, cnode, stage, now_us, now_ms) if stage and kind == CONTROL else b""
+    actions = cnode.checked(METHODS[kind], _actions(world, cnode, kind, now_ms, seen, arrived=bool(arrived)))
     if cnode.is_own:
-        _check_commands(world, cnode, actions)
-    perform(world, i, actions)
+        _check_commands(driven, cnode, actions)
+    perform(world, cnode, actions, now_us)
     if kind == loop.WAKE and isinstance(cnode, Liar):
-        wake(world, i, cnode)
+        wake(world, cnode, now_us)
 
 
-def _look(world: World, cnode: CNode, stage: Stage, now_ms: int) -> bytes:
+def _look(world: World, cnode: CNode, stage: Stage, now_us: int, now_ms: int) -> bytes:
     x_m, y_m = world.pos[cnode.i].tolist()
     lies = isinstance(cnode, Liar) and cnode.lies(now_ms)
-    return stage.look(cnode.id, int(world.clock[0].now_us) / 1e6, (x_m, y_m), lies=lies)
+    return stage.look(cnode.id, now_us / 1e6, (x_m, y_m), lies=lies)
 
 
 def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) -> None:
@@ -73,9 +76,9 @@ def _plan(world: World, cnode: CNode, planner: Planner, kind: int, now_ms: int) 
             cnode.on_advice(advice)
 
 
-def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:
+def _check_commands(driven: int, cnode: CNode, actions: list[Action]) -> None:
     # The body would do nothing, and the audits, which ask whether it is what the controller said, find nothing wrong.
-    known = body.COMMANDS[int(world.clock[0].body)]
+    known = body.COMMANDS[driven]
     for action in actions:
         if isinstance(action, Actuate) and (len(action.command), action.command[0]) != (known.size, known.tag):
             raise OwnMistake(
@@ -86,7 +89,7 @@ def _check_commands(world: World, cnode: CNode, actions: list[Action]) -> None:
             )
 
 
-def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes) -> list[Action]:
+def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes, *, arrived: bool) -> list[Action]:
     if kind == CONTROL:
         return cnode.on_sensor(now_ms, world.reading[: world.frame_len[0]].tobytes() + seen)
     if kind == MESSAGE:
@@ -96,34 +99,34 @@ def _actions(world: World, cnode: CNode, kind: int, now_ms: int, seen: bytes) ->
     if kind == loop.RETRY:
         return cnode.on_retry(now_ms)
     if kind == loop.SENT:
-        return cnode.on_sent(now_ms, arrived=bool(world.clock[0].arrived))
+        return cnode.on_sent(now_ms, arrived=arrived)
     assert kind == loop.WAKE
     return cnode.on_wake(now_ms) if isinstance(cnode, Liar) and cnode.lies(now_ms) else []
 
 
-def wake(world: World, i: int, liar: Liar) -> None:
+def wake(world: World, liar: Liar, now_us: int) -> None:
     """The liar's next turn is among the events, if it has one."""
     if not liar.period_ms:
         return
-    now_us = int(world.clock[0].now_us)
-    start_us = liar.plan.start_ms * 1000 - int(world.boot_us[i])
-    push(world.queue, max(now_us + liar.period_ms * 1000, start_us), loop.WAKE, i, 0)
+    start_us = liar.plan.start_ms * 1000 - int(world.boot_us[liar.i])
+    push(world.queue, max(now_us + liar.period_ms * 1000, start_us), loop.WAKE, liar.i, 0)
 
 
-def _addressed(world: World, action: Transmit) -> int:
+def _addressed(cnode: CNode, action: Transmit) -> int:
     """Whom the frame goes to: with an a-node, which hands it to the radio, what the frame itself says, or everybody."""
-    if int(world.fleet.settings[0].profile) == PLAIN:
+    if cnode.profile == PLAIN:
         return action.to
     dst = int(get_u16(row(action.frame), request.AT_DST)) if action.frame[0] & request.AUDIT else 0
     return dst or EVERYBODY
 
 
-def perform(world: World, i: int, actions: list[Action]) -> None:
+def perform(world: World, cnode: CNode, actions: list[Action], now_us: int) -> None:
     """What the a-node let through happens."""
+    i = cnode.i
     for action in actions:
         if isinstance(action, Transmit):
             frame = row(action.frame)
-            to = _addressed(world, action)
+            to = _addressed(cnode, action)
             # An id that nobody has is a robot out of range.
             to = BROADCAST if to == EVERYBODY else to - 1 if to > 0 else len(world.pos)
             lost = loop.transmit(world, i, frame, len(frame), to) < 0
@@ -133,7 +136,7 @@ def perform(world: World, i: int, actions: list[Action]) -> None:
         elif isinstance(action, Actuate):
             body.actuate(world, i, row(action.command), len(action.command))
         elif isinstance(action, Retry):
-            at_us = max(action.at_ms * 1000 - int(world.boot_us[i]), int(world.clock[0].now_us))
+            at_us = max(action.at_ms * 1000 - int(world.boot_us[i]), now_us)
             if world.retry_us[i] < 0 or at_us < world.retry_us[i]:
                 world.retry_us[i] = at_us
                 push(world.queue, at_us, loop.RETRY, i, 0)

@@ -215,4 +215,4 @@ def start(world: World, robots: Mapping[int, CNode]) -> None:
             first_us = first_round_ms(int(settings.mission_seed), i + 1, int(clock.audit_us) // 1000) * 1000
             push(world.queue, first_us, loop.ROUND, i, 0)
         if isinstance(cnode, Liar):
-            pybot.wake(world, i, cnode)
+            pybot.wake(world, cnode, 0)

@@ -244,7 +244,7 @@ class MissionWorld:
             if isinstance(action, Actuate):
                 robot.body.obey(action.command)
             elif isinstance(action, Transmit):
-                pybot.perform(self.world, i, [action])
+                pybot.perform(self.world, cnode, [action], int(self.world.clock[0].now_us))
         if not was_over:
             robot.note(self.now_s)
 

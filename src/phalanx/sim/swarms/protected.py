@@ -6,6 +6,7 @@ is logged, replayed and audited like everything else.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,11 +18,13 @@ from phalanx.bti.refusal import Refusal
 from phalanx.config import BtiConfig, RadioConfig, WheelsConfig
 from phalanx.errors import Unknown, UsageError
 from phalanx.robot import Led, Point, Robot
+from phalanx.robot.at_work import Done
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.attacks.library import ATTACKS
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch, orders
 from phalanx.robot.controllers.bundled import wheels
+from phalanx.robot.controllers.peer_bodies import STANDS_MM
 from phalanx.robot.shield import AttackChoice, Audit, Shield
 from phalanx.robot.signer import Signer
 from phalanx.robot.station import Station
@@ -244,6 +247,8 @@ class ProtectedSwarm(Ordered):
             until_us = round(self._now_s * 1e6)
             while loop.run(self.world, until_us) == loop.FOR_PYTHON:
                 pybot.handle(self.world, self._nodes, stage=stage)
+        for node in self._nodes.values():
+            node.bring_up()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         effort = np.abs(self.world.acc[: len(self._members)]).mean(axis=1)
         drained = self._battery_mv - (IDLE_MVPS + DRIVE_MVPS * effort) * dt_s
@@ -266,12 +271,21 @@ class ProtectedSwarm(Ordered):
         state, told = self.world.fleet.state[i], self._station.told(i + 1)
         if told is None or get_u64(state, HEARD_AT) < told or state[wheels.COUNT]:
             return  # somebody's route, or one that is on its way
-        aim_m = work.aim_m(self._nodes[i], clock_ms(self.world, i))
-        if aim_m is None or self.world.safe[i]:
+        aim_m, (x_m, y_m) = work.aim_m(self._nodes[i], clock_ms(self.world, i)), self.world.pos[i].tolist()
+        if aim_m is None or self.world.safe[i] or math.dist(aim_m, (x_m, y_m)) < 2 * STANDS_MM / 1000:
             each.route = ()
         elif not each.route or each.route[-1] != Point(aim_m[0] * 1000, aim_m[1] * 1000):
-            x_m, y_m = self.world.pos[i].tolist()
             each.route = (Point(x_m * 1000, y_m * 1000), Point(aim_m[0] * 1000, aim_m[1] * 1000))
+
+    # --- its work -----------------------------------------------------------------------------------------------------
+
+    def done(self) -> Done | None:
+        """What has come of it, called about once a second; None where they wait for people."""
+        return self._work.done(self._now_s) if self._work else None
+
+    def things(self) -> Sequence[Point]:
+        """Where the things are now that the work is about, those in the area."""
+        return [Point(x * 1000, y * 1000) for x, y in self._work.things_m(self._now_s)] if self._work else ()
 
     # --- the shields --------------------------------------------------------------------------------------------------
 
@@ -328,10 +342,12 @@ class ProtectedSwarm(Ordered):
             chance=self._chance,
         )
         make = self._work.make_controller if self._work else None
+        if self._work:
+            self._nodes[i].bring_up()  # what it remembers is what the liar goes on from
         liar = lying(ATTACKS[attack], self.world.fleet, i, self.world.work, plan, make)
         self._liars[i] = self._nodes[i] = liar
         self.world.runs[i] = PYTHON
-        pybot.wake(self.world, i, liar)
+        pybot.wake(self.world, liar, int(self.world.clock[0].now_us))
 
     @property
     def liars(self) -> Mapping[int, CNode]:

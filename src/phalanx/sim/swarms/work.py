@@ -5,6 +5,8 @@ It is run in plain Python, so that a swarm that works costs more than one that w
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,20 +14,63 @@ from numpy.typing import NDArray
 
 from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
+from phalanx.robot.at_work import Done
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers.bundled.wheels import CAPACITY_BYTES, ROUTE
 from phalanx.robot.controllers.declaration import Params
 from phalanx.robot.controllers.peers import PeerController
 from phalanx.robot.controllers.places import PLACES_A_SIDE
 from phalanx.robot.controllers.protocol import Point, Task, find_protocol, protocols
+from phalanx.wire.table import WHEELS_SENSOR
 
 from .dotbots import AREA_MM
 
-EDGE_M = 0.25
-# Those that ask of a robot no more than to be at places: wheels neither see things nor keep to a grid's lanes.
-ON_WHEELS = ("exploration", "patrol")
-# Each replays f_max + 1 others in plain Python, ten steps a second: of 20 that takes a tenth of a core, of 40 a third.
-MOST_AT_WORK = 40
+EDGE_M, SIDE_M = 0.25, AREA_MM[0] / 1000 - 0.5
+RING_M = 0.62  # of the sentries: what comes for them has some way to go
+LATELY_S = 120.0  # people are told what came of it in so long
+
+Posts = tuple[float, tuple[Point, ...]]  # a step, m, and where each robot waits; () for where it starts
+
+
+def places(_starts_m: NDArray[np.float64]) -> Posts:
+    """A square of places for all."""
+    return SIDE_M / (PLACES_A_SIDE - 1), ()
+
+
+def ring(starts_m: NDArray[np.float64]) -> Posts:
+    """One behind the other around the middle, as they stand there."""
+    x, y = (starts_m - EDGE_M - SIDE_M / 2).T
+    count, posts = len(starts_m), np.empty_like(starts_m)
+    turns = np.arange(count) * math.tau / count
+    posts[np.argsort(np.arctan2(y, x))] = np.stack((-np.cos(turns), -np.sin(turns)), axis=1) * RING_M
+    return 2 * RING_M * math.sin(math.pi / count), _points(posts + EDGE_M + SIDE_M / 2)
+
+
+def square(starts_m: NDArray[np.float64]) -> Posts:
+    """In rows, as they stand: the topmost in the first one."""
+    edge = math.ceil(math.sqrt(len(starts_m)))
+    step_m, posts = SIDE_M / (edge - 1), np.empty_like(starts_m)
+    by_y = np.argsort(starts_m[:, 1])
+    for j in range(0, len(by_y), edge):
+        row = by_y[j : j + edge]
+        row = row[np.argsort(starts_m[row, 0])]
+        posts[row] = np.stack((np.arange(len(row)), np.full(len(row), j // edge)), axis=1) * step_m
+    return step_m, _points(posts + EDGE_M)
+
+
+def _points(places_m: NDArray[np.float64]) -> tuple[Point, ...]:
+    return tuple((x_m, y_m) for x_m, y_m in places_m.tolist())
+
+
+# By protocol where they wait, and how many can do it. In plain Python 40 robots take a third of a core; around a ring
+# of more than twelve two would have to touch to catch an intruder; and among fewer than 25 a target has a way to go.
+# Not among them: `warehouse`, as wheels that anybody may take over do not keep to a grid's lanes.
+ON_WHEELS: Mapping[str, tuple[Callable[[NDArray[np.float64]], Posts], int]] = {
+    "exploration": (places, 40),
+    "patrol": (places, 40),
+    "perimeter": (ring, 12),
+    "tracking": (square, 16),
+}
 
 
 def check_work(protocol: str, robots: int) -> None:
@@ -33,15 +78,16 @@ def check_work(protocol: str, robots: int) -> None:
     if protocol not in ON_WHEELS:
         known = f"{', '.join(ON_WHEELS)}; others with phalanx sim view" * (protocol in protocols())
         raise UsageError(f"no wheels can do {protocol!r}", known or ", ".join(ON_WHEELS))
-    if robots > MOST_AT_WORK:
-        raise UsageError(f"{robots} robots that do {protocol}", f"at most {MOST_AT_WORK}: they run in plain Python")
+    most = ON_WHEELS[protocol][1]
+    if robots > most:
+        raise UsageError(f"{robots} robots that do {protocol}", f"at most {most}")
 
 
 class Work:
     """One protocol, for robots that stand at (N, 2) `starts_m`; `check_work` has let it through.
 
     Attributes:
-        bti: the swarm's, with room for what a robot remembers.
+        bti: the swarm's, with room for what a robot senses and remembers.
         make_controller: for a robot's id.
         stage: what counts what has come of it.
     """
@@ -49,9 +95,10 @@ class Work:
     def __init__(self, protocol: str, bti: BtiConfig, params: Params, starts_m: NDArray[np.float64], seed: int) -> None:
         found = find_protocol(protocol)
         assert found is not None, "as all ON_WHEELS"
+        step_m, posts_m = ON_WHEELS[protocol][0](starts_m)
         task = Task(
-            starts_m=tuple((x_m, y_m) for x_m, y_m in starts_m.astype(np.float32).tolist()),  # as checkpoints say it
-            step_m=(AREA_MM[0] / 1000 - 2 * EDGE_M) / (PLACES_A_SIDE - 1),
+            starts_m=_points(starts_m.astype(np.float32)),  # as checkpoints say it
+            step_m=step_m,
             origin_m=(EDGE_M, EDGE_M),
             boxes=(),
             seed=seed,
@@ -59,14 +106,28 @@ class Work:
             state_every=bti.steps_per_state,
             doubt_ms=bti.stop_bound_ms(output_missing=True),
             wheels=params,
+            posts_m=posts_m,
         )
         self.protocol = protocol
         self.make_controller = found.maker(task)
         self.stage = found.stage(task)
-        self.bti = replace(bti, state_bytes=len(self.make_controller(1).encode()) + CAPACITY_BYTES - ROUTE)
+        self.bti = replace(
+            bti,
+            state_bytes=len(self.make_controller(1).encode()) + CAPACITY_BYTES - ROUTE,
+            reading_bytes=WHEELS_SENSOR.size + self.stage.seen_bytes,
+        )
 
     def aim_m(self, cnode: CNode, now_ms: int) -> Point | None:
         """Where an honest robot goes by itself; None while it is driven or held."""
         controller = cnode.controller
         assert isinstance(controller, PeerController), "as made here"
         return None if controller.body.is_taken(now_ms) else controller.aim()
+
+    def done(self, now_s: float) -> Done:
+        """What has come of it lately; what was before is forgotten."""
+        self.stage.forget(max(0.0, now_s - LATELY_S))
+        return Done(name=self.protocol, score=self.stage.score(()), counts=self.stage.counts, lately_s=LATELY_S)
+
+    def things_m(self, now_s: float) -> list[Point]:
+        """Where the things are that it is about, those in the area."""
+        return [(x, y) for x, y in self.stage.things(now_s).values() if 0 <= x <= AREA_MM[0] / 1000 >= y >= 0]

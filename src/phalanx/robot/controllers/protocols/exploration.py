@@ -6,7 +6,7 @@ another goes there again. Source: RoboRebound §2.1, §2.3 (exploration, mapping
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from phalanx.robot.controllers.places import PLACES, PlaceController, PlaceStage
 from phalanx.robot.controllers.protocol import Protocol
@@ -33,6 +33,15 @@ class Map(PlaceStage):
         """The share of places, %."""
         seen = sum(any(rob_id not in left_out for _, rob_id in visits) for visits in self.visits)
         return 100 * seen / len(PLACES)
+
+    def forget(self, _before_s: float) -> None:
+        """Nothing: what is on the map stays there. Once of each robot is enough."""
+        self.visits = [[(t_s, rob_id) for rob_id, t_s in _first_of_each(visits).items()] for visits in self.visits]
+
+
+def _first_of_each(visits: Sequence[tuple[float, int]]) -> dict[int, float]:
+    """By robot, its first visit, s."""
+    return {rob_id: t_s for t_s, rob_id in reversed(visits)}
 
 
 PROTOCOL = Protocol(Explorer, Map)

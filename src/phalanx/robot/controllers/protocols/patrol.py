@@ -35,8 +35,17 @@ class Watch(PlaceStage):
         watched_s = 0.0
         for visits in self.visits:
             times = [t_s for t_s, rob_id in visits if rob_id not in left_out]
-            watched_s += sum(min(WATCHED_S, later - t_s) for t_s, later in itertools.pairwise([*times, self.now_s]))
-        return 100 * watched_s / (len(PLACES) * max(self.now_s, 1e-9))
+            watched_s += sum(self._watched_s(t_s, later) for t_s, later in itertools.pairwise([*times, self.now_s]))
+        return 100 * watched_s / (len(PLACES) * max(self.now_s - self.since_s, 1e-9))
+
+    def _watched_s(self, visit_s: float, later_s: float) -> float:
+        begin_s = max(visit_s, self.since_s)
+        return max(0.0, min(WATCHED_S - (begin_s - visit_s), later_s - begin_s))
+
+    def forget(self, before_s: float) -> None:
+        """See `Stage`."""
+        super().forget(before_s)
+        self.visits = [[each for each in visits if each[0] >= before_s - WATCHED_S] for visits in self.visits]
 
 
 PROTOCOL = Protocol(Patrol, Watch)

@@ -14,11 +14,12 @@ from phalanx.robot.controllers.protocol import Point, Protocol, Task
 from phalanx.robot.controllers.sightings import SightController, SightStage, drawn, middle_m
 
 PAIR = 2
-CATCH_M = 4.0  # so near a robot has a hand on an intruder
+# What is far is measured in steps of the ring.
+CATCH_STEPS = 0.25  # so near a robot has a hand on an intruder
 AT_ONCE_S = 0.5  # and the other has within this time
 EVERY_S, FIRST_S = 5.0, 5.0  # an intruder comes
 FROM_STEPS, CORE = 2.0, 0.4  # so far beyond the ring, and to so much of its radius: then it is through
-INTRUDER_MPS = 2.5
+PACE_STEPS = 0.15625  # an intruder's, a second
 
 
 class Sentry(SightController):
@@ -37,18 +38,19 @@ class Intruders(SightStage):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self.middle_m = middle_m(task)
-        self.ring_m = max(math.dist(self.middle_m, start) for start in task.starts_m)
+        self.ring_m = max(math.dist(self.middle_m, post) for post in task.waits_m)
+        self.pace_mps = PACE_STEPS * task.step_m
         self.caught: dict[int, tuple[int, ...]] = {}  # by whom
         self._hands: dict[int, dict[int, float]] = {}  # on an intruder: whose, and when
 
     @property
     def _lasts_s(self) -> float:
-        return (self.ring_m * (1 - CORE) + FROM_STEPS * self.task.step_m) / INTRUDER_MPS
+        return (self.ring_m * (1 - CORE) + FROM_STEPS * self.task.step_m) / self.pace_mps
 
     def things(self, t_s: float) -> dict[int, Point]:
         """The intruders that are on their way."""
         latest = math.floor((t_s - FIRST_S) / EVERY_S)
-        ways_s = {number: t_s - FIRST_S - number * EVERY_S for number in range(max(0, latest + 1))}
+        ways_s = {number: t_s - FIRST_S - number * EVERY_S for number in range(self._through_by(t_s), latest + 1)}
         return {
             number: self._place_m(number, on_way_s)
             for number, on_way_s in ways_s.items()
@@ -57,12 +59,12 @@ class Intruders(SightStage):
 
     def _place_m(self, number: int, on_way_s: float) -> Point:
         angle = math.tau * drawn(f"intruder {self.task.seed} {number}")[0]
-        away_m = self.ring_m + FROM_STEPS * self.task.step_m - INTRUDER_MPS * on_way_s
+        away_m = self.ring_m + FROM_STEPS * self.task.step_m - self.pace_mps * on_way_s
         return self.middle_m[0] + away_m * math.cos(angle), self.middle_m[1] + away_m * math.sin(angle)
 
     def near(self, rob_id: int, t_s: float, number: int, away_m: float) -> None:
         """With a hand on it, and another's, it is caught."""
-        if away_m > CATCH_M:
+        if away_m > CATCH_STEPS * self.task.step_m:
             return
         hands = self._hands.setdefault(number, {})
         hands[rob_id] = t_s
@@ -71,16 +73,25 @@ class Intruders(SightStage):
 
     def marks(self) -> list[Point]:
         """Where those got through that were not caught."""
-        return [self._place_m(number, self._lasts_s) for number in range(self._come) if number not in self.caught]
+        come = range(self._through_by(self.now_s))
+        return [self._place_m(number, self._lasts_s) for number in come if number not in self.caught]
 
-    @property
-    def _come(self) -> int:
-        return max(0, math.floor((self.now_s - FIRST_S - self._lasts_s) / EVERY_S) + 1)
+    def _through_by(self, t_s: float) -> int:
+        """So many have had the time to get through."""
+        return max(0, math.floor((t_s - FIRST_S - self._lasts_s) / EVERY_S) + 1)
 
     def score(self, left_out: Collection[int]) -> float:
         """Of those that have had the time to get through, %."""
-        by = [self.caught.get(number, ()) for number in range(self._come)]
+        come = range(self._through_by(self.since_s), self._through_by(self.now_s))
+        by = [self.caught.get(number, ()) for number in come]
         return 100 * sum(any(each not in left_out for each in both) for both in by) / max(1, len(by))
+
+    def forget(self, before_s: float) -> None:
+        """See `Stage`."""
+        super().forget(before_s)
+        first = self._through_by(before_s)
+        self.caught = {number: both for number, both in self.caught.items() if number >= first}
+        self._hands = {number: hands for number, hands in self._hands.items() if number >= first}
 
 
 PROTOCOL = Protocol(Sentry, Intruders)

@@ -11,10 +11,11 @@ import math
 from collections.abc import Collection
 from itertools import pairwise
 
+from phalanx.robot.controllers.peer_bodies import WHEELS_MPS
 from phalanx.robot.controllers.protocol import Point, Protocol, Task
 from phalanx.robot.controllers.sightings import SightController, SightStage, drawn, middle_m
 
-TARGET, TARGET_MPS = 0, 6.0
+TARGET, PACES = 0, 1.5  # its number, and its pace: so much of its followers'
 WATCHERS = 2  # who see it at once know where it is
 
 
@@ -33,15 +34,18 @@ class Target(SightStage):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
+        self.pace_mps = PACES * (Tracker.pace_mps if task.wheels is None else WHEELS_MPS)
         self._way = [(0.0, middle_m(task))]  # when it is where
+        self._legs = 1
         self.watchers: dict[int, set[int]] = {}  # by control step, who had it in sight
 
     def things(self, t_s: float) -> dict[int, Point]:
         """The target alone."""
         while self._way[-1][0] <= t_s:
             was_s, was_m = self._way[-1]
-            place_m = self._place(len(self._way))
-            self._way.append((was_s + max(1.0, math.dist(was_m, place_m) / TARGET_MPS), place_m))
+            place_m = self._place(self._legs)
+            self._legs += 1
+            self._way.append((was_s + max(1.0, math.dist(was_m, place_m) / self.pace_mps), place_m))
         for (left_s, left_m), (due_s, due_m) in pairwise(self._way):
             if left_s <= t_s < due_s:
                 share = (t_s - left_s) / (due_s - left_s)
@@ -50,8 +54,9 @@ class Target(SightStage):
 
     def _place(self, leg: int) -> Point:
         shares = drawn(f"target {self.task.seed} {leg}")
-        x, y = (share * max(axis) for share, axis in zip(shares, zip(*self.task.starts_m, strict=True), strict=True))
-        return x, y
+        x, y = zip(*self.task.waits_m, strict=True)
+        x_m, y_m = self.task.origin_m
+        return x_m + shares[0] * (max(x) - x_m), y_m + shares[1] * (max(y) - y_m)
 
     def look(self, rob_id: int, t_s: float, place_m: Point, *, lies: bool) -> bytes:
         """As all sensors; and time goes on."""
@@ -73,6 +78,13 @@ class Target(SightStage):
         """The share of time, %."""
         seen = sum(len(each.difference(left_out)) >= WATCHERS for each in self.watchers.values())
         return 100 * seen / max(1, len(self.watchers))
+
+    def forget(self, before_s: float) -> None:
+        """See `Stage`."""
+        super().forget(before_s)
+        self.watchers = {step: who for step, who in self.watchers.items() if step >= self._step(before_s)}
+        while len(self._way) > 1 and self._way[1][0] < before_s:
+            del self._way[0]
 
 
 PROTOCOL = Protocol(Tracker, Target)

@@ -1,0 +1,58 @@
+// A swarm's own work: what has come of it lately, and where the things are that it is about.
+
+import type { Json, JsonObject } from "./core/json";
+import { list } from "./frame";
+import { readNumber, readPointXy, readText } from "./reading";
+import type { Point } from "./trail";
+
+const LONGEST = 40;
+const MOST_SCORE = 1e6;
+const MOST_S = 86_400;
+const MOST_THINGS = 32;
+const MINUTE_S = 60;
+
+export interface Work {
+  readonly name: string;
+  readonly score: number;
+  /** What the score counts, and its unit. */
+  readonly counts: string;
+  readonly lately_s: number;
+  readonly things: readonly Point[];
+}
+
+/** `work` and `things` of a frame, beside what is known. */
+export function workInFrame(known: Work | undefined, frame: JsonObject): Work | undefined {
+  const work = readWork(list(frame["work"]).at(-1), known?.things ?? []) ?? known;
+  const things = list(frame["things"]).at(-1);
+  return work && Array.isArray(things) ? { ...work, things: readThings(things as readonly Json[]) } : work;
+}
+
+/** `[name, score, counts, lately]`. */
+function readWork(words: Json | undefined, things: readonly Point[]): Work | undefined {
+  if (!Array.isArray(words)) return undefined;
+  const [name, score, counts, lately] = words as readonly Json[];
+  const read = {
+    name: readText(name, LONGEST),
+    score: readNumber(score, -MOST_SCORE, MOST_SCORE),
+    counts: readText(counts, LONGEST),
+    lately_s: readNumber(lately, 1, MOST_S),
+  };
+  if (read.name === undefined || read.counts === undefined || read.score === undefined || read.lately_s === undefined) {
+    return undefined;
+  }
+  return { name: read.name, score: read.score, counts: read.counts, lately_s: read.lately_s, things };
+}
+
+function readThings(words: readonly Json[]): readonly Point[] {
+  return words.slice(0, MOST_THINGS).flatMap((place) => {
+    const [x, y] = Array.isArray(place) ? (place as readonly Json[]) : [];
+    return readPointXy(x, y) ?? [];
+  });
+}
+
+/** What has come of it, as a line. */
+export function workWords({ name, score, counts, lately_s }: Work): string {
+  const space = counts.startsWith("%") ? "\u202f" : " ";
+  const lately = lately_s >= MINUTE_S ? `${Math.round(lately_s / MINUTE_S)} min` : `${Math.round(lately_s)} s`;
+  return `${name}: ${Math.round(score)}${space}${counts}, last ${lately}`;
+}
