@@ -44,6 +44,7 @@ from phalanx.sim.scenarios.scenario import Scenario
 LAYOUTS = {"grid": "bti-fig9", "hub": "star-25", "line": "line-25", "ring": "ring-25", "islands": "islands-24"}
 NEAR_M = (150.0, 150.0)  # the grid's goal: at the paper's, lies about the way there have no time to matter
 SATURATES = {"jam"}
+NEED_THEM = 7  # robots at least beside those of a hub
 SHOWN = 40
 
 
@@ -93,11 +94,13 @@ def scenario_of(case: Case) -> Scenario:
     attack = IN_FLOCKS[case.attack]
     liars = case.f_max if case.seed % 2 else attack.liars(case.f_max)
     made = find_scenario(LAYOUTS[case.layout])
+    # Liars may be all of the hub but f_max + 2: one more than the least that P2 speaks of.
+    hub = 2 * case.f_max + 2 if case.layout == "hub" else 0
     bti = BtiConfig(f_max=case.f_max, t_audit_ms=round(1000 * case.t_audit_s), t_val_ms=round(1000 * t_val_s))
     return replace(
         made,
-        # Liars may be all of the hub but f_max + 2: one more than the least that P2 speaks of.
-        hub=2 * case.f_max + 2 if case.layout == "hub" else 0,
+        robots=max(made.robots, hub + NEED_THEM),
+        hub=hub,
         goal_m=NEAR_M if case.layout == "grid" else made.goal_m,
         seed=case.seed,
         defence="bound",
