@@ -21,6 +21,7 @@ import os
 import signal
 import sys
 import time
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import asdict, astuple, dataclass, fields, replace
 from itertools import product
@@ -117,15 +118,16 @@ def lived(case: Case) -> Row:
     began = time.perf_counter()
     made = scenario_of(case)
     run = Run(made)
+    compromised = frozenset(run.compromised)
     told_of: list[tuple[float, int, int]] = []
     unvouched: set[int] = set()
     while run.now_s < made.duration_s:
         run.advance(min(made.duration_s, run.now_s + 1.0))
         told_of += [(at_s, tor, tee) for at_s, tor, tee, why in run.new_verdicts() if why == Refusal.NONE]
-        unvouched |= alive_unvouched(run, told_of)
+        unvouched |= alive_unvouched(run, compromised, told_of)
     summary = run.summary()
     liars = [robot for _, robot in sorted(run.robots.items()) if isinstance(robot, Liar)]
-    correct = set(run.ids.tolist()) - set(run.compromised)
+    correct = set(run.ids.tolist()) - compromised
     late = {liar.id for liar, told in zip(liars, summary["compromised"], strict=True) if is_late(run, liar, told)}
     stopped = set() if case.attack in SATURATES else set(summary["correct_in_safe_mode"])
     full = {robot for robot in correct if run.world.fleet.robot[robot - 1].log_full}
@@ -159,17 +161,21 @@ def is_late(run: Run, liar: Liar, told: dict[str, float | None]) -> bool:
     return (run.now_s if safe_s is None else safe_s) > deviated_s + bound_s
 
 
-def alive_unvouched(run: Run, told_of: list[tuple[float, int, int]]) -> set[int]:
-    """Robots that live after their grace, and too few correct ones have found no fault in their logs since."""
+def alive_unvouched(run: Run, compromised: frozenset[int], told_of: list[tuple[float, int, int]]) -> set[int]:
+    """Robots that live after their grace, and too few correct ones have found no fault in their logs since.
+
+    `told_of`, in the order of time, loses what is too old to count ever again.
+    """
     bti = run.scenario.bti
     since_s = run.now_s - (bti.t_val_ms + bti.p_check_ms) / 1000
     if since_s <= 0:
         return set()
-    found: dict[int, set[int]] = {int(robot): set() for robot in run.ids[~run.in_safe_mode]}
-    for at_s, tor, tee in told_of:
-        if at_s >= since_s and tor not in run.compromised and tee in found:
+    del told_of[: bisect_left(told_of, (since_s,))]
+    found: dict[int, set[int]] = {robot: set() for robot in run.ids[~run.in_safe_mode].tolist()}
+    for _, tor, tee in told_of:
+        if tor not in compromised and tee in found:
             found[tee].add(tor)
-    needed = {robot: bti.tokens_needed - len(run.compromised) + (robot in run.compromised) for robot in found}
+    needed = {robot: bti.tokens_needed - len(compromised) + (robot in compromised) for robot in found}
     return {robot for robot, auditors in found.items() if len(auditors) < needed[robot]}
 
 

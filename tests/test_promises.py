@@ -80,10 +80,13 @@ def test_who_lives_without_a_vouch_a_full_log_and_a_bucket_that_overflows_are_to
     made = replace(script.scenario_of(script.Case("crash", "grid", 1, 4.0, 0.0, 0)), attacks=())
     run = Run(made)
     run.advance(12.0)
+    nobody = frozenset()
     rounds = [(11.0, tor, tee) for tor in range(1, 26) for tee in range(1, 26) if tor != tee]
-    assert script.alive_unvouched(run, rounds) == set()
-    assert script.alive_unvouched(run, [each for each in rounds if each[2] != 7]) == {7}
-    assert script.alive_unvouched(run, [(1.8, *each[1:]) for each in rounds]) == set(run.ids.tolist()), "too long ago"
+    assert script.alive_unvouched(run, nobody, rounds) == set()
+    assert script.alive_unvouched(run, nobody, [each for each in rounds if each[2] != 7]) == {7}
+    assert script.alive_unvouched(run, nobody, [(1.8, *each[1:]) for each in rounds]) == set(run.ids.tolist()), (
+        "too long ago"
+    )
     assert not script.over_its_bucket(run, 3)
     run.world.air.counts[3, 3, 4] += 10_000_000
     assert script.over_its_bucket(run, 3)

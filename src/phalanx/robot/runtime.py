@@ -97,8 +97,9 @@ class Runtime:
     def on_wake(self, now_ms: int) -> list[Done]:
         """A liar has had its turn."""
         assert isinstance(self.cnode, Liar)
+        done = self._kept(now_ms, self.cnode.on_wake(now_ms) if self.cnode.lies(now_ms) else [])
         self.wake_ms = now_ms + self.cnode.period_ms
-        return self._kept(now_ms, self.cnode.on_wake(now_ms) if self.cnode.lies(now_ms) else [])
+        return done
 
     def on_check(self, now_ms: int) -> bool:
         """The a-node has looked at its tokens; whether it has stopped the robot."""

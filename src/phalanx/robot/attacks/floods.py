@@ -40,6 +40,7 @@ class Flood(Liar, ABC):
     def on_wake(self, now_ms: int) -> list[Action]:
         """More, unless its own audits are due."""
         before_ms, after_ms = self.QUIET_MS
+        self.period_ms = type(self).period_ms
         shares = self.SHARES and self.profile == BOUND
         if shares:
             before_ms = round((1 - self.POURED) * self._t_audit_ms)
@@ -87,14 +88,12 @@ class FrameFlood(Flood):
     period_ms = 2
 
     TRIED_MS: ClassVar[int] = 30  # so long the radio tries; what comes meanwhile it throws away, and the bucket counts
-    _sent_ms = 0
 
     def pour(self, now_ms: int) -> list[Action]:
         """One more: to all, or where airtime is counted, to nobody, so that the radio tries again and again."""
         bound = self.profile == BOUND
-        if bound and now_ms < self._sent_ms + self.TRIED_MS:
-            return []
-        self._sent_ms = now_ms
+        if bound:
+            self.period_ms = self.TRIED_MS
         nobody = max(self.plan.ids) + 1 if bound else 0
         frame = audit_frame(self.id, nobody, 0x7F, bytes(int(self.f.settings[0].frame_max) - request.AUDIT_HEAD_BYTES))
         return self.send(now_ms, frame, nobody or EVERYBODY)
@@ -186,7 +185,9 @@ class TalkOver(Liar):
             self._again_ms = period_ms // 2 + int(s.retry) - 1
         asks_ms = (now_ms - self._first_ms) % self._again_ms
         if now_ms < self._first_ms or asks_ms >= self.LASTS_MS:
+            self.period_ms = (self._first_ms - now_ms - 1) % self._again_ms + 1  # when it is asked again
             return []
+        self.period_ms = 1
         turns = len(self.plan.accomplices) + 1
         if asks_ms % turns != sum(other < self.id for other in self.plan.accomplices):
             return []
