@@ -60,7 +60,9 @@ class TestRays:
         step = fov / beams
         ranges = np.empty(beams)
         walls, discs = np.array(walls, float).reshape(-1, 4), np.array(discs, float).reshape(-1, 3)
-        raycast.cast(pose, walls, discs, Beams(first, step, *beam_table(first, step, beams), 15.0), ranges)
+        raycast.cast(
+            pose, raycast.tiles_of(walls), discs, Beams(first, step, *beam_table(first, step, beams), 15.0), ranges
+        )
         expected = all_pairs(pose, walls, discs, beams, first, step, 15.0)
         # A ray through exactly the end of a wall or along it, or at exactly the range, may go either way; and a disc
         # that is met at exactly the range has a ray on each side.
@@ -87,7 +89,7 @@ class TestRays:
         config = lidar.config
         first, step = config.angle_min_rad, config.angle_increment_rad
         beams = Beams(first, step, *beam_table(first, step, 180), 30.0)
-        raycast.cast.py_func((2.5, 1.9, 0.4), np.array(ROOM, float), discs, beams, plain)
+        raycast.cast.py_func((2.5, 1.9, 0.4), raycast.tiles_of(np.array(ROOM, float)), discs, beams, plain)
         assert compiled.tobytes() == plain.tobytes()
 
 
@@ -277,3 +279,17 @@ class TestCamera:
         for wrong in ({"noise_grey": -1}, {"light": (9.0, 1.0)}, {"intrinsics": bent}):
             with pytest.raises(UsageError):
                 CameraConfig(**wrong)
+
+
+# Nobody looks along a wall: what a beam meets there is for rounding to say.
+PLACE = 0.0123457, -0.0345679
+steps = st.integers(-60, 60)
+walls_drawn = st.lists(st.tuples(steps, steps, st.integers(-9, 9), st.integers(-9, 9)), min_size=1, max_size=60)
+
+
+@given(walls_drawn, st.floats(-3.2, 3.2))
+def test_walls_in_tiles_are_seen_as_one_after_the_other(drawn, heading):
+    walls = np.array([(ax, ay, ax + dx, ay + dy) for ax, ay, dx, dy in drawn if dx or dy], float).reshape(-1, 4) / 10
+    config, pose = LidarConfig(beams=90), (*PLACE, heading)
+    alone = [Lidar(wall, config).true_ranges(pose) for wall in walls]
+    assert np.array_equal(Lidar(walls, config).true_ranges(pose), np.min([np.full(90, np.inf), *alone], axis=0))

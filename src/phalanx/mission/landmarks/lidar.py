@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import counting_kernel
 
-from .raycast import Beams, Floats, cast
+from .raycast import Beams, Floats, cast, tiles_of
 from .scan import LaserScan, beam_table
 
 _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
@@ -29,7 +29,7 @@ class Lidar:
 
     def __init__(self, walls: NDArray[np.float64], config: LidarConfig | None = None) -> None:
         self.config = config or LidarConfig()
-        self._walls = np.ascontiguousarray(walls, np.float64).reshape(-1, 4)
+        self._tiles = tiles_of(np.asarray(walls, np.float64).reshape(-1, 4))
         first, step = self.config.angle_min_rad, self.config.angle_increment_rad
         self._beams = Beams(first, step, *beam_table(first, step, self.config.beams), self.config.range_max_m)
 
@@ -38,7 +38,7 @@ class Lidar:
     ) -> NDArray[np.float64]:
         """(beams,) distances without noise; +inf is a miss."""
         ranges = np.empty(self.config.beams)
-        cast((float(pose[0]), float(pose[1]), float(pose[2])), self._walls, people, self._beams, ranges)
+        cast((float(pose[0]), float(pose[1]), float(pose[2])), self._tiles, people, self._beams, ranges)
         return ranges
 
     def sweep(
