@@ -9,10 +9,12 @@ import inspect
 import json
 import math
 import re
+import runpy
 import shlex
 import signal
 import sys
 import tomllib
+import types
 from pathlib import Path
 
 import click
@@ -104,6 +106,25 @@ def test_every_command_line_would_be_understood(page):
             assert set(words) <= make_targets(), line
         else:
             assert program in (".", "cd", "git", "/usr/sbin/mosquitto", "python"), f"who checks {line!r}?"
+
+
+def test_the_launch_example_starts_commands_that_there_are(monkeypatch):
+    """With a stand-in for `launch`, of which there is no wheel; docs/ros2.md says when the true one ran it."""
+
+    def keeps(*said, **more):
+        return (said, more)
+
+    for name in ("launch", "launch.actions", "launch.substitutions"):
+        module = types.ModuleType(name)
+        for what in ("LaunchDescription", "DeclareLaunchArgument", "ExecuteProcess", "LaunchConfiguration"):
+            setattr(module, what, keeps)
+        monkeypatch.setitem(sys.modules, name, module)
+    ((entities,), _) = runpy.run_path(str(ROOT / "examples" / "ros2.launch.py"))["generate_launch_description"]()
+    commands = [more["cmd"] for _, more in entities if "cmd" in more]
+    assert len(commands) == 4
+    for program, *words in commands:
+        assert program == "phalanx"
+        parse_phalanx([word if isinstance(word, str) else "README.md" for word in words])
 
 
 @each_page()

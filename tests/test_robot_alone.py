@@ -26,6 +26,7 @@ from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, rehearsal, signers
 from phalanx.daemon import run as daemon_run
+from phalanx.daemon.driver import Driver, OwnDriver
 from phalanx.daemon.evidence import Kept
 from phalanx.daemon.kept_log import KeptLog
 from phalanx.daemon.lateness import Lateness
@@ -41,13 +42,15 @@ from phalanx.io import serial_line
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import UdpRadio, parsed
+from phalanx.robot.controllers import dispatch
+from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.recorder import Recorder
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.driven import GATEWAY, OPERATOR, TELL_STOP
-from phalanx.wire.table import BOARD, ENTRY, ENTRY_RECV, FRAME_MAX
+from phalanx.wire.table import BOARD, ENTRY, ENTRY_RECV, FRAME_MAX, SENSOR
 
 ROBOT = """robot: 3
 mission: flock-12
@@ -375,6 +378,32 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
         UdpRadio(here[0], [here[1]], f"127.0.0.9:{port}")
     with pytest.raises(UsageError, match="not all speak from port"):
         UdpRadio(here[0], ["127.0.0.3:1"], group)
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({"x_m": 1.0, "y_m": 2.0, "vx_mps": 0.0, "vy_mps": 0.0}, SENSOR.size),
+        (b"\x40 a lidar of one's own", 22),
+        (b"", "sense returned b''"),
+        (bytes(FRAME_MAX + 1), "sense returned b'"),
+        ({"x_m": 1.0}, "sense returned {'x_m': 1.0}"),
+        (None, "sense returned None"),
+    ],
+)
+def test_a_driver_says_a_readings_fields_or_its_bytes(said, told):
+    class Base(Driver):
+        def sense(self):
+            return said
+
+    driver = OwnDriver(Base(1), dispatch.BUNDLED["flock"])
+    if isinstance(told, int):
+        assert len(driver.sense(7)) == told
+    else:
+        with pytest.raises(OwnMistake) as error:
+            driver.sense(7)
+        assert str(error.value).startswith(told)
+        assert len(str(error.value)) < 100
 
 
 def test_a_radio_of_mixed_addresses_or_of_no_address_of_ours_is_said():

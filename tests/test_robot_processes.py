@@ -71,11 +71,11 @@ class Still(Driver):
 """
 
 
-def arena(tmp_path, *words):
-    mission = tmp_path / "mission.yaml"
-    mission.write_text(MISSION)
+def arena(tmp_path, *words, mission=MISSION):
+    path = tmp_path / "mission.yaml"
+    path.write_text(mission)
     ended = subprocess.run(
-        (*PHALANX, "--log-level", "error", "robot", "arena", str(mission), "--json", *words),
+        (*PHALANX, "--log-level", "error", "robot", "arena", str(path), "--json", *words),
         capture_output=True,
         text=True,
         timeout=300,
@@ -134,6 +134,23 @@ def test_of_a_field_that_is_cut_in_two_the_part_with_a_quorum_goes_on_whatever_c
     assert not any(told["refused"] for told in summary["processes"])
 
 
+def test_robots_of_a_protocol_are_processes_whose_sensors_see_what_the_arena_shows(tmp_path, capsys):
+    kept = tmp_path / "kept"
+    tracking = MISSION.replace("goal_m: [100, 60]", "controller: tracking")
+    words = ("--duration", "7", "--attack", "point-elsewhere:robot=3,at=2", "--keep", str(kept))
+    summary = arena(tmp_path, *words, mission=tracking)
+    (liar,) = summary["compromised"]
+    assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S
+    assert summary["correct_in_safe_mode"] == []
+    assert summary["task"]["% tracked"] > 0, "nobody saw anything"
+    refused = {(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]}
+    assert {auditee for auditee, _ in refused} == {3}
+    assert run_command(["robot", "verify", str(kept / "robot-1.log")]) == 0
+    assert run_command(["robot", "verify", str(kept / "robot-3.log")]) == 1
+    assert "FAULT" in capsys.readouterr().out
+
+
+@pytest.mark.long
 def test_controllers_of_one_s_own_audit_each_other_in_an_arena(tmp_path, capsys):
     (tmp_path / "still.py").write_text(STILL)
     own, kept = f"{tmp_path / 'still.py'}:Follow", tmp_path / "kept"

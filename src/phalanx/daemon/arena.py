@@ -27,7 +27,7 @@ from phalanx.io.keyring import Keys
 from phalanx.robot.planner import ToGoal
 from phalanx.sim.audited.setup import POWER_UP_MS, limits_of
 from phalanx.sim.scenarios.own import find_planner, mistakes_in
-from phalanx.sim.scenarios.run import MakeController, adviser
+from phalanx.sim.scenarios.run import MakeController, adviser, on_stage, with_room
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import GO, PACKET_BYTES, READY
@@ -352,7 +352,8 @@ def play_in_arena(
     if adviser(scenario, minds.make, ToGoal if is_far(minds.planner) else planner):
         check_adviser(scenario, is_far=is_far(minds.planner))
     program()
-    rehearse(scenario, limits_of(scenario.bti, scenario.radio), minds.make)
+    staged, make, _ = on_stage(scenario, minds.make)
+    rehearse(with_room(staged, make), limits_of(staged.bti, scenario.radio), make)
     arena = Arena(scenario, folder, weather, air, minds)
     log.warning("trusted nodes are processes, which protect from nobody here")
     try:

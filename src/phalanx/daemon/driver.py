@@ -6,17 +6,19 @@ milliseconds: the daemon does nothing else meanwhile.
 
 from __future__ import annotations
 
+import reprlib
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner
 from phalanx.sim.scenarios.own import find_class
+from phalanx.wire.table import FRAME_MAX
 
 from .settings import RobotSettings
 
@@ -36,8 +38,11 @@ class Driver(ABC):
         self.rob_id = rob_id
 
     @abstractmethod
-    def sense(self) -> Mapping[str, float]:
-        """What the sensors say: the fields of the controller's reading but for kind, id and time (`x_m`, …)."""
+    def sense(self) -> Mapping[str, float] | bytes:
+        """What the sensors say: the fields of the controller's reading but for kind, id and time (`x_m`, …).
+
+        Or the whole reading as bytes, for a controller of your own with sensors of its own, or one that sees things.
+        """
 
     def drive(self, command: Mapping[str, float]) -> None:  # noqa: B027 - where the trusted nodes have the motors
         """The a-node let this command through: its fields by name (`ax_mps2`, …)."""
@@ -102,12 +107,15 @@ class OwnDriver:
     def sense(self, now_ms: int) -> bytes:
         """See `Hardware`. Raises: OwnMistake: it said what is no reading."""
         said = self._driver.sense()
+        if isinstance(said, bytes) and 0 < len(said) <= FRAME_MAX:
+            return said
         try:
-            fields = {"id": self._driver.rob_id, "t": now_ms, **said}
+            fields = {"id": self._driver.rob_id, "t": now_ms, **cast("Mapping[str, float]", said)}
             return self._reads.encode(**fields)
         except (TypeError, ValueError, KeyError, UsageError) as error:
             names = ", ".join(each.name for each in self._reads.fields if each.name not in ("id", "t"))
-            raise OwnMistake(f"sense returned {said!r}", f"{names}: numbers", self._driver) from error
+            hint = f"{names}: numbers; or 1 to {FRAME_MAX} bytes"
+            raise OwnMistake(f"sense returned {reprlib.repr(said)}", hint, self._driver) from error
 
     def drive(self, command: bytes) -> None:
         """See `Hardware`."""

@@ -21,8 +21,8 @@ from phalanx.robot.retrace import Entry, Finding, Retracer, entries_of
 from phalanx.sim.recorded import CUT_SHORT, is_recording, read_recording
 from phalanx.sim.recorder import NS, Recorder
 from phalanx.sim.scenarios.file import parse_scenario, written_scenario
-from phalanx.sim.scenarios.run import params_of
-from phalanx.sim.scenarios.scenario import Scenario, for_robots
+from phalanx.sim.scenarios.run import on_stage, params_of
+from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
 
 MOST_BYTES, MOST_UNPACKED = 1 << 26, 1 << 29
@@ -69,11 +69,11 @@ class Kept:
         """Where it stops being an honest robot's log; None if it does not.
 
         `controller` makes a researcher's own, if that is what the robot ran. Source: RoboRebound §3.7.
-        Raises: UsageError: no robot's own process runs this mission.
         """
-        for_robots(self.scenario)
-        bundled = compiled(dispatch.NUMBERS[self.scenario.controller], params_of(self.scenario, self.mission))
-        retracer = Retracer(self.scenario.bti, controller or bundled, self.scenario.seed)
+        scenario, made, _ = on_stage(self.scenario, controller)
+        if not made:
+            made = compiled(dispatch.NUMBERS[scenario.controller], params_of(scenario, self.mission))
+        retracer = Retracer(scenario.bti, made, scenario.seed)
         return retracer.first_lie(self.plain(), self.robot, self.t_key_ms)
 
     @property

@@ -5,6 +5,7 @@ It is summed up and recorded as a simulated run is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,6 +29,7 @@ class Field(Run):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
+        self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
         self._on_air: dict[int, str] = {}
@@ -52,7 +54,16 @@ class Field(Run):
         """What robot i's sensors say, at this time of its own clock."""
         body.advance(self.world, i)
         length = body.sensed(self.world, i, i + 1, now_ms)
-        return self.world.reading[:length].tobytes()
+        reading: bytes = self.world.reading[:length].tobytes()
+        if self.stage:
+            x_m, y_m = self.world.pos[i].tolist()
+            reading += self.stage.look(i + 1, self.now_s, (x_m, y_m), lies=self._lies(i))
+        return reading
+
+    def _lies(self, i: int) -> bool:
+        """Whether robot i is to lie by now."""
+        spec = next((each for each in self._drawn if each.robot == i + 1), None)
+        return spec is not None and spec.at_s <= self.now_s < (math.inf if spec.until_s is None else spec.until_s)
 
     def drive(self, i: int, command: bytes) -> None:
         """Robot i's trusted nodes tell its motors something."""

@@ -14,7 +14,7 @@ from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import compiled
 from phalanx.robot.planner import advice_of
 from phalanx.robot.runtime import Runtime, is_fragment
-from phalanx.sim.scenarios.run import MakeController, adviser, number_of, params_of
+from phalanx.sim.scenarios.run import MakeController, adviser, driving, number_of, on_stage, params_of
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import KEY_BYTES
 
@@ -23,7 +23,8 @@ BEGAN_MS = 1000
 
 def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | None = None) -> int:
     """How many audits ended well, of two robots that stand where a mission begins; all that runs has run once."""
-    config, declared = scenario.bti, dispatch.BUNDLED[scenario.controller]
+    config, declared = scenario.bti, driving(scenario)
+    stage = on_stage(scenario, controller)[2]
     nodes = Nodes(2, BOUND, limits)
     master = bytes(KEY_BYTES)
     for i in range(2):
@@ -43,7 +44,7 @@ def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | No
     robots = [Runtime(CNode(fleet, i, work, controller), config, BEGAN_MS) for i in range(2)]
     make = adviser(scenario, controller)
     planners = [make(i + 1, scenario.goal_m) for i in range(2)] if make else []
-    if scenario.attacks:
+    if scenario.attacks and not controller:
         _as_liars_know(scenario)
     passed = 0
     # Two rounds each: the second begins at a checkpoint.
@@ -55,7 +56,7 @@ def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | No
             me.on_check(now_ms)
             continue
         if me.input_ms == now_ms:
-            reading = _reading(declared, i, now_ms)
+            reading = _reading(declared, i, now_ms) + bytes(stage.seen_bytes if stage else 0)
             todo = me.on_input(now_ms, reading, advice_of(planners[i], now_ms, reading) if planners else b"")
         else:
             todo = me.on_audit(now_ms)

@@ -13,14 +13,13 @@ from phalanx.bti.nodes import Refused
 from phalanx.errors import Unavailable, UsageError
 from phalanx.io.keyring import opened
 from phalanx.io.udp_radio import Radio, UdpRadio
-from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
-from phalanx.sim.scenarios.run import MakeController, with_room
+from phalanx.sim.scenarios.run import MakeController, driving, on_stage, with_room
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
 from .driver import Base, make_driver
@@ -55,13 +54,14 @@ def mission_in(folder: Path, words: str) -> Scenario:
 
 
 def controlled(scenario: Scenario, settings: RobotSettings) -> tuple[Scenario, MakeController | None]:
-    """The scenario with room for what the file's own controller remembers, and that one; None for the mission's.
+    """The scenario with room for what its controller remembers, and that one, if it is in Python; else None.
 
     Raises: UsageError: no such class.
     """
-    if not settings.said.controller:
-        return scenario, None
-    _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
+    made: MakeController | None = None
+    if settings.said.controller:
+        _, made = find_controller(str(settings.path(settings.said.controller)), scenario)
+    scenario, made, _ = on_stage(scenario, made)
     return with_room(scenario, made), made
 
 
@@ -118,7 +118,7 @@ async def run_robot(
             log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air)
         air = SealedAir(node, radio) if said.radio.sealed else None
-        declared = dispatch.BUNDLED[scenario.controller]
+        declared = driving(scenario)
         base = make_base(said.robot, scenario, declared) if make_base else None
         hardware = base or make_driver(settings, declared)
         stack.callback(hardware.close)

@@ -129,7 +129,7 @@ def find_class(words: str, kind: type[Any]) -> Any:
         raise UsageError(f"{name} in {path} is a {type(found).__name__}", f"a class derived from {kind.__name__}")
     if left := sorted(getattr(found, "__abstractmethods__", ())):
         raise UsageError(f"{name} in {path} has no {', '.join(left)}", f"{kind.__name__} says what they do")
-    for number in ("state_bytes", "period_ms"):
+    for number in ("state_bytes", "reading_bytes", "period_ms"):
         value = getattr(found, number, 0)
         if not isinstance(value, int) or value < 0:
             raise UsageError(f"{number} of {name} in {path} is {value!r}", "a whole number, 0 or more")

@@ -49,7 +49,7 @@ FOREVER_MS = (1 << 32) - 1
 
 def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
     """What the scenario's controller is given: the mission, the same for all robots; `mission` is its key's number."""
-    bundled = _driving(scenario)
+    bundled = driving(scenario)
     if bundled.config is WheelsConfig:
         return bundled.params(
             WheelsConfig(
@@ -71,7 +71,7 @@ def _bounded_flock(scenario: Scenario) -> FlockConfig:
     return replace(flock, crowd=flock.crowd / longer if scenario.defence == "bound" else NO_CROWD)
 
 
-def _driving(scenario: Scenario) -> Declaration:
+def driving(scenario: Scenario) -> Declaration:
     """Whose body the robots have, and what its kernels are given: a protocol's is the flock's."""
     return dispatch.BUNDLED.get(scenario.controller, dispatch.BUNDLED["flock"])
 
@@ -95,9 +95,12 @@ def number_of(scenario: Scenario, controller: MakeController | None) -> int:
 
 
 def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
-    """The same, in which a researcher's own controller has room for what it remembers."""
-    state_bytes = max(scenario.bti.state_bytes, getattr(controller, "state_bytes", 0))
-    return replace(scenario, bti=replace(scenario.bti, state_bytes=state_bytes))
+    """The same, in which a researcher's own controller has room for what it remembers, and for what it reads."""
+    sizes = {
+        name: max(getattr(scenario.bti, name), getattr(controller, name, 0))
+        for name in ("state_bytes", "reading_bytes")
+    }
+    return replace(scenario, bti=replace(scenario.bti, **sizes))
 
 
 def adviser(
@@ -107,7 +110,7 @@ def adviser(
 
     Raises: UsageError: a planner for robots that nobody can advise.
     """
-    advised = _driving(scenario).advised is not None and controller is None
+    advised = driving(scenario).advised is not None and controller is None
     if planner and not advised:
         raise UsageError("a planner, but nobody that it could advise", "a mission with controller: guard")
     return planner or ToGoal if advised else None
@@ -141,13 +144,13 @@ class Run:
     ) -> None:
         if not self.has_station:  # planners in a simulation sign nothing
             scenario = replace(scenario, guard=replace(scenario.guard, adviser_key=""))
-        scenario, controller, self.stage = _on_stage(scenario, controller)
+        scenario, controller, self.stage = on_stage(scenario, controller)
         self.scenario = scenario = with_room(scenario, controller)
         n = scenario.robots
         chance = np.random.Generator(np.random.PCG64(np.random.SeedSequence([scenario.seed, 0x7068])))
         self.ids = np.arange(1, n + 1)
         drawn = scenario.drawn_attacks()
-        bundled = _driving(scenario)
+        bundled = driving(scenario)
         if scenario.controller not in in_scenarios() and not self.has_station:
             raise UsageError(f"{scenario.controller} waits for orders, and a scenario gives none", "another controller")
         make_planner = adviser(scenario, controller, planner)
@@ -332,7 +335,7 @@ class Run:
         }
 
 
-def _on_stage(
+def on_stage(
     scenario: Scenario, controller: MakeController | None
 ) -> tuple[Scenario, MakeController | None, Stage | None]:
     """The same with room for what a protocol's robots sense and remember, its robots, and what its world holds."""

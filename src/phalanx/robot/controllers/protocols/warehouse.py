@@ -17,6 +17,7 @@ import math
 from collections.abc import Collection, Iterator
 from functools import cache
 
+from phalanx.errors import UsageError
 from phalanx.robot.controllers.peers import Peer, PeerController
 from phalanx.robot.controllers.protocol import Point, Protocol, Stage, Task
 from phalanx.wire.protocols import NOWHERE
@@ -27,9 +28,11 @@ ARRIVED = 0.3  # of a cell: so near to its middle
 FITS_CELLS = 1.5  # so near to a cell one can be that is on the way to it
 BEYOND_CELLS = 1.3  # so near to an errand's cell it counts as done: a robot may stand in it for good
 
+MOST_CELLS = 100_000  # a second to look at
+
 
 class Floor:
-    """The cells of a warehouse, by number from the corner at the origin.
+    """The cells of a warehouse, by number from the corner at the origin. Raises: UsageError: more than MOST_CELLS.
 
     Attributes:
         picks, stations: cells where no lanes cross: beside shelves, and of the first row.
@@ -39,6 +42,10 @@ class Floor:
         self.task, self.cell_m = task, task.step_m / CELLS_A_STEP
         far_m = [*task.starts_m, *((box.right_m, box.top_m) for box in task.boxes)]
         self.columns, self.rows = (math.ceil(max(axis) / self.cell_m) + 1 for axis in zip(*far_m, strict=True))
+        if self.columns * self.rows > MOST_CELLS:
+            raise UsageError(
+                f"a warehouse of {self.columns} by {self.rows} cells", f"at most {MOST_CELLS}: shelves nearby"
+            )
         cells = range(self.columns * self.rows)
         self.shelves = frozenset(cell for cell in cells if self._is_shelf(*self.middle(cell)))
         lanes = [cell for cell in cells if cell not in self.shelves and len(list(self.around(cell))) == 2]
