@@ -14,7 +14,7 @@ from phalanx.errors import UsageError
 Number = TypeVar("Number", int, float)
 Thing = TypeVar("Thing")
 Made = TypeVar("Made")
-MADE_MOST = 64
+MADE_MOST = 1024
 KEY_DIGITS = 64
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phalanx.crypto.sha3 import sha3_256, sha3_256_many
 from phalanx.mission.angles import TWO_PI, wrap_rad
@@ -135,6 +137,13 @@ def _to_direction(sector: int, sectors: int) -> float:
     return wrap_rad(sector * TWO_PI / sectors)
 
 
+@lru_cache(maxsize=16)
+def _directions(sectors: int) -> NDArray[np.uint8]:
+    """(sectors, n): what stands behind a node's bytes for each direction."""
+    told = b"".join(with_direction(b"", Direction(sector, sectors)) for sector in range(sectors))
+    return np.frombuffer(told, np.uint8).reshape(sectors, -1)
+
+
 def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, pool: tuple[Action, ...]) -> OpenWay:
     wanted = way.hashes[found.claim.alias]
     if way.kind is WayKind.ACTION:
@@ -142,8 +151,8 @@ def _paper_way(mission: EncodedMission, way: Way, found: Found, mark: bytes, poo
     if way.kind is WayKind.EMPTY:
         return OpenWay(way.target)
     sectors = mission.header.coding.sectors
-    tries = b"".join(with_direction(found.claim.observed, Direction(sector, sectors)) for sector in range(sectors))
-    digests = sha3_256_many(np.frombuffer(tries, np.uint8).reshape(sectors, -1))
+    observed = np.tile(np.frombuffer(found.claim.observed, np.uint8), (sectors, 1))
+    digests = sha3_256_many(np.hstack([observed, _directions(sectors)]))
     hits = np.flatnonzero((digests == np.frombuffer(wanted, np.uint8)).all(axis=1))
     return OpenWay(way.target, _to_direction(int(hits[0]), sectors) if len(hits) else None)
 

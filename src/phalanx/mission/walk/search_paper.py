@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.mission import MissionConfig
+from phalanx.config.parameter import made_once
 from phalanx.crypto.sha3 import Targets, padded, sha3_256
 from phalanx.mission.file.canonical import AT_POSITION, Shape, cell_at
 from phalanx.mission.file.records import EncodedMission
@@ -31,7 +32,6 @@ from .found import Claim, Found
 from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
 from .searched import Searched
 
-CANDIDATES_LIMIT = 256  # sets of nodes that are kept ready
 _BARE = Variant(None, (), None, None, ())
 
 
@@ -86,31 +86,25 @@ class PaperSearch:
         self._mission = mission
         self._config = config
         self._steps = steps_of(mission.header.coding)
-        self._candidates: dict[tuple[int, ...], _Candidates] = {}
+        self._among = made_once(self._candidates_of)
         self._searched = Searched()
 
-    def _among(self, nodes: tuple[int, ...]) -> _Candidates:
-        if nodes not in self._candidates:
-            by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
-            for node in nodes:
-                record = self._mission.nodes[node]
-                for a, alias in enumerate(record.aliases):
-                    by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
-            if len(self._candidates) >= CANDIDATES_LIMIT:
-                self._candidates.clear()
-            groups = tuple(
-                _Group(
-                    offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases)
-                )
-                for (offset, reach), aliases in by_offset.items()
-            )
-            arrays = Groups(
-                np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5),
-                np.vstack([np.empty((0, 4), np.uint64), *(group.targets.rows for group in groups)]),
-                np.cumsum([0, *(len(group.aliases) for group in groups)]),
-            )
-            self._candidates[nodes] = _Candidates(nodes, groups, arrays, {})
-        return self._candidates[nodes]
+    def _candidates_of(self, nodes: tuple[int, ...]) -> _Candidates:
+        by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
+        for node in nodes:
+            record = self._mission.nodes[node]
+            for a, alias in enumerate(record.aliases):
+                by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
+        groups = tuple(
+            _Group(offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases))
+            for (offset, reach), aliases in by_offset.items()
+        )
+        arrays = Groups(
+            np.array([(*group.offset.natural, group.reach_dm) for group in groups], np.float64).reshape(-1, 5),
+            np.vstack([np.empty((0, 4), np.uint64), *(group.targets.rows for group in groups)]),
+            np.cumsum([0, *(len(group.aliases) for group in groups)]),
+        )
+        return _Candidates(nodes, groups, arrays, {})
 
     def _parts(self, among: _Candidates, released: bytes) -> list[Shape | _Together]:
         """The shapes, in their order; those that follow each other and ask for nothing but a place in one."""
