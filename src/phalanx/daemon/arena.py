@@ -86,7 +86,7 @@ class Arena:
         if scenario.controller == WHEELS:
             gateway, operator = (keys.public(who) for who in STATION.values())
             scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
-        self.field = Field(scenario)
+        self.field = Field(scenario, getattr(minds.make, "senses", None))
         self.on_air = {each.robot: each for each in air.attacks}
         for each in air.attacks:
             self.field.distrust(each.robot, each.name)

@@ -23,7 +23,7 @@ from phalanx.wire.table import FRAME_MAX
 from .settings import RobotSettings
 
 TIMEOUT_S = 1.0
-PACKET_BYTES = 256
+PACKET_BYTES = FRAME_MAX  # more than a reading or a command
 READY, GO = b"ready", b"go"
 
 

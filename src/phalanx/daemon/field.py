@@ -13,6 +13,7 @@ import numpy as np
 
 from phalanx.bti.refusal import Refusal
 from phalanx.robot.attacks.liar import Liar
+from phalanx.robot.controllers.senses import Senses
 from phalanx.sim.audited import body, loop
 from phalanx.sim.audited.quorum import Quorum
 from phalanx.sim.scenarios.run import Run
@@ -27,8 +28,9 @@ class Field(Run):
 
     has_station = True
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, senses: Senses | None = None) -> None:
         super().__init__(scenario)
+        self.sense(senses)
         self._drawn = scenario.drawn_attacks()
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
@@ -55,9 +57,9 @@ class Field(Run):
         body.advance(self.world, i)
         length = body.sensed(self.world, i, i + 1, now_ms)
         reading: bytes = self.world.reading[:length].tobytes()
-        if self.stage:
+        if self.looks:
             x_m, y_m = self.world.pos[i].tolist()
-            reading += self.stage.look(i + 1, self.now_s, (x_m, y_m), lies=self._lies(i))
+            reading += self.looks.look(i + 1, self.now_s, (x_m, y_m), lies=self._lies(i))
         return reading
 
     def _lies(self, i: int) -> bool:

@@ -24,7 +24,8 @@ BEGAN_MS = 1000
 def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | None = None) -> int:
     """How many audits ended well, of two robots that stand where a mission begins; all that runs has run once."""
     config, declared = scenario.bti, driving(scenario)
-    stage = on_stage(scenario, controller)[2]
+    stage, senses = on_stage(scenario, controller)[2], getattr(controller, "senses", None)
+    seen = bytes(stage.seen_bytes if stage else senses.size if senses else 0)
     nodes = Nodes(2, BOUND, limits)
     master = bytes(KEY_BYTES)
     for i in range(2):
@@ -56,7 +57,7 @@ def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | No
             me.on_check(now_ms)
             continue
         if me.input_ms == now_ms:
-            reading = _reading(declared, i, now_ms) + bytes(stage.seen_bytes if stage else 0)
+            reading = _reading(declared, i, now_ms) + seen
             todo = me.on_input(now_ms, reading, advice_of(planners[i], now_ms, reading) if planners else b"")
         else:
             todo = me.on_audit(now_ms)

@@ -13,9 +13,23 @@ if TYPE_CHECKING:
     from .attacks.attack import Attack, own_attack
     from .attacks.liar import Liar
     from .controllers.python_controller import Act, Controller, Send
+    from .controllers.senses import Senses
     from .planner import Planner
 
-__all__ = ["Act", "Attack", "Controller", "Led", "Liar", "Planner", "Point", "Robot", "Send", "Swarm", "own_attack"]
+__all__ = [
+    "Act",
+    "Attack",
+    "Controller",
+    "Led",
+    "Liar",
+    "Planner",
+    "Point",
+    "Robot",
+    "Send",
+    "Senses",
+    "Swarm",
+    "own_attack",
+]
 
 _FOUND_IN = {
     "Act": "controllers.python_controller",
@@ -24,6 +38,7 @@ _FOUND_IN = {
     "Liar": "attacks.liar",
     "Planner": "planner",
     "Send": "controllers.python_controller",
+    "Senses": "controllers.senses",
     "own_attack": "attacks.attack",
 }
 

@@ -35,6 +35,7 @@ from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
 from . import dispatch
 from .declaration import Params
 from .outputs import OUT_BYTES
+from .senses import Senses
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +72,14 @@ class Controller(ABC):
     Class attributes:
         state_bytes: longest encoding; 0 for as much as the scenario has room for.
         reading_bytes: longest reading, of a robot whose driver has sensors of its own; 0 for the scenario's.
+        senses: a lidar and bumpers, which simulations and arenas then have; their readings are as much longer.
         is_ours: it is tested that it answers the same inputs alike: a simulation replays what it did once, and not for
             each auditor. Of a researcher's own each replay may be the one that tells.
     """
 
     state_bytes: ClassVar[int] = 0
     reading_bytes: ClassVar[int] = 0
+    senses: ClassVar[Senses | None] = None
     is_ours: ClassVar[bool] = False
 
     def __init__(self, rob_id: int) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from operator import itemgetter
-from typing import Final
+from typing import Final, Protocol
 
 from phalanx.bti import request, rounds
 from phalanx.bti.fleet import PLAIN
 from phalanx.robot.attacks.liar import Liar
 from phalanx.robot.cnode import EVERYBODY, Action, Actuate, CNode, Retry, Transmit, Verdict
-from phalanx.robot.controllers.protocol import Stage
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.robot.planner import Planner, advice_of, overheard
 from phalanx.sim.radio.channel import BROADCAST
@@ -32,6 +31,14 @@ METHODS = {
 }
 
 
+class Looks(Protocol):
+    """What sensors see beside the robot itself: a protocol's stage, or a lidar and bumpers."""
+
+    def look(self, rob_id: int, t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
+        """A robot is there, and its sensors are read; what they say behind its own motion."""
+        ...
+
+
 NO_PLANNERS: Mapping[int, Planner] = {}
 # What an event says. A record of numpy takes 5 us for a field, and all of them as a tuple 1.
 _EVENT: Final = itemgetter(*map(list(CLOCK.names or ()).index, ("robot", "kind", "now_us", "body", "arrived")))
@@ -41,7 +48,7 @@ def handle(
     world: World,
     robots: dict[int, CNode],
     planners: Mapping[int, Planner] = NO_PLANNERS,
-    stage: Stage | None = None,
+    stage: Looks | None = None,
 ) -> None:
     """The event at which the loop stopped has been handled by its robot's c-node, found by index in `robots`.
 
@@ -61,7 +68,7 @@ def handle(
         wake(world, cnode, now_us)
 
 
-def _look(world: World, cnode: CNode, stage: Stage, now_us: int, now_ms: int) -> bytes:
+def _look(world: World, cnode: CNode, stage: Looks, now_us: int, now_ms: int) -> bytes:
     x_m, y_m = world.pos[cnode.i].tolist()
     lies = isinstance(cnode, Liar) and cnode.lies(now_ms)
     return stage.look(cnode.id, now_us / 1e6, (x_m, y_m), lies=lies)

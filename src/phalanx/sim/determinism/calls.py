@@ -139,7 +139,12 @@ def _world_of(words: str, seed: int) -> Scenario:
 def _lived(make: Make, scenario: Scenario, is_advised: bool) -> list[Call]:
     calls: dict[int, list[Call]] = {rob_id: [] for rob_id in range(1, scenario.robots + 1)}
     planner = partial(ToGoal, goal_m=scenario.goal_m) if is_advised else lambda _: None
-    run = Run(scenario, lambda rob_id: _Listener(rob_id, make, calls[rob_id], planner(rob_id)))
+
+    def listener(rob_id: int) -> _Listener:
+        return _Listener(rob_id, make, calls[rob_id], planner(rob_id))
+
+    listener.senses = getattr(make, "senses", None)  # type: ignore[attr-defined]
+    run = Run(scenario, listener)
     run.advance(LIFE_S)
     return calls[ROBOT]
 

@@ -28,8 +28,10 @@ from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.protocol import Stage, find_protocol
 from phalanx.robot.controllers.python_controller import Controller
+from phalanx.robot.controllers.senses import Senses
 from phalanx.robot.planner import MakePlanner, Planner, ToGoal
 from phalanx.sim.audited import loop, pybot
+from phalanx.sim.audited.around import Around
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.quorum import Quorum
@@ -96,11 +98,13 @@ def number_of(scenario: Scenario, controller: MakeController | None) -> int:
 
 def with_room(scenario: Scenario, controller: MakeController | None) -> Scenario:
     """The same, in which a researcher's own controller has room for what it remembers, and for what it reads."""
+    senses = getattr(controller, "senses", None)
     sizes = {
-        name: max(getattr(scenario.bti, name), getattr(controller, name, 0))
-        for name in ("state_bytes", "reading_bytes")
+        "state_bytes": getattr(controller, "state_bytes", 0),
+        "reading_bytes": max(getattr(controller, "reading_bytes", 0), SENSOR.size + senses.size if senses else 0),
     }
-    return replace(scenario, bti=replace(scenario.bti, **sizes))
+    longest = {name: max(getattr(scenario.bti, name), size) for name, size in sizes.items()}
+    return replace(scenario, bti=replace(scenario.bti, **longest))
 
 
 def adviser(
@@ -176,6 +180,8 @@ class Run:
             self.world = make_world(setup, chance)
         except MemoryError as error:
             raise Unavailable(f"{n} robots do not fit into memory", "fewer robots, or a smaller n_max") from error
+        self.looks: pybot.Looks | None = self.stage
+        self.sense(getattr(controller, "senses", None))
         self._verdicts = VerdictReader(self.world)
         self._wall_s = 0.0
         self._sampled_s = 0
@@ -208,6 +214,11 @@ class Run:
             plan = plan_of(scenario, spec, boot_ms, chance)
             self.robots[rob_id - 1] = lying(spec.attack, world.fleet, rob_id - 1, world.work, plan, controller)
 
+    def sense(self, senses: Senses | None) -> None:
+        """Robots have these senses, if any."""
+        if senses:
+            self.looks = Around(self.world, senses, self.scenario.obstacles, self.scenario.contact_m)
+
     # --- going on -----------------------------------------------------------------------------------------------------
 
     @property
@@ -223,7 +234,7 @@ class Run:
             while self.world.clock[0].now_us < until_us:
                 target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
                 while loop.run(self.world, target_us) == loop.FOR_PYTHON:
-                    pybot.handle(self.world, self.robots, self.planners, self.stage)
+                    pybot.handle(self.world, self.robots, self.planners, self.looks)
                 raise_failed()
                 if target_us == (self._sampled_s + 1) * 1_000_000:
                     self._sample()

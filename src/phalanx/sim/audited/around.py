@@ -1,0 +1,73 @@
+"""What lidars and bumpers of point masses say: how far it is to obstacles and to other robots, and what touches.
+
+Robots are discs that touch at `contact_m`. Source: docs/own-controller.md; the rays are geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phalanx.config.flock import Box, Disc
+from phalanx.robot.controllers.senses import Senses
+
+from .world import World
+
+RANGE = np.dtype(np.float32).newbyteorder("<")  # on any machine
+
+
+class Around:
+    """What robots of a world sense, as their controller's class says."""
+
+    def __init__(self, world: World, senses: Senses, obstacles: Sequence[Disc | Box], contact_m: float) -> None:
+        self._world, self._senses, self._contact_m = world, senses, contact_m
+        angles = np.arange(senses.beams) * (2 * np.pi / max(1, senses.beams))
+        self._beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)  # (B, 2)
+        discs = [each for each in obstacles if isinstance(each, Disc)]
+        boxes = [each for each in obstacles if isinstance(each, Box)]
+        self._discs = np.array([(each.x_m, each.y_m, each.radius_m) for each in discs]).reshape(-1, 3)
+        low = np.array([(each.left_m, each.bottom_m) for each in boxes]).reshape(-1, 2)
+        high = np.array([(each.right_m, each.top_m) for each in boxes]).reshape(-1, 2)
+        self._boxes = low, high
+
+    def look(self, rob_id: int, _t_s: float, place_m: tuple[float, float], *, lies: bool) -> bytes:
+        """What the robot's own sensors say there, behind its motion; a liar's say the same."""
+        del lies
+        here = np.array(place_m)
+        others = np.delete(self._world.pos, rob_id - 1, axis=0)[: len(self._world.fleet.robot) - 1]
+        radius = np.full((len(others), 1), self._contact_m / 2)
+        discs = np.concatenate([self._discs, np.concatenate([others, radius], axis=1)])
+        return self._ranges(here, discs).astype(RANGE).tobytes() + self._touched(here, discs).tobytes()
+
+    def _ranges(self, here: NDArray[np.float64], discs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(B,) metres, infinity for nothing in range."""
+        rel = discs[:, :2] - here
+        along = self._beams @ rel.T  # (B, K)
+        chord = discs[:, 2] ** 2 - ((rel**2).sum(axis=1) - along**2)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            near = along - np.sqrt(chord)
+            hit = np.where((chord >= 0) & (along + np.sqrt(chord) >= 0), np.maximum(near, 0.0), np.inf)
+            # Between which lengths of the beam it is within each of a box's two strips.
+            to = [(side - here)[None] / self._beams[:, None] for side in self._boxes]  # (B, K, 2)
+            first, last = np.minimum(*to), np.maximum(*to)
+        inside = (self._boxes[0] <= here) & (here <= self._boxes[1])
+        # A beam along a strip is in it for good, or never.
+        first = np.where(np.isnan(first), np.where(inside, -np.inf, np.inf), first).max(axis=2, initial=-np.inf)
+        last = np.where(np.isnan(last), np.where(inside, np.inf, -np.inf), last).min(axis=2, initial=np.inf)
+        box = np.where((first <= last) & (last >= 0), np.maximum(first, 0.0), np.inf)
+        least = np.minimum(hit.min(axis=1, initial=np.inf), box.min(axis=1, initial=np.inf))
+        return np.where(least <= self._senses.range_m, least, np.inf)
+
+    def _touched(self, here: NDArray[np.float64], discs: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """(bumpers,) 1 where something touches."""
+        told = np.zeros(self._senses.bumpers, np.uint8)
+        if not len(told):
+            return told
+        to_discs, to_boxes = discs[:, :2] - here, np.clip(here, *self._boxes) - here
+        near = np.linalg.norm(to_discs, axis=1) <= discs[:, 2] + self._contact_m / 2
+        at = np.concatenate([to_discs[near], to_boxes[np.linalg.norm(to_boxes, axis=1) <= self._contact_m / 2]])
+        sectors = np.rint(np.arctan2(at[:, 1], at[:, 0]) / (2 * np.pi / len(told))).astype(int) % len(told)
+        told[sectors] = 1
+        return told

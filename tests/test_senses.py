@@ -1,0 +1,161 @@
+"""Lidars and bumpers of controllers of one's own: what they say of a world, audited, in a simulation and as processes."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from phalanx.cli.main import run_command
+from phalanx.config import BtiConfig
+from phalanx.config.flock import Box, Disc, FlockConfig
+from phalanx.errors import UsageError
+from phalanx.robot import Controller, Senses
+from phalanx.sim import AttackSpec, Scenario, simulate
+from phalanx.sim.audited.around import Around
+from phalanx.sim.scenarios.own import find_class
+
+DISC, BOX = Disc(x_m=5.0, y_m=0.0, radius_m=1.0), Box(left_m=-1.0, bottom_m=3.0, right_m=1.0, top_m=4.0)
+CAREFUL = """
+import struct
+from phalanx.robot import Act, Controller, Senses
+from phalanx.wire.table import ACCELERATION, SENSOR
+
+class Careful(Controller):
+    \"\"\"East until its lidar sees something within 4 m there, or it touches something; then it brakes.\"\"\"
+
+    senses = Senses(beams=8, range_m=20.0, bumpers=4)
+    state_bytes = 1
+    stopped = 0
+
+    def on_input(self, step, t_ms, reading):
+        if len(reading) == SENSOR.size + self.senses.size:
+            speed = struct.unpack_from("<f", reading, 19)[0]
+            east = struct.unpack_from("<f", reading, SENSOR.size)[0]
+            self.stopped |= east < 4.0 or 1 in reading[-4:]
+            push = -speed if self.stopped else 0.5 * (2.0 - speed)
+            return [Act(ACCELERATION.encode(id=self.rob_id, t=t_ms, ax_mps2=max(-5.0, min(5.0, push)), ay_mps2=0.0))]
+        return []
+
+    def on_recv(self, t_ms, frame):
+        pass
+
+    def encode(self):
+        return bytes([self.stopped])
+
+    def decode(self, encoding):
+        self.stopped = encoding[0]
+"""
+
+
+def around(places, senses, obstacles=(DISC, BOX)):
+    world = SimpleNamespace(pos=np.array(places, float), fleet=SimpleNamespace(robot=places))
+    return Around(world, senses, obstacles, 1.0)
+
+
+def ranges(this, at=(0.0, 0.0), beams=8):
+    return np.frombuffer(this.look(1, 0.0, at, lies=False), "<f4")[:beams]
+
+
+def test_beams_go_round_from_the_east_to_discs_boxes_and_other_robots():
+    this = around([(0.0, 0.0), (0.0, -3.0)], Senses(beams=8, range_m=4.5))
+    east, north_east, north, *_, south, _ = seen = ranges(this)
+    assert (east, north, south) == (4.0, 3.0, 2.5)
+    assert math.isinf(north_east)
+    assert np.isinf(seen).sum() == 5
+    assert math.isinf(ranges(this, (-1.0, 0.0))[0]), "5 m, and it sees 4.5"
+    assert ranges(this, (0.0, 3.5))[0] == 0.0, "inside the box"
+
+
+@given(st.tuples(*[st.floats(-8, 8)] * 2), st.integers(0, 7))
+def test_what_a_beam_says_is_the_first_thing_on_it_and_nothing_before(at, beam):
+    this = around([at, (3.0, -3.0)], Senses(beams=8, range_m=50.0))
+    told = float(ranges(this, at)[beam])
+    angle = beam * math.tau / 8
+
+    def is_in(metres):
+        x, y = at[0] + metres * math.cos(angle), at[1] + metres * math.sin(angle)
+        in_box = BOX.left_m < x < BOX.right_m and BOX.bottom_m < y < BOX.top_m
+        return in_box or math.dist((x, y), (5, 0)) < 1.0 or math.dist((x, y), (3, -3)) < 0.5
+
+    free = [metres for metres in np.arange(0, min(told, 30.0), 0.05) if metres < told - 1e-3]
+    assert not any(map(is_in, free))
+    if math.isfinite(told):
+        assert any(is_in(told + more) for more in (1e-4, 1e-3, 1e-2)) or not is_in(told - 1e-2)
+
+
+def test_bumpers_say_where_something_touches():
+    this = around([(0.0, 0.0), (0.0, -0.9)], Senses(bumpers=4))
+    assert this.look(1, 0.0, (0.0, 0.0), lies=False) == bytes([0, 0, 0, 1])
+    assert this.look(1, 0.0, (3.6, 0.0), lies=False) == bytes([1, 0, 0, 0])
+    assert this.look(1, 0.0, (0.0, 2.6), lies=True) == bytes([0, 1, 0, 0])
+    assert around([(0.0, 0.0)], Senses(bumpers=4), ()).look(1, 0.0, (0.0, 0.0), lies=False) == bytes(4)
+
+
+def test_what_no_robot_senses_is_said():
+    with pytest.raises(UsageError, match="beams is 361"):
+        Senses(beams=361)
+
+
+@pytest.fixture
+def careful(tmp_path):
+    (tmp_path / "careful.py").write_text(CAREFUL)
+    return f"{tmp_path / 'careful.py'}:Careful"
+
+
+def test_robots_that_see_stop_before_a_wall_and_pass_their_audits(careful):
+    wall = Box(left_m=30.0, bottom_m=-50.0, right_m=31.0, top_m=200.0)
+    scenario = Scenario(
+        robots=4,
+        duration_s=20.0,
+        obstacles=(wall,),
+        flock=FlockConfig(c1_beta=1.0, c2_beta=1.0),  # or no scenario has obstacles
+        bti=BtiConfig(f_max=1),
+        attacks=(AttackSpec(name="hijack", robot=4, at_s=5.0),),
+    )
+    result = simulate(scenario, controller=find_class(careful, Controller))
+    (summary,) = result.summaries
+    assert summary["correct_in_safe_mode"] == []
+    assert summary["compromised"][0]["safe_mode_s"] is not None
+    refused = result.verdicts[result.verdicts["refusal"] > 0]
+    assert set(refused["auditee"].tolist()) <= {4}
+    assert len(result.verdicts) > len(refused) + 10
+    at_x_m = result.positions_m[0, -1, :3, 0]
+    assert 24.0 < at_x_m.max() < 30.0, at_x_m
+
+
+@pytest.mark.long
+def test_a_controller_that_sees_can_be_checked(careful):
+    assert run_command(["sim", "check", careful]) == 0
+
+
+@pytest.mark.waits
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_robots_that_see_are_processes_too(careful, tmp_path):
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(
+        """robots: 4
+grid_step_m: 10
+obstacles: [{left_m: 17, bottom_m: -50, right_m: 18, top_m: 50}]
+flock: {c1_beta: 1, c2_beta: 1}
+bti: {f_max: 1, t_audit_ms: 1000, t_val_ms: 2500, t_control_ms: 600, steps_per_state: 1, delta_ms: 290, skew_ms: 200}
+"""
+    )
+    kept = tmp_path / "kept"
+    words = (sys.executable, "-m", "phalanx", "--log-level", "error", "robot", "arena", str(mission), "--duration", "9")
+    more = ("--controller", careful, "--keep", str(kept), "--json")
+    ended = subprocess.run((*words, *more), capture_output=True, text=True, timeout=200, check=False)
+    assert ended.returncode == 0, ended.stderr
+    summary = json.loads(ended.stdout)
+    assert summary["correct_in_safe_mode"] == []
+    assert not any(told["refused"] for told in summary["processes"])
+    assert summary["contacts"] == 0
+    assert run_command(["robot", "verify", str(kept / "robot-2.log"), "--controller", careful]) == 0
