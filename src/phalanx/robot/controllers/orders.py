@@ -1,8 +1,8 @@
 """Which orders a robot obeys: whole, for it, of its mission, new, in time, and signed by whom the mission names.
 
 What costs nothing is asked first: only an order that could be obeyed has its signature checked, and of these no more
-than MOST_CHECKS from one reading to the next, so that a liar cannot have others compute all day. All of it is in the
-log and in the state, so auditors come to the same answers.
+than the mission says (WheelsConfig.looks) from one reading to the next, so that a liar cannot have others compute all
+day. All of it is in the log and in the state, so auditors come to the same answers.
 
 Clocks agree on nothing. A robot learns by how much its own is ahead of a signer's word, at least, from whatever that
 signer says; what comes LATE_MS later than that was held back. The least may grow by a part in DRIFT, as clocks drift.
@@ -49,8 +49,6 @@ LATE_MS = 1000
 DRIFT = 2000
 # No clock gets there: a signer that was never heard.
 NEVER = 1 << 62
-# True ones are one or two. Of false ones a liar's a-node lets out two at once, and then not two a second (`bound`).
-MOST_CHECKS = 16
 
 
 @kernel

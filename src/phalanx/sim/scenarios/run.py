@@ -57,6 +57,7 @@ def params_of(scenario: Scenario, mission: int = 1) -> NDArray[np.float64]:
             WheelsConfig(
                 state_every=scenario.bti.steps_per_state,
                 mission=mission,
+                looks=scenario.order_looks,
                 gateway_key=bytes.fromhex(scenario.gateway_key),
                 operator_key=bytes.fromhex(scenario.operator_key),
             )

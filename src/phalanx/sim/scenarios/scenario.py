@@ -80,6 +80,7 @@ class Scenario:
         default="", metadata=told("whose orders robots on wheels obey: Ed25519, public, 64 hexadecimal digits")
     )
     operator_key: str = field(default="", metadata=told("whose stop they obey, the same"))
+    order_looks: int = within(16, 1, 255, "so many orders' signatures they look at from one reading to the next")
     contact_m: float = within(1.0, 0.0, 1e3, "two robots as near as that touch")
     n_max: int | None = field(
         default=None, metadata=told("neighbours provided for; None for what grid and radio's range come to")

@@ -41,13 +41,14 @@ from phalanx.wire.fields import (
     whole,
 )
 
-GOOD_MS, STATE_EVERY, MISSION, KEYS = 0, 1, 2, 3  # places in the parameters; of the keys a byte each
+GOOD_MS, STATE_EVERY, MISSION, LOOKS, KEYS = 0, 1, 2, 3, 4  # places in the parameters; of the keys a byte each
 
 
 def wheels_params(config: WheelsConfig) -> Params:
     """The mission's parameters as kernels read them."""
     keys = [key or bytes(driven.SIGNER_KEY_BYTES) for key in (config.gateway_key, config.operator_key)]
-    return np.array([config.good_ms, config.state_every, config.mission, *b"".join(keys)], dtype=np.float64)
+    numbers = [config.good_ms, config.state_every, config.mission, config.looks, *b"".join(keys)]
+    return np.array(numbers, dtype=np.float64)
 
 
 CONTROLLER = Declaration(
@@ -111,7 +112,7 @@ def is_encoding(params: Params, _rob_id: int, state: Row, length: int) -> bool:
     left, right = get_i8(state, LEFT), get_i8(state, RIGHT)
     if abs(left) > FULL_PCT or abs(right) > FULL_PCT or get_u64(state, HEARD) < 0:
         return False
-    if state[HELD] > HELD_BY_ALL or state[CHECKS] > orders.MOST_CHECKS or not _are_signers(params, state):
+    if state[HELD] > HELD_BY_ALL or state[CHECKS] > params[LOOKS] or not _are_signers(params, state):
         return False
     if state[HELD] > 0 and (left != 0 or right != 0 or state[COUNT] > 0):
         return False
@@ -143,7 +144,7 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
         return size(state)
     who = whole(frame[orders.WHO])
     at = SIGNERS + orders.EACH_BYTES * who
-    if not orders.is_news(t_ms, frame, state, at) or state[CHECKS] == orders.MOST_CHECKS:
+    if not orders.is_news(t_ms, frame, state, at) or state[CHECKS] >= params[LOOKS]:
         return size(state)
     state[CHECKS] += 1
     if orders.is_signed(frame, length, state, at):
