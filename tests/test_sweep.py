@@ -216,7 +216,7 @@ def workers_of(pid: int) -> set[int]:
 
 def _runs(pid: int) -> bool:
     try:
-        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
 
@@ -231,7 +231,7 @@ def kills_or_doubles(job: tuple[int, bool]) -> int:
 
 
 class TestCluster:
-    LONGER = SMALL.replace("duration_s: 2", "duration_s: 10").replace("seeds: 3", "seeds: 4")
+    LONGER = SMALL.replace("duration_s: 2", "duration_s: 10").replace("seeds: 3", "seeds: 400")
 
     def test_killed_workers_and_a_killed_command_lose_and_count_nothing_twice(self, written, tmp_path):
         gate, out = tmp_path / "gate", tmp_path / "out"

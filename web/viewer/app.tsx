@@ -11,12 +11,14 @@ export function App({ player }: { readonly player: Player }) {
   const { t_s, playing, speed, away } = useSyncExternalStore(player.subscribe, () => player.moment);
   const [chosen, setChosen] = useState<string>();
   const { about, ended, end_s } = player.run;
+  const { terms, missions } = player.view.swarm;
+  const onMission = (missions?.walls ?? []).length > 0;
   const past = player.run.events.filter(([at_s]) => at_s <= t_s);
   const length = ended ? end_s : Math.max(end_s, Number(about["duration_s"] ?? 0));
   return (
     <div className="page view">
       <header className="top">
-        <h1 className="brand">{about["name"] ?? "A run"}</h1>
+        <h1 className="brand">{about["name"] ?? (onMission ? "A mission" : "A run")}</h1>
         <p className="hint">{about["defence"] !== undefined && `defence ${about["defence"]}, seed ${about["seed"] ?? ""}`}</p>
       </header>
       <main>
@@ -58,11 +60,15 @@ export function App({ player }: { readonly player: Player }) {
         <div className="beside">
           <section className="panel" aria-labelledby="robot-title">
             <h2 id="robot-title">{chosen === undefined ? "What is drawn" : `Robot ${chosen}`}</h2>
-            {chosen === undefined ? <Legend /> : <Chosen player={player} address={chosen} />}
+            {chosen === undefined ? (
+              <Legend audited={terms !== undefined} onMission={onMission} />
+            ) : (
+              <Chosen player={player} address={chosen} onMission={onMission} />
+            )}
           </section>
           <section className="panel" aria-labelledby="events-title">
             <h2 id="events-title">Until now: {past.length}</h2>
-            {past.length === 0 && <p className="hint">No refusals yet.</p>}
+            {past.length === 0 && <p className="hint">{onMission ? "Nothing is decoded yet." : "No refusals yet."}</p>}
             {/* Old and new ones keep their keys: a screen reader is not told all of it again. */}
             <ul className="events" data-testid="events" tabIndex={0} aria-label="What happened, the newest first">
               {past.slice(-MOST_EVENTS).reverse().map(([at_s, robot, words], k) => (
@@ -83,30 +89,46 @@ export function App({ player }: { readonly player: Player }) {
   );
 }
 
-function Legend() {
+/** Only what can be on this map. */
+function Legend({ audited, onMission }: { readonly audited: boolean; readonly onMission: boolean }) {
   return (
     <ul className="legend">
       <li>
-        <i className="honest" /> an honest robot
+        <i className="honest" /> {onMission ? "a robot, where it truly is" : "an honest robot"}
       </li>
       <li>
-        <i className="liar" /> a compromised one: it “lies”
+        <i className="lamp" /> {onMission ? "a landmark, from when somebody decoded it" : "the goal"}
       </li>
-      <li>
-        <i className="stopped" /> stopped, in Safe Mode: grey, its ring in pieces
-      </li>
-      <li>
-        <i className="token" /> a token of the ring: another robot vouches for it
-      </li>
-      <li>
-        <i className="refused" /> a line with a cross: an audit that was refused
-      </li>
-      <li>Tap a robot to read its shield.</li>
+      {!onMission && (
+        <li>
+          <i className="liar" /> a compromised one: it “lies”
+        </li>
+      )}
+      {audited && (
+        <>
+          <li>
+            <i className="stopped" /> stopped, in Safe Mode: grey, its ring in pieces
+          </li>
+          <li>
+            <i className="token" /> a token of the ring: another robot vouches for it
+          </li>
+          <li>
+            <i className="refused" /> a line with a cross: an audit that was refused
+          </li>
+          <li>Tap a robot to read its shield.</li>
+        </>
+      )}
     </ul>
   );
 }
 
-function Chosen({ player, address }: { readonly player: Player; readonly address: string }) {
+interface ChosenProps {
+  readonly player: Player;
+  readonly address: string;
+  readonly onMission: boolean;
+}
+
+function Chosen({ player, address, onMission }: ChosenProps) {
   const { robots, terms, at_ms } = player.view.swarm;
   const robot = robots.get(address);
   if (!robot) return <p>It is not here yet.</p>;
@@ -120,7 +142,9 @@ function Chosen({ player, address }: { readonly player: Player; readonly address
           ? "Stopped, in Safe Mode: it has no tokens."
           : terms
             ? `${tokens.length} of ${terms.needed} tokens`
-            : "Nobody vouches for robots in this run."}
+            : onMission
+              ? "A mission's recording does not say who vouches for whom."
+              : "Nobody vouches for robots in this run."}
       </p>
       {lies !== undefined && <p>Compromised: {lies}</p>}
       <ul>

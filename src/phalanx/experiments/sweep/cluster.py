@@ -12,7 +12,7 @@ from phalanx.sim.scenarios.own import find_attacks, find_controller, mistakes_in
 from phalanx.sim.scenarios.play import play
 from phalanx.sim.scenarios.run import Run
 
-from .dealing import Failed, dealt
+from .dealing import Failed, dealt, get_ready
 from .plan import Job, Plan, Planned
 from .store import Store, outcome
 
@@ -43,6 +43,7 @@ def run_sweep(
     if not todo:
         return []
     if scheduler is None:
+        get_ready()
         _compile(todo[0])
     failed: list[str] = []
     left = len(todo)

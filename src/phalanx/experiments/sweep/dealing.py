@@ -5,11 +5,14 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import logging
+import os
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from multiprocessing import forkserver, get_context
 from typing import Any
 
 from phalanx.errors import PhalanxError, Unavailable, UsageError
@@ -29,7 +32,10 @@ ALONE = " alone"
 SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.worker.profile.enabled": False,  # it looks at each worker a hundred times a second
+    "distributed.worker.multiprocessing-method": "forkserver",
 }
+# A process of these has one thread: a run keeps a processor busy.
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +141,20 @@ def why_not(error: BaseException | None) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0]
 
 
+def get_ready() -> None:
+    """What processes of this machine are forked from begins to import what they need, while we do something else."""
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["distributed", f"{__package__}.cluster"])
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update({name: one for name, one in ONE_THREAD.items() if not before[name]})
+    try:
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+
+
 def _check(scheduler: str | None, workers: int | None) -> None:
     if scheduler and workers:
         raise UsageError("--workers with --scheduler", "a scheduler has workers of its own")
@@ -144,6 +164,8 @@ def _check(scheduler: str | None, workers: int | None) -> None:
 def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
     """Dask's own module, and a client of it."""
     _check(scheduler, workers)
+    if scheduler is None:
+        get_ready()
     try:
         dask: Any = import_module("distributed")
     except ImportError as error:
@@ -151,6 +173,10 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, A
     # It logs what we tell in a line, or mend.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(warnings.catch_warnings())
+        warnings.filterwarnings(
+            "ignore", "(?s)(Creating scratch|Port [0-9]+ is already)"
+        )  # of a slow disk, or a second sweep
         stack.enter_context(import_module("dask").config.set(SETTINGS))
         where: Any = scheduler
         if scheduler is None:
