@@ -23,7 +23,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from itertools import groupby, product
 from multiprocessing import get_context
@@ -34,7 +34,7 @@ from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file import sealed
-from phalanx.mission.worth.feasible import time_for_s
+from phalanx.mission.worth.time_limit import time_for_s
 from phalanx.sim.building.floorplan import FloorPlan, load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.builtin import built_in
@@ -134,9 +134,10 @@ def mission_in(where: str) -> tuple[Mission, FloorPlan]:
         plain = read_plain(where)
         return plain, load_floorplan(plain.floor_plan)
     there = ELSEWHERE / f"{where}.yaml"
-    plan = load_floorplan(there if there.exists() else where)
+    name = there if there.exists() else where
+    plan = load_floorplan(name)
     plan = plan if plan.start is not None else begun_at(plan, roomiest(plan))
-    return survey(plan), plan
+    return survey(replace(load_floorplan(name, swept=True), start=plan.start)), plan
 
 
 @lru_cache(maxsize=64)

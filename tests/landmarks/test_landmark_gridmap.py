@@ -14,8 +14,10 @@ from landmark_world import away
 
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
+from phalanx.mission.authoring.survey import survey
 from phalanx.mission.landmarks import extract, floorplan_of_map, landmarks_of
-from phalanx.mission.landmarks.gridmap import read_pgm
+from phalanx.mission.landmarks.dust import without_dust
+from phalanx.mission.landmarks.gridmap import FREE, WALL, read_pgm
 from phalanx.mission.landmarks.lidar import Lidar
 from phalanx.sim.building.floorplan import MAPS, load_floorplan
 from phalanx.sim.building.walkers import free_place
@@ -199,3 +201,49 @@ class TestFiles:
         (tmp_path / "x.pgm.gz").write_bytes(gzip.compress(pgm(np.full((9, 9), 254)))[:-4])
         with pytest.raises(UsageError, match=r"x\.pgm\.gz"):
             load_floorplan(tmp_path / "a.yaml")
+
+
+class TestDust:
+    """Lone cells of a map: dust of SLAM, or the leg of a chair."""
+
+    @staticmethod
+    def swept(*marks, edge_m=0.05):
+        """(cells that are left of those marked in a room of 4 x 2 m; how many were swept)."""
+        cells = np.full((round(2 / edge_m), round(4 / edge_m)), FREE, np.uint8)
+        for row, column in marks:
+            cells[row, column] = WALL
+        cells = np.pad(cells, 1, constant_values=WALL)
+        left, count = without_dust(cells, edge_m, FREE)
+        return {(row, column) for row, column in marks if left[row + 1, column + 1] != FREE}, count
+
+    @pytest.mark.parametrize(
+        ("marks", "left"),
+        [
+            ([(20, 40)], set()),
+            ([(20, 40), (20, 41)], {(20, 40), (20, 41)}),  # a thing of two cells
+            ([(20, 40), (21, 41)], {(20, 40), (21, 41)}),  # they touch
+            ([(20, 38), (20, 46)], set()),  # nobody gets between them, and anybody around
+            ([(2, 40)], set()),  # beside a wall
+            # A chair's legs, and a row of posts across the room: a robot may be on either side, and gets not through.
+            ([(16, 36), (16, 44), (24, 36), (24, 44)], {(16, 36), (16, 44), (24, 36), (24, 44)}),
+            ([(row, 40) for row in range(4, 40, 8)], {(row, 40) for row in range(4, 40, 8)}),
+        ],
+    )
+    def test_a_lone_cell_is_swept_if_a_robot_gets_around_it(self, marks, left):
+        assert self.swept(*marks) == (left, len(marks) - len(left))
+
+    def test_cells_of_a_coarse_map_are_things(self):
+        assert self.swept((5, 10), edge_m=0.2) == ({(5, 10)}, 0)
+
+    def test_a_dusty_map_is_surveyed_as_a_clean_one_and_says_how_much_was_swept(self):
+        cells = np.full((160, 240), 254)
+        cells[:4], cells[-4:], cells[:, :4], cells[:, -4:] = 0, 0, 0, 0
+        cells[:70, 118:122], cells[100:, 118:122] = 0, 0
+        start = b"start_pose: [2.0, 2.0, 0.0]\n"
+        clean = floorplan_of_map(YAML + start, pgm(cells), "clean", swept=True)
+        specks = np.random.default_rng(1).random(cells.shape) < 0.0005
+        dusty = np.where(specks, 0, cells)
+        asked = [floorplan_of_map(YAML + start, pgm(dusty), "dusty", swept=swept) for swept in (False, True)]
+        assert [plan.dust > 15 for plan in (clean, *asked)] == [False, False, True]
+        assert len(asked[0].walls) >= len(asked[1].walls) + 2 * asked[1].dust, "each is a line there and back"
+        assert [len(survey(plan).nodes) for plan in (clean, *asked)] == [4, 2, 4]

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from phalanx.cli.commands.mission import mission as group
+from phalanx.cli.mission.author import explored
 from phalanx.cli.mission.files import (
     parse_box,
     parse_robots,
@@ -139,12 +140,22 @@ def test_a_mission_that_looks_wrong_is_built_with_a_warning(folder):
     assert "twin: unreachable from any start" in said
 
 
-def test_a_map_in_which_no_robot_gets_on_is_built_with_a_warning(folder):
+def test_of_a_map_in_which_no_robot_gets_on_nothing_is_built_and_the_reason_is_told(folder):
     """In drawn:22 robots begin before a door that they do not see on the way through it."""
-    said = said_by("build", "--map", "drawn:22", "--profile", "paper", "--out", "m.phxm")
-    assert "warning: no robot can be expected to live it to its end: " in said
-    assert "first door1 from start: scans do not show it" in said
+    error = (
+        CliRunner().invoke(group, ["build", "--map", "drawn:22", "--out", "m.phxm"], standalone_mode=False).exception
+    )
+    assert isinstance(error, UsageError)
+    assert "in drawn:mirror:22: corner1 from start: unsure by " in str(error)
     assert "no robot" not in said_by("build", "--map", "drawn:1", "--profile", "paper", "--out", "m.phxm")
+
+
+def test_a_trial_and_its_outlook_begin_turned_as_the_start_says(folder):
+    """The map says north; who begins with its back to the only door has to turn, and knows less well where it is."""
+    walls = "[[0,0,9,0],[9,0,9,8],[9,8,0,8],[0,8,0,0],[0,5,3.5,5],[5.5,5,9,5]]"
+    (folder / "flat.yaml").write_text(f"size: [9, 8]\nstart_pose: [4.5, 2, 1.5708]\nwalls: {walls}\n")
+    begun = [explored("flat.yaml", start, "audit")[1].start for start in (None, "4.5,2,-90", "4.5,2")]
+    assert [round(pose[2], 2) for pose in begun] == [1.57, -1.57, 1.57]
 
 
 def test_the_audit_prints_what_it_assumes(folder):

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from hypothesis import given
+from hypothesis import strategies as st
 
 from phalanx.cli.commands.mission import mission as group
 from phalanx.cli.mission.draw import draw_mission, lived
@@ -18,7 +20,7 @@ from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.mission import Landmark, Profile
 from phalanx.mission.authoring.free import STAND_M
-from phalanx.mission.authoring.survey import START, begun_at, roomiest, survey
+from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, roomiest, survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
 from phalanx.mission.worth.audit import audit
@@ -296,7 +298,7 @@ def test_an_empty_file_is_called_empty(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "is_left_out"),
-    [("drawn:21", True), ("nav2_depot", False), ("office_40x40", False)],
+    [("drawn:21", True), ("nav2_depot", True), ("office_40x40", False)],
 )
 def test_a_mission_made_from_a_map_has_what_can_be_reached_and_tells_how_much_it_has_not(
     name: str, is_left_out: bool, caplog: pytest.LogCaptureFixture
@@ -309,6 +311,20 @@ def test_a_mission_made_from_a_map_has_what_can_be_reached_and_tells_how_much_it
         told = re.fullmatch(rf"{plan.name}: (\d+) of (\d+) landmarks left out: no way from the start", message)
         assert told
         assert int(told[2]) - int(told[1]) == len(mission.nodes) - 1
+
+
+@given(st.data())
+def test_whatever_nobody_finds_each_place_that_is_left_is_on_a_tour_from_the_start_and_back(
+    data: st.DataObject,
+) -> None:
+    names = [START, *"abcdefgh"]
+    pairs = st.sets(st.tuples(st.sampled_from(names), st.sampled_from(names)).filter(lambda way: way[0] != way[1]))
+    ways, behind = data.draw(pairs), data.draw(pairs)
+    dark = data.draw(st.sets(st.sampled_from(names[1:])))
+    left = _without(dark, ways, behind)
+    for place in _reached(START, left):
+        assert place not in dark
+        assert START in _reached(place, left)
 
 
 def test_a_landmark_where_robots_begin_is_in_reach_and_a_start_without_any_is_refused() -> None:

@@ -13,12 +13,13 @@ from typing import Any
 
 import click
 
-from phalanx.cli.terminal import Progress, end_status_line, print_json, status_line, talk
+from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
 from phalanx.mission.file.records import FINAL, FOREVER_S, JOIN, OPEN_START, REPEATABLE, ROAM, START
+from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.sites import is_shown, landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import audit
@@ -77,10 +78,7 @@ def build_files(
     )
     key = read_signing_key(sign_key) if sign_key else None
     eye = LidarConfig.parse(lidar)
-    told = explored(plan, start, "build", doors, eye) if source is None else checked(source, plan, start)
-    floor = building(plan, doors) if source is None and plan else None
-    if floor and start is not None:
-        floor = begun_at(floor, parse_start(start))
+    told, floor = explored(plan, start, "build", doors, eye) if source is None else (checked(source, plan, start), None)
     outlook = look_ahead(told, None, floor, eye) if floor else None
     _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ")
     if seed is not None:
@@ -109,20 +107,24 @@ def build_files(
 
 def explored(
     name: str | None, start: str | None, what: str, doors: str | None = None, lidar: LidarConfig | None = None
-) -> Mission:
-    """The mission to find every landmark of a map, which `what` is done with. Raises: UsageError: none can be made."""
+) -> tuple[Mission, FloorPlan]:
+    """The mission to find every landmark of a map, which `what` is done with; and the map, with where robots begin.
+
+    Raises: UsageError: none can be made.
+    """
     if name is None:
         raise UsageError(f"nothing to {what}", f"a YAML file, one of {', '.join(built_in('missions'))}, or --map MAP")
-    plan = building(name, doors)
-    if start is not None:
-        plan = begun_at(plan, parse_start(start))
-    elif plan.start is None:
-        x, y, heading = roomiest(plan)
-        plan = begun_at(plan, (x, y, heading))
-        talk(f"{plan.name} does not say where robots begin: in its roomiest place, for run: --start {x},{y}")
+    plan, begin = building(name, doors, swept=True), None if start is None else parse_start(start)
+    if begin is None and plan.start is None:
+        begin = roomiest(building(name, doors))  # where no dust lies either: it may be something
+        where = f"in its roomiest place, for run: --start {begin[0]},{begin[1]}"
+        talk(f"{plan.name} does not say where robots begin: {where}")
+    plan = plan if begin is None else begun_at(plan, begin)
+    if plan.dust:
+        talk(f"{plan.name}: {counted(plan.dust, 'lone cell')} left out as dust, each of which robots get around")
     status_line(f"looking for landmarks and ways: {len(plan.walls)} walls")
     try:
-        return survey(plan, lidar=lidar)
+        return survey(plan, lidar=lidar), plan
     finally:
         end_status_line()
 
@@ -259,7 +261,7 @@ def _for_anybody(encoded: EncodedMission) -> EncodedMission:
 def draw(source: str | None, out: Path, plan: str | None, start: str | None, simulate: bool, seed: int) -> None:
     """Writes a picture of a mission; also of a run of it, if `simulate`."""
     check_drawable(out)
-    told = explored(plan, start, "draw") if source is None else checked(source, None, start)
+    told = explored(plan, start, "draw")[0] if source is None else checked(source, None, start)
     name = plan or told.floor_plan
     floor = load_floorplan(name) if name else None
     if simulate and floor is None:

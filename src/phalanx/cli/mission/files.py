@@ -255,9 +255,12 @@ class Wanted:
         return [], read_plain(self.sources[0]) if self.sources else None
 
 
-def building(name: str, doors: str | None) -> FloorPlan:
-    """A floor plan by name, with doors as wide as --door-width says. Raises: UsageError: there is none, or no such."""
-    plan = load_floorplan(name)
+def building(name: str, doors: str | None, *, swept: bool = False) -> FloorPlan:
+    """A floor plan by name, with doors as wide as --door-width says, perhaps without a map's dust.
+
+    Raises: UsageError: there is none, or no such doors.
+    """
+    plan = load_floorplan(name, swept=swept)
     return plan if doors is None else replace(plan, extraction=doors_of(doors))
 
 

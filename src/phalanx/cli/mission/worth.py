@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import click
@@ -15,9 +15,10 @@ from phalanx.errors import UsageError
 from phalanx.mission import BuildOptions, Mission, Profile, build
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.worth.audit import Audit, Rates, audit
-from phalanx.mission.worth.feasible import look_ahead, time_for_s
+from phalanx.mission.worth.feasible import look_ahead
 from phalanx.mission.worth.guessing import OUT_OF_REACH
 from phalanx.mission.worth.shown import shown_by
+from phalanx.mission.worth.time_limit import time_for_s
 from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.missions.run import run_mission, summary
 
@@ -44,16 +45,20 @@ def tell_worth(
 ) -> None:
     """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
     rates, form, eye = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
-    told = explored(plan, start, "audit", doors, eye) if source is None else checked(source, plan, start)
+    told, floor = explored(plan, start, "audit", doors, eye) if source is None else (checked(source, plan, start), None)
     name = plan or told.floor_plan
-    floor = building(name, doors) if name else None
+    if floor is None and name:
+        floor = building(name, doors, swept=True)
     if trial and floor is None:
         raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
     shown = shown_by(floor, offset_mm) if floor else None
     outlook = look_ahead(told, None, floor, eye)
     report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook)
     options = BuildOptions(profile=form, offset_mm=offset_mm)
-    lived = _lived(told, options, floor, eye, trial) if trial and floor else None
+    lived = None
+    if trial and floor:
+        # Where the map has dust, something may stand.
+        lived = _lived(told, options, replace(building(name, doors), start=floor.start), eye, trial)
     if as_json:
         print_json({**report.told(), "rates": asdict(rates), "trial": lived})
         return

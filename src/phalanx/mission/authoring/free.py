@@ -5,35 +5,33 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import pairwise, product
 
 from phalanx.mission.landmarks import FloorPlan
 
-# A robot's radius, 0.175 m, and a little.
-STAND_M = 0.2
-# And what a pilot finds its way through for certain; robots may begin nearer to things, and leave within a metre.
-PASS_M, LEAVE_M = 0.25, 1.0
+# What a pilot wants around a robot's middle, to be sure of its way: who plans ways and who judges them reckon with it.
+# Robots may begin nearer to things, a radius of 0.175 m and a little, and leave within a metre.
+PASS_M, STAND_M, LEAVE_M = 0.25, 0.2, 1.0
 GRID_M = 0.2  # of where robots can be
 BESIDE_M = 0.7  # a place in a wall is reached from so near
+# Ways end in walls, where landmarks lie: the rest of a straight one has room for a robot, or so far beside its line.
+END_M, STEP_M = 1.0, 0.2
+ASIDE_M = (0.3, 0.45, 0.6)
 Place = tuple[float, float]
 Cell = tuple[int, int]
 
 
 class Free:
-    """What is free in a building, and joined to where robots begin: cells of a grid.
+    """What is free in a building, and joined to where robots begin: cells of a grid."""
 
-    Args:
-        room_m: that there is on a way to all sides.
-    """
-
-    def __init__(self, plan: FloorPlan, starts: Sequence[Place], room_m: float = STAND_M) -> None:
-        self._starts, self._room_m = tuple(starts), room_m
+    def __init__(self, plan: FloorPlan, starts: Sequence[Place]) -> None:
+        self._plan, self._starts = plan, tuple(starts)
         self._origin = starts[0] if starts else (0.0, 0.0)
         waiting = [self._cell(*start) for start in starts]
         self._cells = set(waiting)
         while waiting:
             for cell in _around(*waiting.pop()):
-                if cell not in self._cells and self._is_free(plan, cell):
+                if cell not in self._cells and self.has_room(*self._place(cell)):
                     self._cells.add(cell)
                     waiting.append(cell)
 
@@ -44,9 +42,54 @@ class Free:
             if cell in self._cells and math.dist(place := self._place(cell), (x_m, y_m)) <= within_m:
                 yield place
 
+    def has_room(self, x_m: float, y_m: float) -> bool:
+        """Whether a robot can be there, if it gets there."""
+        x0, y0, x1, y1 = self._plan.bounds
+        leaves = any(math.dist((x_m, y_m), start) <= LEAVE_M for start in self._starts)
+        least_m = STAND_M if leaves else PASS_M
+        return x0 <= x_m <= x1 and y0 <= y_m <= y1 and self._plan.clearance_m(x_m, y_m) >= least_m
+
     def is_near(self, x_m: float, y_m: float) -> bool:
         """Whether a robot can be there, or a step beside it."""
         return any(cell in self._cells for cell in _around(*self._cell(x_m, y_m)))
+
+    def side_of(self, a: Place, b: Place) -> int | None:
+        """On which side of its line a way can be driven straight: 1 the left, -1 the right; None on neither.
+
+        Where the line has room it is driven there; one that runs along a wall leads past what is behind that.
+        """
+        away_m = math.dist(a, b)
+        line = [END_M + i * STEP_M for i in range(round((away_m - 2 * END_M) / STEP_M) + 1)] or [away_m / 2]
+        for side in (1, -1) if away_m > 0 else ():
+            way = [self.on_way(a, b, metres, side) for metres in line]
+            places = [place for place in way if place is not None]
+            # From one place with room to the next so near there is no wall between.
+            is_whole = len(places) == len(way) and all(math.dist(*pair) < 2 * PASS_M for pair in pairwise(places))
+            if is_whole and self._plan.sees(a, places[0]):
+                return side
+        return None
+
+    def on_way(self, a: Place, b: Place, metres: float, side: int) -> Place | None:
+        """Where a robot is after so much of the way from a towards b: on its line, or next to it; None for nowhere."""
+        x, y = b[0] - a[0], b[1] - a[1]
+        share = metres / math.hypot(x, y)
+        return next(self.beside_line((a[0] + share * x, a[1] + share * y), math.atan2(y, x), side), None)
+
+    def beside_line(self, at: Place, along_rad: float, side: int) -> Iterator[Place]:
+        """Where a robot can be that follows a line: at this place of it; or else on this side, the nearest first."""
+        x, y = -side * math.sin(along_rad), side * math.cos(along_rad)
+        if self._cell(*at) in self._cells:
+            yield at
+            return
+        places = ((at[0] + aside_m * x, at[1] + aside_m * y) for aside_m in ASIDE_M)
+        yield from (place for place in places if self._cell(*place) in self._cells)
+
+    def again_beside(self, at: Place, along_rad: float) -> Iterator[Place]:
+        """Where a robot can be that goes around what ends a line, or tries it again, left and right of where it was."""
+        for aside_m in (ASIDE_M[0], -ASIDE_M[0], ASIDE_M[-1], -ASIDE_M[-1]):
+            place = at[0] - aside_m * math.sin(along_rad), at[1] + aside_m * math.cos(along_rad)
+            if self._cell(*place) in self._cells and self._plan.sees(at, place):
+                yield place
 
     def beside(self, plan: FloorPlan, place: Place) -> list[Place]:
         """Where a robot can be that is at a place, which may lie in a wall: near, and in sight of it."""
@@ -78,12 +121,6 @@ class Free:
                     way_m = so_far_m + GRID_M * math.dist(cell, other)
                     heapq.heappush(heap, (way_m + left_m(other), way_m, other))
         return False
-
-    def _is_free(self, plan: FloorPlan, cell: Cell) -> bool:
-        (x, y), (x0, y0, x1, y1) = self._place(cell), plan.bounds
-        leaves = any(math.dist((x, y), start) <= LEAVE_M for start in self._starts)
-        least_m = STAND_M if leaves else self._room_m
-        return x0 <= x <= x1 and y0 <= y <= y1 and plan.clearance_m(x, y) >= least_m
 
     def _cell(self, x_m: float, y_m: float) -> Cell:
         return round((x_m - self._origin[0]) / GRID_M), round((y_m - self._origin[1]) / GRID_M)

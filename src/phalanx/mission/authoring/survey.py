@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Container
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 
@@ -18,22 +18,20 @@ from phalanx.mission.graph import Draft, Mission
 from phalanx.mission.landmarks.floorplan import FloorPlan
 from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
-from phalanx.mission.worth.feasible import look_ahead
+from phalanx.mission.worth.feasible import ways_in_vain
 
 from .apart import alone, told_apart
-from .free import PASS_M, STAND_M, Free
+from .free import END_M, STAND_M, Free
 from .sighted import sighted
 
 # Landmarks further apart are not in each other's sight for certain; ways that long are not straight. Longer ones lead
 # to what no others lead to, as the far end of a bare corridor, if a robot can be expected to know it there.
 WAY_LIMIT_M, FAR_LIMIT_M = 16.0, 24.0
 NEIGHBOURS = 6
-# A way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners.
-CLEARANCE_M = 0.3
-END_M = 1.0
-# And from a face that it runs along: where exactly its ends were seen decides nothing. At less there are other ways.
-FACE_M, FACE_LONG_M = 0.05, 3.0
-SIDES = [(-CLEARANCE_M, 0.0, CLEARANCE_M), *((k * FACE_M, k * CLEARANCE_M, 2 * k * CLEARANCE_M) for k in (1, -1))]
+# A short way keeps so far from walls on both sides, but for its ends: landmarks lie in walls and on corners. Beside a
+# longer one either side will do.
+CLEARANCE_M, LONG_M = 0.3, 3.0
+SIDES = (-CLEARANCE_M, 0.0, CLEARANCE_M)
 # Nor is a way much longer for who has a body than the straight line: no robot gets through behind a shelf that stands
 # 0.1 m from its wall, and who goes around it does not come along the line.
 DETOUR, DETOUR_M = 1.2, 1.0
@@ -57,7 +55,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     warning, what no way leads to from where robots begin: a mission with such nodes is never done. And so is what has
     something beside it that looks the same: no robot would know one from the other. Ways lead to each from the six
     nearest in sight that a robot comes from, on the side from which it is seen, and back. Longer ways lead to what no
-    others lead to, if robots can be expected to find it there.
+    others lead to. What robots cannot be expected to find is left out, and so is a way on which they cannot.
 
     Raises: UsageError: it says not where robots begin, or no robot can stand there, or no landmark is in reach.
     Source: Encoded graphs §IV-A, Fig. 6.
@@ -80,20 +78,21 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
         counts[short] += 1
         named[f"{short}{counts[short]}"] = site
     places = {START: start, **{name: site.place_m for name, site in named.items()}}
-    free = Free(plan, [start], PASS_M)
+    free = Free(plan, [start])
     near, behind = _ways(plan, free, places, named)
-    ways = _joined(near, behind)
-    sure = _reached(START, ways)
-    ways = _with_far(plan, free, places, ways, behind)
+    ways = _with_far(plan, free, places, named, _joined(near, behind), behind)
+    made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
+    mission = told_apart(made(ways), (*all_aliases, *others))
+    outlook, vain = ways_in_vain(mission, plan, lidar)
+    if outlook.infeasible or vain:
+        # What is left is found over what is left: no second look finds more that is dark.
+        ways = _without(outlook.infeasible.keys(), ways - vain, behind | vain)
+        mission = told_apart(made(ways), (*all_aliases, *others))
     reached = _reached(START, ways)
-    made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named, ways)
-    mission = told_apart(made(reached), (*all_aliases, *others))
-    if reached != sure:
-        reached -= look_ahead(mission, None, plan, lidar).infeasible.keys() - sure
-        mission = told_apart(made(reached), (*all_aliases, *others))
     if len(reached) == 1:
+        why = next((f": {name} {whys[0]}" for name, whys in sorted(outlook.infeasible.items())), "")
         raise UsageError(
-            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}", "another start"
+            f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}{why}", "another start"
         )
     if len(reached) <= len(sites):
         away = len(sites) + 1 - len(reached)
@@ -106,10 +105,9 @@ def _made(
     start: tuple[float, float],
     named: dict[str, Site],
     ways: set[tuple[str, str]],
-    kept: Container[str],
 ) -> Mission:
-    """The mission of these places and of the ways between them."""
-    draft = replace(draft, nodes=[], ways=[])
+    """The mission of the ways that lead on from the start, and of the places between them."""
+    draft, kept = replace(draft, nodes=[], ways=[]), _reached(START, ways)
     draft.node(START, Position(*start), start=True)
     for name, site in named.items():
         if name in kept:
@@ -182,17 +180,17 @@ def _ways(
         around = _around(plan, place)
         near = sorted((math.dist(place, there), other) for other, there in places.items() if other != name)
         others = (
-            other
+            (other, side)
             for away, other in near
             if away <= WAY_LIMIT_M
-            and _is_way(around, places, name, other, away)
+            and (side := _side(around, free, places, name, other)) is not None
             and free.has_way(beside[name], beside[other], DETOUR * away + DETOUR_M)
         )
         left = NEIGHBOURS
-        for other in others:
-            shows = _shows_itself(sites.get(name), places[other])
+        for other, side in others:
+            shows = _shows_itself(sites.get(name), free, places[other], place, -side)
             (ways if shows else behind).add((other, name))
-            (ways if _shows_itself(sites.get(other), place) else behind).add((name, other))
+            (ways if _shows_itself(sites.get(other), free, place, places[other], side) else behind).add((name, other))
             left -= shows
             if not left:
                 break
@@ -208,10 +206,17 @@ def _joined(ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tup
     return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
 
 
+def _without(dark: Collection[str], ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """The ways without those to and from what is dark: to whatever is left on them from the start, one leads back."""
+    left, others = ({(a, b) for a, b in each if a not in dark and b not in dark} for each in (ways, behind))
+    return _joined(left, others)
+
+
 def _with_far(
     plan: FloorPlan,
     free: Free,
     places: dict[str, tuple[float, float]],
+    sites: dict[str, Site],
     ways: set[tuple[str, str]],
     behind: set[tuple[str, str]],
 ) -> set[tuple[str, str]]:
@@ -220,20 +225,30 @@ def _with_far(
     Likewise to what they lead to over the start alone: there may be nothing in sight, and who comes back would not know
     that it is there.
     """
-    tried = set[tuple[str, str]]()
+    tried, unseen = set[tuple[str, str]](), list[tuple[float, str, str]]()
 
-    def joins(a: str, b: str, away_m: float) -> bool:
+    def joins(away_m: float, a: str, b: str) -> bool:
         tried.add((a, b))
+        side = _side(plan, free, places, a, b)
+        if side is None:
+            return False
         one, other = (free.beside(plan, places[name]) for name in (a, b))
-        return _is_clear(plan, places[a], places[b], away_m) and free.has_way(one, other, DETOUR * away_m + DETOUR_M)
+        if not free.has_way(one, other, DETOUR * away_m + DETOUR_M):
+            return False
+        if _shows_itself(sites.get(b), free, places[a], places[b], side):
+            return True
+        unseen.append((away_m, a, b))
+        return False
 
     def longer(reached: set[str], left: set[str]) -> bool:
         pairs = {(a, b) for a in reached for b in left} - tried
         far = sorted((away, a, b) for a, b in pairs if (away := math.dist(places[a], places[b])) <= FAR_LIMIT_M)
-        found = next(((a, b) for away, a, b in far if away > CLEARANCE_M and joins(a, b, away)), None)
+        found = next((each for each in far if each[0] > CLEARANCE_M and joins(*each)), None)
+        # Who has driven past a thing may yet look back at it.
+        found = found or min((each for each in unseen if each[1] in reached and each[2] in left), default=None)
         if found is not None:
             nonlocal ways
-            ways = _joined(ways | {found, found[::-1]}, behind)
+            ways = _joined(ways | {(found[1], found[2]), (found[2], found[1])}, behind)
         return found is not None
 
     while longer(reached := _reached(START, ways), set(places) - reached):
@@ -246,24 +261,46 @@ def _with_far(
     return ways
 
 
-def _shows_itself(site: Site | None, place: tuple[float, float]) -> bool:
-    """Whether who comes from a place comes to the side from which it is seen: walls and codes have one."""
+def _shows_itself(site: Site | None, free: Free, a: tuple[float, float], b: tuple[float, float], side: int) -> bool:
+    """Whether who comes to a site at b from a comes to where it is seen from: walls and codes have one side.
+
+    Args:
+        side: of the line on which the way is driven, where that runs along a wall.
+    """
     if site is None or site.type in TWO_SIDED:
         return True
+    away_m = math.dist(a, b)
+    last = free.on_way(a, b, away_m - END_M, side) if away_m >= LONG_M else None
+    places = (a,) if last is None else (a, last)
 
     def shows(alias: Landmark) -> bool:
-        dx, dy, turn = place[0] - alias.x_m, place[1] - alias.y_m, alias.orientation_rad or 0.0
-        return dx * math.cos(turn) + dy * math.sin(turn) > BEHIND * math.hypot(dx, dy)
+        turn = alias.orientation_rad or 0.0
+        ways = [(x - alias.x_m, y - alias.y_m) for x, y in places]
+        return all(x * math.cos(turn) + y * math.sin(turn) > BEHIND * math.hypot(x, y) for x, y in ways)
 
     return any(map(shows, site.aliases))
 
 
-def _is_way(plan: FloorPlan, places: dict[str, tuple[float, float]], one: str, other: str, away_m: float) -> bool:
-    """Whether a line leads from one to the other; so near each other there is none, but for who begins there."""
+def _side(plan: FloorPlan, free: Free, places: dict[str, tuple[float, float]], one: str, other: str) -> int | None:
+    """On which side of its line a robot gets straight from near one place to near another: 1 left, -1 right; or None.
+
+    So near each other there is no way, but for who begins there.
+    """
     a, b = places[one], places[other]
+    away_m = math.dist(a, b)
+    if away_m >= LONG_M:
+        return free.side_of(a, b)
     if away_m <= CLEARANCE_M:
-        return START in (one, other) and plan.sees(a, b)
-    return _is_clear(plan, a, b, away_m)
+        return 1 if START in (one, other) and plan.sees(a, b) else None
+    along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
+
+    def sees(side: float) -> bool:
+        end, x, y = away_m / 4 if side else 0.0, -side * along_y, side * along_x
+        p = (a[0] + x + end * along_x, a[1] + y + end * along_y)
+        q = (b[0] + x - end * along_x, b[1] + y - end * along_y)
+        return plan.sees(p, q)
+
+    return 1 if all(map(sees, SIDES)) else None
 
 
 def _reached(start: str, ways: set[tuple[str, str]]) -> set[str]:
@@ -285,17 +322,3 @@ def _around(plan: FloorPlan, place: tuple[float, float]) -> FloorPlan:
     ends = plan.walls.reshape(-1, 2, 2)
     met = np.all((ends.min(1) <= np.add(place, reach_m)) & (ends.max(1) >= np.subtract(place, reach_m)), axis=1)
     return replace(plan, walls=plan.walls[met])
-
-
-def _is_clear(plan: FloorPlan, a: tuple[float, float], b: tuple[float, float], away_m: float) -> bool:
-    """Whether a robot can drive from near a to near b straight, or beside that along a face that both are on."""
-    along_x, along_y = (b[0] - a[0]) / away_m, (b[1] - a[1]) / away_m
-
-    def sees(side: float) -> bool:
-        end = min(END_M, away_m / 4) if side else 0.0
-        x, y = -side * along_y, side * along_x
-        p = (a[0] + x + end * along_x, a[1] + y + end * along_y)
-        q = (b[0] + x - end * along_x, b[1] + y - end * along_y)
-        return plan.sees(p, q)
-
-    return any(all(map(sees, sides)) for sides in (SIDES if away_m >= FACE_LONG_M else SIDES[:1]))

@@ -58,6 +58,7 @@ class FloorPlan:
         codes: QR codes on the walls.
         extraction: how scans are read in this building.
         sources: what other sensors tell of.
+        dust: specks of the map that were left out.
     """
 
     name: str
@@ -68,6 +69,7 @@ class FloorPlan:
     codes: tuple[WallCode, ...] = ()
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
     sources: tuple[Source, ...] = ()
+    dust: int = 0
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Distance to the nearest wall; +inf where there are none."""

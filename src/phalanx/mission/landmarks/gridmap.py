@@ -19,6 +19,7 @@ from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
 
+from .dust import without_dust
 from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
 from .walls import Bools, Floats, Ints, fit_line, split_run
@@ -113,10 +114,17 @@ def cells_of(grey: NDArray[np.uint8], words: MapWords) -> NDArray[np.uint8]:
     return np.pad(cells[::-1], 1, constant_values=UNKNOWN)
 
 
-def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str) -> FloorPlan:
-    """The floor plan of a map_server map. Raises: UsageError: one of the files is wrong; the message says how."""
+def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: bool = False) -> FloorPlan:
+    """The floor plan of a map_server map.
+
+    Args:
+        swept: without dust (dust.py).
+    Raises: UsageError: one of the files is wrong; the message says how.
+    """
     words = map_words(yaml_data, name)
-    cells = cells_of(read_pgm(pgm_data, words.image), words)
+    cells, dust = cells_of(read_pgm(pgm_data, words.image), words), 0
+    if swept:
+        cells, dust = without_dust(cells, words.resolution_m, FREE)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
     points, starts, of_wall = _contours(cells)
     outlines = []
@@ -133,6 +141,7 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str) -> FloorPlan:
         (x0, y0, x1, y1),
         words.start,
         extraction=words.extraction,
+        dust=dust,
     )
 
 

@@ -17,7 +17,7 @@ from itertools import islice
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
-from phalanx.mission.authoring.free import GRID_M, STAND_M, Free
+from phalanx.mission.authoring.free import GRID_M, Free
 from phalanx.mission.authoring.making import direction_of
 from phalanx.mission.authoring.sighted import Looks
 from phalanx.mission.graph import Mission, Node, PlainWay
@@ -39,25 +39,22 @@ from phalanx.mission.walk.fix import (
     wheels_of,
 )
 
-# It goes around what stands there, turns, and waits for people. It may take each way of the shortest net of ways there
-# and back, that many times as long as it need be, and so long at each node.
-SLACK, NODE_S, LEAST_S = 3.0, 6.0, 120.0
-UNPLACED_M = 5.0
 # As the pilot drives: so fast at most, and along one direction for so much of its time-out.
 SPEED_MPS, LINE = 0.6, 0.75
 NORTH_RAD = math.pi / 2  # robots look there in a building that does not say
 STEP_M = 0.25
 # Landmarks lie in walls: a place so much before one is looked at.
 BEFORE_M = 0.1
+# Who is no farther behind the line of a face may see the end of it.
+FACES, BEHIND_M = ("concave_left", "concave_right"), -0.05
 ROOM_M = 0.5  # a room's middle is told by its corners: it is seen from its midst too
 # Scans are to show a landmark from so much floor, or robots drive past it.
 SHOWN_M2 = 0.25
-# Ways end in walls, where landmarks lie: the rest of a straight one has room for a robot.
-END_M, LOOK_EVERY_M = 1.0, 0.1
-BEYOND_M = 3.0  # who drives through a door looks back for so long, and where a wall stops it to all sides
+BEYOND_M = 3.0  # who has driven past a thing looks back for so long, and where a wall stops it to all sides
 TURNED_RAD, TURNS = math.radians(20), range(-8, 10)
 EVERY = 29  # places around it are looked from in this order: one, and so many further on the next
 Match = tuple[Landmark, Landmark]
+Way = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,39 +94,24 @@ def look_ahead(
         plan: the building; without one everything is in sight that is near enough.
     Source: Encoded graphs §VI-B, §VI-F; docs/adr/0025-a-pose-that-knows-its-doubt.md.
     """
-    lidar, config = lidar or LidarConfig(), config or MissionConfig()
-    near = replace(config, decode_m=min(config.decode_m, lidar.range_max_m))
-    return _Scout(mission, near, plan, lidar).run()
+    return _Scout(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
-def time_for_s(mission: Mission) -> float:
-    """So long may it take to drive to all places of a mission, by the length of the shortest net of its ways."""
-    places = {node.name: node.place for node in mission.nodes}
-    net = {name: name for name in places}
+def ways_in_vain(mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None) -> tuple[Outlook, set[Way]]:
+    """What `look_ahead` gives; and the ways, from and to, that no robot should try before it knows more, or ever.
 
-    def root(name: str) -> str:
-        while net[name] != name:
-            name = net[name]
-        return name
-
-    def length_m(source: str, target: str) -> float:
-        a, b = places[source], places[target]
-        return UNPLACED_M if a is None or b is None else math.dist(a, b)
-
-    whole_m = 0.0
-    lengths = ((length_m(way.source, way.target), way.source, way.target) for way in mission.ways)
-    for way_m, source, target in sorted(lengths):
-        if root(source) != root(target):
-            net[root(source)] = root(target)
-            whole_m += way_m
-    return round(LEAST_S + NODE_S * len(places) + SLACK * 2 * whole_m / SPEED_MPS)
+    Others may lead there: but a robot holds no map, takes the nearest, and may be lost on it.
+    """
+    scout = _Scout(mission, MissionConfig(), plan, lidar or LidarConfig())
+    return scout.run(), scout.in_vain()
 
 
 class _Scout:
     """Goes ahead from node to node, the nearest first."""
 
     def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, lidar: LidarConfig) -> None:
-        self.mission, self.config, self.plan, self.fov_rad = mission, config, plan, lidar.fov_rad
+        self.config = replace(config, decode_m=min(config.decode_m, lidar.range_max_m))
+        self.mission, self.plan, self.fov_rad = mission, plan, lidar.fov_rad
         self.nodes = {node.name: node for node in mission.nodes}
         self.before: dict[str, set[str]] = {}
         self.after: dict[str, list[PlainWay]] = {}
@@ -139,6 +121,7 @@ class _Scout:
         self.at: dict[str, _Stand] = {}  # what was decoded
         self.known: list[Landmark] = []
         self.doubtful: dict[str, str] = {}
+        self.vain: set[Way] = set()  # at first
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
         self.free = None if plan is None else Free(plan, starts)
         self.looks = None if plan is None else Looks(plan, lidar)
@@ -166,6 +149,18 @@ class _Scout:
         dark = {name: tuple(why.get(name, behind)) for name in self.nodes if name in led_to - self.at.keys()}
         return Outlook(dark, {name: why for name, why in self.doubtful.items() if name not in dark})
 
+    def in_vain(self) -> set[Way]:
+        """What `ways_in_vain` gives, after `run`."""
+        known, vain = self.known, set(self.vain)
+        for way in self.mission.ways:
+            if way.source in self.at and way.target in self.at:
+                own = _things(self.nodes[way.target])
+                self.known = [thing for thing in known if thing not in own]
+                if isinstance(self._along(way, self.at[way.source]), str):
+                    vain.add((way.source, way.target))
+        self.known = known
+        return vain
+
     def _decode(self, waiting: list[tuple[float, str, _Stand]]) -> None:
         """All that can be from here."""
         heap = [(length_m, i, name, stand) for i, (length_m, name, stand) in enumerate(waiting)]
@@ -181,6 +176,8 @@ class _Scout:
                 end = self._along(way, self.at[way.source])
                 if isinstance(end, _Stand):
                     heapq.heappush(heap, (end.length_m, count := count + 1, way.target, end))
+                else:
+                    self.vain.add((way.source, way.target))
 
     def _left(self, name: str | None = None) -> Iterator[PlainWay]:
         """Ways to what is still dark and may be entered: all, or out of one node (into a join from any)."""
@@ -215,40 +212,50 @@ class _Scout:
 
     def _driven(self, source: Node, target: Node, belief: Belief, length_m: float) -> Belief | str:
         """The belief of a robot that has driven from one node to the next, or why it has not seen that."""
-        whys, passed = ["in sight from nowhere that a robot can be"], list[Experience]()
-        is_decoded, there, through = False, belief, self._leads_through(source, target)
+        passed, side = list[Experience](), self._side(source, target)
+        whys = [
+            "in sight from nowhere that a robot can be" if side is None else "not in sight on the straight way there"
+        ]
+        is_decoded, there, shown = False, belief, side is not None
         steps = max(1, math.ceil(length_m / STEP_M))
-        for i in range(steps + (round(BEYOND_M / STEP_M) if through else 0) + 1):
+        for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
             seen = self._seen(belief)
-            if i > steps and not self._has_room((seen.x_m, seen.y_m)):
+            eyes = [seen] if side is None else self._eyes(seen, side, target)
+            if i > steps and not (is_decoded or eyes) and passed:
                 # A wall stops it, and it turns.
                 turned = (replace(passed[-1], heading_rad=seen.heading_rad + k * TURNED_RAD) for k in TURNS)
                 is_decoded = any(self._decodes(target, each, self._again(each), whys, shown=True) for each in turned)
-            if i > steps and (is_decoded or not self._has_room((seen.x_m, seen.y_m))):
+            if i > steps and (is_decoded or not eyes):
                 break
-            passed.append(seen)
-            again = self._again(seen)
-            is_decoded = is_decoded or self._decodes(target, seen, again, whys, shown=through)
-            if is_decoded:
-                again = [*again, *((thing, thing) for thing in self._in_sight(seen, target))]
-            certain = [] if is_sure(self.config, seen) else told(self.config, seen, again)
-            if certain:
-                belief = fixed(self.config, belief, fix_from(self.config, seen, certain))
+            if eyes:
+                passed.append(eyes[0])
+                again = self._again(eyes[0])
+                is_decoded = is_decoded or any(self._decodes(target, eye, again, whys, shown=shown) for eye in eyes)
+                if is_decoded:
+                    again = [*again, *((thing, thing) for thing in self._in_sight(eyes[0], target))]
+                certain = [] if is_sure(self.config, eyes[0]) else self._told(eyes[0], again)
+                if certain:
+                    belief = fixed(self.config, belief, fix_from(self.config, eyes[0], certain))
             there = belief if i <= steps or is_decoded else there
             belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
-        if not is_decoded and not (len(whys) == 1 and self._is_seen_beside(target)):
+        if not is_decoded and (shown or not (len(whys) == 1 and self._is_seen_beside(target))):
             return whys[-1]
-        return there if through else self._why_not_shown(target, passed) or there
+        return there if shown else self._why_not_shown(target, passed) or there
 
-    def _leads_through(self, source: Node, target: Node) -> bool:
-        """Whether a way leads straight through a door: robots see it as they drive, and nowhere else."""
-        if self.looks is None or not all(
-            isinstance(each, Landmark) and each.type == "doorway" for each in _things(target)
-        ):
-            return False
-        assert source.place is not None
-        assert target.place is not None, "asked where there is a way"
-        return self._is_straight(source.place, target.place)
+    def _side(self, source: Node, target: Node) -> int | None:
+        """On which side of its line a way to what scans show is straight, as `Free.side_of` has it."""
+        are_shown = all(isinstance(each, Landmark) and each.text is None for each in _things(target))
+        if self.free is None or not are_shown or source.place is None or target.place is None:
+            return None
+        return self.free.side_of(source.place, target.place)
+
+    def _eyes(self, seen: Experience, side: int, target: Node) -> list[Experience]:
+        """Who may go there: on its line or on this side of it; and who tries again beside that, but through a door."""
+        assert self.free is not None, "a way has a side where there is a plan"
+        places = list(self.free.beside_line((seen.x_m, seen.y_m), seen.heading_rad, side))
+        if places and not _is_door(target):
+            places += self.free.again_beside(places[0], seen.heading_rad)
+        return [replace(seen, x_m=x, y_m=y) for x, y in places]
 
     def _near_m(self, target: Node) -> float:
         """From where a node counts."""
@@ -269,10 +276,10 @@ class _Scout:
             return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
             if shown and not (self.looks and self.looks.shows(_pose(seen), thing)):
-                whys[1:] = whys[1:] or ["scans do not show it on the straight way through it"]
+                whys[1:] = whys[1:] or ["scans do not show it on the straight way there"]
                 continue
             doubt = doubt_m(self.config, seen, thing)
-            if (thing, thing) not in told(self.config, seen, [(thing, thing), *again]):
+            if not any(truth is thing for truth, _ in self._told(seen, [(thing, thing), *again])):
                 whys.append(f"unsure by {doubt:.2f} m, and {thing.apart_m:.1f} m from it something looks the same")
                 continue
             if doubt > self.config.tolerance_m:
@@ -280,6 +287,13 @@ class _Scout:
                 self.doubtful[target.name] = unsure
             return True
         return False
+
+    def _told(self, seen: Experience, matches: Sequence[Match]) -> list[Match]:
+        """Those that are told for certain by who is off by as much as it doubts: here nobody is off."""
+        off = (
+            (truth, replace(truth, apart_m=truth.apart_m - doubt_m(self.config, seen, truth))) for truth, _ in matches
+        )
+        return told(self.config, seen, list(off))
 
     @staticmethod
     def _seen(belief: Belief) -> Experience:
@@ -329,22 +343,9 @@ class _Scout:
             return ""
         return f"scans show it from {shown_m2:.1f} m2 of floor, and robots come by {SHOWN_M2:g} m2"
 
-    def _has_room(self, place: tuple[float, float]) -> bool:
-        assert self.plan is not None, "asked where there is a plan"
-        return self.plan.clearance_m(*place) >= STAND_M
-
     def _shows(self, seen: Experience, target: Node) -> bool:
         assert self.looks is not None, "asked where there is a plan"
         return any(self.looks.shows(_pose(seen), thing) for thing in self._in_sight(seen, target))
-
-    def _is_straight(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Whether a robot has room on all of a way, but for its ends: they lie in walls."""
-        away_m = math.dist(a, b)
-        count = round((away_m - 2 * END_M) / LOOK_EVERY_M)
-        shares = [(END_M + i * LOOK_EVERY_M) / away_m for i in range(count + 1)]
-        return bool(shares) and all(
-            self._has_room((a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))) for share in shares
-        )
 
     def _shown_m2(self, thing: Landmark, near_m: float) -> float:
         """How large the floor is from which a scan shows a landmark; no more than is enough."""
@@ -365,8 +366,10 @@ class _Scout:
     def _sees(self, seen: Experience, thing: Landmark) -> bool:
         dx, dy = thing.x_m - seen.x_m, thing.y_m - seen.y_m
         away = math.hypot(dx, dy)
-        if away <= ROOM_M:
+        if thing.type == "room" and away <= ROOM_M:
             return True
+        if thing.type in FACES and -math.cos(math.atan2(dy, dx) - (thing.orientation_rad or 0.0)) * away < BEHIND_M:
+            return False
         is_before = abs(wrap_rad(math.atan2(dy, dx) - seen.heading_rad)) <= self.fov_rad / 2
         return is_before and self._is_clear((seen.x_m, seen.y_m), thing)
 
@@ -380,6 +383,10 @@ class _Scout:
 
 def _pose(seen: Experience) -> tuple[float, float, float]:
     return seen.x_m, seen.y_m, seen.heading_rad
+
+
+def _is_door(node: Node) -> bool:
+    return all(isinstance(thing, Landmark) and thing.type == "doorway" for thing in _things(node))
 
 
 def _things(node: Node) -> list[Landmark | Position]:

@@ -26,11 +26,12 @@ HINT = "a map's YAML file, and beside it the picture that it names"
 _PICTURE_MAX_BYTES = 2 * CELLS_MAX + 4096
 
 
-def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
+def load_floorplan(name_or_path: str | Path = DEFAULT, *, swept: bool = False) -> FloorPlan:
     """A floor plan by the name of a built-in map, of a drawn building (`drawn:7`), or from a YAML file.
 
     Args:
         name_or_path: the picture of a map_server map lies beside its YAML file, as it is or compressed (.gz).
+        swept: without the dust of such a map, for who makes missions of it or judges them.
     Raises: UsageError: there is no such map, or it is none; the message says why. Unavailable: it cannot be read.
     """
     if str(name_or_path).startswith(PREFIX):
@@ -46,10 +47,10 @@ def load_floorplan(name_or_path: str | Path = DEFAULT) -> FloorPlan:
             raise UsageError(f"there is no map {str(name_or_path)!r}", hint)
     words = read_at_most(path, FILE_MAX_BYTES, HINT)
     read = read_yaml(words, path.name)
-    return replace(_drawn_in(path, words, read), sources=sources_of(read, path.name))
+    return replace(_drawn_in(path, words, read, swept), sources=sources_of(read, path.name))
 
 
-def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any]) -> FloorPlan:
+def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any], swept: bool) -> FloorPlan:
     if "image" not in read:
         return floorplan_of_yaml(words, path.stem)
     image = path.parent / map_words(words, path.name).image
@@ -57,7 +58,7 @@ def _drawn_in(path: Path, words: bytes, read: Mapping[Any, Any]) -> FloorPlan:
     picture = (
         _unpack(packed) if packed.exists() and not image.exists() else read_at_most(image, _PICTURE_MAX_BYTES, HINT)
     )
-    return floorplan_of_map(words, picture, path.stem)
+    return floorplan_of_map(words, picture, path.stem, swept=swept)
 
 
 def drawn_like(name: str) -> str:
