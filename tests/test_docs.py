@@ -415,7 +415,7 @@ def test_files_named_in_the_text_exist(page):
 
 @each_page()
 def test_tests_named_in_the_text_exist(page):
-    tests = "\n".join(path.read_text() for path in (ROOT / "tests").glob("test_*.py"))
+    tests = "\n".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     for name in CODE.findall(prose(page.read_text())):
         if re.fullmatch(r"test_\w+", name):
             assert f"def {name}(" in tests, name

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guarded_world import World, acceleration, reading, state, wish
+from guarded_world import MOTION, World, acceleration, reading, state, wish
 from phalanx.config.flock import Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
@@ -229,3 +229,32 @@ def test_who_speaks_in_anothers_name_makes_robots_stand_and_not_collide():
         world = drawn(seed)
         liar = Spoken(world.config, world.places, np.random.default_rng(seed), at_robots)
         assert is_kept(liar.run(20)), seed
+
+
+class Elsewhere(World):
+    """A world in which the first robot says, in its own name, that it is 5 m beside where it is."""
+
+    honest = np.inf  # how near two of the others came
+
+    def broadcast(self, i, frame):
+        if i == 0:
+            _, rob, t, x, y, *promised = MOTION.unpack(frame)
+            frame = state(rob, (x + 5.0, y), promised, t)
+        super().broadcast(i, frame)
+
+    def look_at_promises(self):
+        super().look_at_promises()
+        others = self.pos[1:]
+        if len(others) > 1:
+            gaps = np.sqrt(((others[:, None] - others) ** 2).sum(axis=2))
+            self.honest = min(self.honest, gaps[~np.eye(len(others), dtype=bool)].min())
+
+
+def test_who_lies_about_its_own_place_may_be_run_into_and_the_others_keep_clear_of_each_other():
+    nearest = np.inf
+    for seed in (0, 4):
+        world = drawn(seed)
+        liar = Elsewhere(world.config, world.places, np.random.default_rng(seed), at_robots).run(20)
+        assert liar.honest >= world.config.apart_m - ROUNDED_M, seed
+        nearest = min(nearest, liar.nearest - world.config.apart_m)
+    assert nearest < 0, "what does not hold: nobody keeps clear of who is not where it says"
