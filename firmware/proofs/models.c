@@ -1,5 +1,5 @@
 /* What stands for hash.c and mac.c in calls.c: any hash and any MAC, over bytes that must be there to be read. A proof
-   that holds for these holds for SHA-1 and LightMAC, whose own memory the sanitizers look at. */
+   that holds for these holds for SHA-1 and LightMAC, whose own memory hash.c and mac.c are about. */
 #include "proofs.h"
 
 /* Copies of more than this are looked at, not made: nothing that is proved reads what they wrote. */
