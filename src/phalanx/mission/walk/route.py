@@ -6,6 +6,7 @@ Who plans needs no secret: adjacency is public, and nothing else is looked at.
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Collection, Mapping
 
 from phalanx.mission.file.records import FINAL, JOIN, EncodedMission
@@ -36,17 +37,26 @@ class Map:
         opened: Collection[int],
         lengths_m: Mapping[tuple[int, int], float],
         blocked: Collection[tuple[int, int]],
+        wanted: Collection[int] = (),
     ) -> tuple[dict[int, float], dict[int, int]]:
-        """(metres, node before) for every node that can be reached; a way of unknown length counts as the mean."""
+        """(metres, node before) for every node that can be reached; a way of unknown length counts as the mean.
+
+        Args:
+            wanted: what is farther than the nearest of these is left out.
+        """
         typical = sum(lengths_m.values()) / len(lengths_m) if lengths_m else UNKNOWN_M
         done: dict[int, float] = {}
         via: dict[int, int] = {}
-        waiting = [(0.0, start, start)]
+        waiting, reach_m = [(0.0, start, start)], math.inf
         while waiting:
             so_far, node, source = heapq.heappop(waiting)
+            if so_far > reach_m:
+                break
             if node in done:
                 continue
             done[node] = so_far
+            if node in wanted and node != start:
+                reach_m = so_far
             via[node] = source
             for target in self.after[node]:
                 if target not in done and (node, target) not in blocked and self.may_enter(target, opened):
@@ -66,18 +76,17 @@ class Map:
         A mission with final nodes makes for the nearest; if a join stands before it, for what the join waits for. One
         without explores: the nearest node that is still encoded, and was not reported by another robot.
         """
-        metres, via = self.distances(at, opened, lengths_m, blocked)
+        dark = {node for node in range(len(self.after)) if node not in opened}
+        wanted = self.finals or dark.difference(others)
+        metres, via = self.distances(at, opened, lengths_m, blocked, wanted)
 
         def reachable(wanted: Collection[int]) -> list[int]:
             return [node for node in wanted if node in metres and node != at]
 
-        goals = reachable(self.finals)
-        if not goals and self.finals:
+        goals = reachable(wanted)
+        if not goals:
             missing = {other for join in self.joins for other in self.before[join] if other not in opened}
-            goals = reachable(missing)
-        if not self.finals:
-            dark = [node for node in range(len(self.after)) if node not in opened]
-            goals = reachable([node for node in dark if node not in others]) or reachable(dark)
+            goals = reachable(missing if self.finals else dark)
         if not goals:
             return None
         node = min(goals, key=lambda goal: (metres[goal], goal))

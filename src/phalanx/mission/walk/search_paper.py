@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import groupby, product
 
 import numpy as np
@@ -32,6 +32,7 @@ from .found import Claim, Found
 from .search import LANDMARK_PLACES, Budget, Variant, doubt_in, variants
 from .searched import Searched
 
+TARGETS_LIMIT = 4096
 _BARE = Variant(None, (), None, None, ())
 
 
@@ -87,7 +88,11 @@ class PaperSearch:
         self._config = config
         self._steps = steps_of(mission.header.coding)
         self._among = made_once(self._candidates_of)
+        self._targets = lru_cache(TARGETS_LIMIT)(self._targets_of)
         self._searched = Searched()
+
+    def _targets_of(self, aliases: tuple[tuple[int, int], ...]) -> Targets:
+        return Targets([self._mission.nodes[node].aliases[alias].mark for node, alias in aliases])
 
     def _candidates_of(self, nodes: tuple[int, ...]) -> _Candidates:
         by_offset: dict[tuple[Offset, int], list[tuple[int, int]]] = {}
@@ -96,7 +101,7 @@ class PaperSearch:
             for a, alias in enumerate(record.aliases):
                 by_offset.setdefault((alias.offset, record.reach_dm), []).append((node, a))
         groups = tuple(
-            _Group(offset, reach, Targets([self._mission.nodes[v].aliases[a].mark for v, a in aliases]), tuple(aliases))
+            _Group(offset, reach, self._targets(tuple(aliases)), tuple(aliases))
             for (offset, reach), aliases in by_offset.items()
         )
         arrays = Groups(
