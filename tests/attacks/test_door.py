@@ -204,6 +204,16 @@ class TestWhose:
         at = rounds.peer_at(door.fleet, door.tor - 1, robot)
         assert door.fleet.peer[door.tor - 1, at].heard == door.now_ms
 
+    def test_who_seeks_is_told_alone_once_in_half_a_round(self, door):
+        seek, told = row(self.hello(STRANGER_ID)), row(bytes(request.AUDIT_HEAD_BYTES))
+        seek[request.AT_SUB] = request.SEEK
+        request.audit_head(told, door.tor, STRANGER_ID, request.HELLO)
+        assert door.hears_frame(seek.tobytes() + b"\0") == node.NOTHING
+        assert door.hears_frame(seek.tobytes()) == node.HELLO
+        assert door.said(node.TOLD_TO) == STRANGER_ID
+        assert door.work.frame[: door.said(node.TOLD_LENGTH)].tobytes() == told.tobytes()
+        assert door.hears_frame(seek.tobytes()) == node.NOTHING
+
     def test_a_frame_that_is_shorter_than_its_head_is_nobodys(self, door):
         assert door.hears_frame(self.hello(STRANGER_ID)[:-1]) == node.NOTHING
         assert not door.knows(STRANGER_ID)
