@@ -49,7 +49,7 @@ BEFORE_M = 0.1
 FACES, BEHIND_M = ("concave_left", "concave_right"), -0.05
 ROOM_M = 0.5  # a room's middle is told by its corners: it is seen from its midst too
 # Scans are to show a landmark from so much floor, or robots drive past it.
-SHOWN_M2 = 0.25
+SHOWN_M2, SHOWN_STEPS = 0.25, 2  # or, on a straight way, after so many steps
 BEYOND_M = 3.0  # who has driven past a thing looks back for so long, and where a wall stops it to all sides
 TURNED_RAD, TURNS = math.radians(20), range(-8, 10)
 EVERY = 29  # places around it are looked from in this order: one, and so many further on the next
@@ -216,7 +216,7 @@ class _Scout:
         whys = [
             "in sight from nowhere that a robot can be" if side is None else "not in sight on the straight way there"
         ]
-        is_decoded, there, shown = False, belief, side is not None
+        is_decoded, there, shown, found = False, belief, side is not None, 0
         steps = max(1, math.ceil(length_m / STEP_M))
         for i in range(steps + (round(BEYOND_M / STEP_M) if shown else 0) + 1):
             seen = self._seen(belief)
@@ -230,7 +230,9 @@ class _Scout:
             if eyes:
                 passed.append(eyes[0])
                 again = self._again(eyes[0])
-                is_decoded = is_decoded or any(self._decodes(target, eye, again, whys, shown=shown) for eye in eyes)
+                if not is_decoded and any(self._decodes(target, eye, again, whys, shown=shown) for eye in eyes):
+                    found += 1
+                    is_decoded = found >= (SHOWN_STEPS if shown else 1)
                 if is_decoded:
                     again = [*again, *((thing, thing) for thing in self._in_sight(eyes[0], target))]
                 certain = [] if is_sure(self.config, eyes[0]) else self._told(eyes[0], again)
@@ -238,6 +240,8 @@ class _Scout:
                     belief = fixed(self.config, belief, fix_from(self.config, eyes[0], certain))
             there = belief if i <= steps or is_decoded else there
             belief = belief.moved(length_m / steps, 0.0, wheels_of(self.config))
+        if found and not is_decoded:
+            whys.append(f"scans show it from one place on the straight way there, and robots come by {SHOWN_STEPS}")
         if not is_decoded and (shown or not (len(whys) == 1 and self._is_seen_beside(target))):
             return whys[-1]
         return there if shown else self._why_not_shown(target, passed) or there
@@ -250,10 +254,12 @@ class _Scout:
         return self.free.side_of(source.place, target.place)
 
     def _eyes(self, seen: Experience, side: int, target: Node) -> list[Experience]:
-        """Who may go there: on its line or on this side of it; and who tries again beside that, but through a door."""
+        """Who may go there: on its line or on this side of it; to what is no door also who tries again beside that."""
         assert self.free is not None, "a way has a side where there is a plan"
         places = list(self.free.beside_line((seen.x_m, seen.y_m), seen.heading_rad, side))
-        if places and not _is_door(target):
+        if _is_door(target):
+            places = places[:1]
+        elif places:
             places += self.free.again_beside(places[0], seen.heading_rad)
         return [replace(seen, x_m=x, y_m=y) for x, y in places]
 
