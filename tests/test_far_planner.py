@@ -420,6 +420,21 @@ def test_a_planner_that_raises_ends_it_with_its_line_and_a_socket_that_was_left_
         process.communicate()
 
 
+@pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET])
+def test_a_socket_at_which_somebody_listens_stays_his(tmp_path, capsys, kind):
+    """Of another kind, or with no room for one more, it answers nobody who asks."""
+    files(tmp_path)
+    path = tmp_path / "theirs"
+    with socket.socket(socket.AF_UNIX, kind) as theirs, socket.socket(socket.AF_UNIX, kind) as waits:
+        theirs.bind(str(path))
+        if kind != socket.SOCK_DGRAM:
+            theirs.listen(0)
+            waits.connect(str(path))
+        assert run_command(words_of(tmp_path, f"unix:{path}")) == 1
+        assert path.is_socket()
+    assert "Address already in use" in capsys.readouterr().err
+
+
 def test_a_mission_that_names_an_adviser_wants_him(tmp_path, capsys):
     files(tmp_path)
     assert run_command(["robot", "arena", str(tmp_path / "mission.yaml"), "--duration", "1"]) == 2

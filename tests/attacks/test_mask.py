@@ -13,8 +13,10 @@ from phalanx.bti import audit, log, request, rounds
 from phalanx.bti.nodes import Limits
 from phalanx.config import BtiConfig
 from phalanx.robot import node
-from phalanx.sim.scenarios.attack_spec import AttackSpec
+from phalanx.robot.attacks.mask import Mask
+from phalanx.robot.cnode import Action
 from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.own import find_attacks
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.fields import row
@@ -23,9 +25,23 @@ DEAF = Hole(node, "hear_audit", "sub == request.SEEK", "False")
 ASKER = 5
 
 
-def star(f_max: int, seed: int) -> Scenario:
+class Amplify(Mask):
+    """What it says in the place of noise is SEEK: the answers of others are the noise."""
+
+    NOISE = request.SEEK
+
+
+class Echo(Mask):
+    """Noise as ever, and at each SEEK one of its own: whoever is to answer has to answer all liars too."""
+
+    def heard(self, now_ms: int, frame: bytes) -> list[Action]:
+        asks = len(frame) == request.AUDIT_HEAD_BYTES and frame[request.AT_SUB] == request.SEEK
+        return super().heard(now_ms, frame) + (self._say(now_ms, request.SEEK) if asks else [])
+
+
+def star(f_max: int, seed: int, attack: str | type[Mask] = "mask") -> Scenario:
     """All 2 f_max + 2 in the middle are needed but f_max, who lie."""
-    hub = 2 * f_max + 2
+    hub, (spec,) = 2 * f_max + 2, find_attacks([attack])
     return replace(
         find_scenario("star-25"),
         hub=hub,
@@ -34,7 +50,7 @@ def star(f_max: int, seed: int) -> Scenario:
         duration_s=21.0,
         n_max=None,
         bti=BtiConfig(f_max=f_max),
-        attacks=tuple(AttackSpec(name="mask", at_s=1.0, robot=k + 1) for k in range(f_max)),
+        attacks=tuple(replace(spec, at_s=1.0, robot=k + 1) for k in range(f_max)),
     )
 
 
@@ -51,6 +67,23 @@ def test_liars_who_talk_whenever_others_say_hello_stop_nobody_in_a_hub(f_max, se
     """Before, they stopped 598 of 1 320 correct robots in these 60 runs."""
     for seed in seeds:
         run = Run(star(f_max, seed))
+        run.advance(run.scenario.duration_s)
+        assert stopped(run) == 0, f"seed {seed}"
+
+
+@pytest.mark.parametrize(
+    "attack, seeds",
+    [
+        (Amplify, [2]),
+        (Echo, [3]),
+        pytest.param(Amplify, range(20), marks=pytest.mark.long),
+        pytest.param(Echo, range(20), marks=pytest.mark.long),
+    ],
+)
+def test_liars_who_have_others_answer_stop_nobody_either(attack, seeds):
+    """Before, one robot of each of these seeds: it heard f_max + 1 others that were correct, and not all of them heard it."""
+    for seed in seeds:
+        run = Run(star(5, seed, attack))
         run.advance(run.scenario.duration_s)
         assert stopped(run) == 0, f"seed {seed}"
 
@@ -113,9 +146,9 @@ def test_who_lacks_tokens_seeks_and_asks_for_audits_when_it_was_answered():
     assert robot.robot.request_to == 3
 
 
-@pytest.mark.parametrize("others, seeks", [(6, True), (7, False)])
-def test_who_lacks_tokens_and_hears_2_f_max_plus_1_others_only_listens(others, seeks):
-    """f_max + 1 of them are correct."""
+@pytest.mark.parametrize("others, seeks", [(7, True), (8, False)])
+def test_who_lacks_tokens_and_hears_2_f_max_plus_2_others_only_listens(others, seeks):
+    """f_max + 2 of them are correct: one more than it needs, which P2 wants where liars talk over it."""
     robot = Seeking()
     for rob_id in range(2, 2 + others):
         rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms - ROUND_MS * 5 // 4)
@@ -153,7 +186,7 @@ def test_it_seeks_again_while_it_lacks_tokens_at_moments_that_nobody_can_foresee
         assert not robot_seeks(robot, late_ms)
         robot.robot.got = 0
         assert robot_seeks(robot, late_ms)
-        for rob_id in range(2, 9):
+        for rob_id in range(2, 10):
             rounds.heard(robot.fleet, VICTIM, rob_id, late_ms)
         assert not robot_seeks(robot, late_ms + ROUND_MS // 2)
     assert len(moments) > 30, "another s-chain, other moments"
@@ -170,6 +203,18 @@ def test_each_who_hears_it_tells_it_alone_and_once_in_half_a_round():
         assert told == (audit_frame(VICTIM + 1, ASKER, request.HELLO) if answered else b"")
         assert robot.hears_seek(ASKER + 1 + after_ms, robot.now_ms + after_ms) != b"", "another's share is its own"
     assert robot.hears_seek(VICTIM + 1, robot.now_ms) == b""
+
+
+@pytest.mark.parametrize("seeks, first", [(0, 3), (1, 4)])
+def test_who_seeks_asks_first_whom_it_never_asked_in_vain(seeks, first):
+    """A liar's token counts for T_val; its a-node has few requests, and liars who gave one once would have them all."""
+    robot = Seeking()
+    robot.robot.seeks = seeks
+    for rob_id in (3, 4):
+        rounds.heard(robot.fleet, VICTIM, rob_id, robot.now_ms)
+    gave_one = robot.fleet.peer[VICTIM, rounds.peer_at(robot.fleet, VICTIM, 3)]
+    gave_one.token, gave_one.misses = robot.now_ms, 1
+    assert rounds.next_candidate(robot.fleet, VICTIM, robot.now_ms) == first
 
 
 def test_where_tokens_were_missing_a_lost_fragment_is_said_again_at_once():

@@ -95,7 +95,8 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
     """Whom to ask next in this round, 0 if nobody is left: sources of fresh tokens first, then of AUDIT frames.
 
     Within each sort, who did not answer the last time comes later: what an auditor has heard the least of, it may be
-    out of range. After that the order differs from robot to robot, so that no auditor is everybody's favourite.
+    out of range. To who seeks all are of one sort: liars who gave a token once would have its few requests. After that
+    the order differs from robot to robot, so that no auditor is everybody's favourite.
     Source: docs/spec/rebound.md (ghost auditors).
     """
     r, s = f.robot[i], f.settings[0]
@@ -107,7 +108,7 @@ def next_candidate(f: Fleet, i: int, now: int) -> int:
         fresh = p.token >= now - s.t_val
         if not fresh and p.heard * 2 < now * 2 - HEARD_ROUNDS_X2 * s.t_audit:
             continue
-        key = mixed(r.id, rob_id) + (whole(p.misses) << 32) + (0 if fresh else 1 << 36)
+        key = mixed(r.id, rob_id) + (whole(p.misses) << 32) + (0 if fresh or r.seeks else 1 << 36)
         if p.asked == r.round_no:
             key += 1 << 37  # silent so far in this round: only if nobody else is left
         if key < best_key:
@@ -178,14 +179,14 @@ def drawn(f: Fleet, i: int) -> int:
 
 @kernel
 def hears_few(f: Fleet, i: int, now: int) -> bool:
-    """Whether of those heard in the last round too few may be left to ask, if f_max of them lie: not 2 f_max + 1.
+    """Whether of those heard in the last round too few may be left to ask, if f_max of them lie: not 2 f_max + 2.
 
-    Source: docs/adr/0036.
+    One more than f_max + 1 correct ones, as one of those may be talked over. Source: docs/adr/0036.
     """
     s, heard_of = f.settings[0], 0
     for k in range(f.robot[i].peers):
         heard_of += (now - f.peer[i, k].heard) * 4 <= s.t_audit * 5
-    return bool(heard_of <= 2 * s.f_max)
+    return bool(heard_of <= 2 * s.f_max + 1)
 
 
 @kernel

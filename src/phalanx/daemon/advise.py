@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import os
 import socket
 import stat
@@ -119,7 +120,7 @@ def _listening(where: str) -> Iterator[socket.socket]:
 
 def _at_path(path: Path) -> socket.socket:
     with contextlib.suppress(OSError):
-        if stat.S_ISSOCK(path.lstat().st_mode) and not _answers(path):
+        if stat.S_ISSOCK(path.lstat().st_mode) and _is_dead(path):
             path.unlink()  # one that was killed left it
     made = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     before = os.umask(0o177)  # for its owner alone
@@ -136,10 +137,11 @@ def _at_path(path: Path) -> socket.socket:
     return made
 
 
-def _answers(path: Path) -> bool:
+def _is_dead(path: Path) -> bool:
+    # One of another kind, another user's, or with no room for us now gives other errors, and somebody listens there.
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
         probe.setblocking(False)
-        return probe.connect_ex(str(path)) == 0
+        return probe.connect_ex(str(path)) == errno.ECONNREFUSED
 
 
 def _at_address(at: str) -> socket.socket:

@@ -25,6 +25,7 @@ class Mask(RefuseToAudit):
     LASTS_MS: ClassVar[int] = 1
     AT_ONCE: ClassVar[int] = 1
     AT_ANSWERS: ClassVar[int] = 8  # as many as fill the time for which others answer
+    NOISE: ClassVar[int] = 0x7D
     _moments: tuple[int, ...] = ()  # ms of a round, rising, at which to talk
 
     def heard(self, now_ms: int, frame: bytes) -> list[Action]:
@@ -47,7 +48,9 @@ class Mask(RefuseToAudit):
         return self._talk(now_ms, self.AT_ONCE) if talks else []
 
     def _talk(self, now_ms: int, frames: int) -> list[Action]:
-        noise = audit_frame(self.id, 0, 0x7D, b"")
-        actions = [action for _ in range(frames) for action in self.send(now_ms, noise, EVERYBODY)]
+        actions = [action for _ in range(frames) for action in self._say(now_ms, self.NOISE)]
         self.gained += len(actions)
         return actions
+
+    def _say(self, now_ms: int, sub: int) -> list[Action]:
+        return self.send(now_ms, audit_frame(self.id, 0, sub, b""), EVERYBODY)
