@@ -43,7 +43,9 @@ from phalanx.mission import (
 )
 from phalanx.mission.authoring.apart import ALIKE_RAD, alone, told_apart
 from phalanx.mission.landmarks import LaserScan, extract
-from phalanx.mission.walk.fix import begun_at, fixed, moved, turn_between
+from phalanx.mission.observable import HALF_TURN_TYPES, number_or_nan
+from phalanx.mission.walk.chart import turn_to
+from phalanx.mission.walk.fix import begun_at, fixed, moved
 from phalanx.sim.missions.truth import wrong_by
 
 Pose = tuple[float, float, float]
@@ -199,10 +201,15 @@ def density(landmarks: list[Landmark]) -> float:
     return count / len(landmarks) / (math.pi * AROUND_M**2) if landmarks else 0.0
 
 
+def turn_between(truth: Landmark, observed: Landmark) -> float:
+    """By how much what was observed must be turned to be as the true one; NaN without an orientation."""
+    turns = number_or_nan(truth.orientation_rad), number_or_nan(observed.orientation_rad)
+    return float(turn_to(*turns, truth.type in HALF_TURN_TYPES))
+
+
 def looks_like(one: Landmark, other: Landmark, turned_rad: float) -> bool:
     """Whether two things are of one kind and turned alike."""
-    turn = turn_between(other, one) if one.type == other.type else None
-    return turn is not None and abs(turn) < turned_rad
+    return one.type == other.type and abs(turn_between(other, one)) < turned_rad
 
 
 def add(found: list[Found], landmark: Landmark, pose: Pose) -> None:
@@ -212,7 +219,7 @@ def add(found: list[Found], landmark: Landmark, pose: Pose) -> None:
         if (
             math.dist((known.x_m, known.y_m), (landmark.x_m, landmark.y_m)) < SAME_M
             and looks_like(landmark, known, SAME_RAD)
-            and (turn := turn_between(landmark, known)) is not None
+            and not math.isnan(turn := turn_between(landmark, known))
         ):
             each.off.append((landmark.x_m - known.x_m, landmark.y_m - known.y_m, turn))
             each.places.append(pose[:2])
