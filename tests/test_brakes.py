@@ -152,9 +152,13 @@ class TestWithTheBrokerDead:
                 async def drive_all():
                     async with Client(ready["qr_url"]) as visitor:
                         around = [{"x": x, "y": y} for x in (300, 1700) for y in (300, 1700)] * 8
-                        for robot in await visitor.request(0, frames=True):
-                            await visitor.command(robot["address"], "waypoints", {"threshold": 50, "waypoints": around})
-                        await eventually(lambda: routes() == [1, 1, 1])
+                        robots = await visitor.request(0, frames=True)
+                        async with asyncio.timeout(10):
+                            while routes() != [1, 1, 1]:  # nobody confirms that a command came
+                                for robot in robots:
+                                    route = {"threshold": 50, "waypoints": around}
+                                    await visitor.command(robot["address"], "waypoints", route)
+                                await asyncio.sleep(0.1)
 
                 asyncio.run(drive_all())
                 kill()

@@ -11,10 +11,11 @@ from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.robot.cnode import Actuate, CNode, Transmit, Verdict
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import Declaration
+from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.python_controller import compiled
 from phalanx.robot.planner import advice_of
 from phalanx.robot.runtime import Runtime, is_fragment
-from phalanx.sim.scenarios.run import MakeController, adviser, driving, number_of, on_stage, params_of
+from phalanx.sim.scenarios.run import MakeController, adviser, driving, number_of, params_of
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import KEY_BYTES
 
@@ -24,8 +25,8 @@ BEGAN_MS = 1000
 def rehearse(scenario: Scenario, limits: Limits, controller: MakeController | None = None) -> int:
     """How many audits ended well, of two robots that stand where a mission begins; all that runs has run once."""
     config, declared = scenario.bti, driving(scenario)
-    stage, senses = on_stage(scenario, controller)[2], getattr(controller, "senses", None)
-    seen = bytes(stage.seen_bytes if stage else senses.size if senses else 0)
+    protocol, senses = find_protocol(scenario.controller), getattr(controller, "senses", None)
+    seen = bytes(protocol.stage.seen_bytes if protocol else senses.size if senses else 0)
     nodes = Nodes(2, BOUND, limits)
     master = bytes(KEY_BYTES)
     for i in range(2):

@@ -73,7 +73,8 @@ class Client:
         self._unread_bytes = 0
         self.dropped = 0  # notifications that nobody read in time
         self.moves = 0
-        self._entered_at_s = 0.0
+        self._waits_since_s = 0.0  # for a first frame
+        self._heard = False
         self._framed = asyncio.Event()
 
     @property
@@ -109,7 +110,7 @@ class Client:
             if isinstance(error, TimeoutError):
                 raise Unavailable(str(error), "is the swarm up, and does this machine reach it?") from error
             raise
-        self._entered_at_s = time.monotonic()
+        self._waits_since_s = time.monotonic()
         return self
 
     async def __aexit__(
@@ -124,7 +125,8 @@ class Client:
     ) -> bool:
         """Send a command to one robot; false if the broker is away. Nobody confirms that it arrived (QoS 0).
 
-        The first waits for a frame of the swarm, as long as one may take to come, unless it is to go `at_once`.
+        The first waits for a frame, as long as one may take since the swarm was first heard, unless it is to go
+        `at_once`.
 
         Raises: UsageError: not entered; not JSON, or more than a server reads. WrongTopic: not an address or name.
         Source: Qrkey Table I.
@@ -132,7 +134,7 @@ class Client:
         link = self._entered()
         if (
             not (at_once or self._side.has_seen)
-            and (left_s := self._entered_at_s + FIRST_FRAME_S - time.monotonic()) > 0
+            and (left_s := self._waits_since_s + FIRST_FRAME_S - time.monotonic()) > 0
         ):
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._framed.wait(), left_s)
@@ -207,6 +209,8 @@ class Client:
             await self._entered().send(said.asks)
             return
         self.skew_s = None
+        if not self._heard:  # a swarm that was away when we came has only now begun to send frames
+            self._heard, self._waits_since_s = True, time.monotonic()
         if isinstance(said, Notification):
             if self._side.has_seen:
                 self._framed.set()

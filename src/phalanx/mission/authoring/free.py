@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.mission.landmarks.floorplan import PASS_M
 
-# What a pilot wants around a robot's middle, to be sure of its way: who plans ways and who judges them reckon with it.
-# Robots may begin nearer to things, a radius of 0.175 m and a little, and leave within a metre.
-PASS_M, STAND_M, LEAVE_M = 0.25, 0.2, 1.0
+# Robots may begin nearer to things than they pass them, a radius of 0.175 m and a little, and leave within a metre.
+STAND_M, LEAVE_M = 0.2, 1.0
 GRID_M = 0.2  # of where robots can be
 BESIDE_M = 0.7  # a place in a wall is reached from so near
 # Ways end in walls, where landmarks lie: the rest of a straight one has room for a robot, or so far beside its line.

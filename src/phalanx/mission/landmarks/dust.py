@@ -12,12 +12,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .floorplan import PASS_M
+
 Cells = NDArray[np.uint8]
 
 # A cell with a longer edge is no speck.
 DUST_M = 0.1
-# A robot's middle goes around in so many places, so far from the speck's own edge, and as far from all else.
-PLACES, PASS_M = 24, 0.25
+# A robot's middle goes around in so many places, PASS_M from the speck's own edge, and as far from all else.
+PLACES = 24
 
 
 def without_dust(cells: Cells, edge_m: float, free: int) -> tuple[Cells, int]:

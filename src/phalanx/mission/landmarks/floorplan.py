@@ -32,6 +32,8 @@ from .sources import Source
 FILE_MAX_BYTES = 4_000_000
 # Outlines of plain walls are found by looking at every pair.
 WALLS_MAX = 2000
+# What a pilot wants around a robot's middle, to be sure of its way: who plans ways and who judges them reckon with it.
+PASS_M = 0.25
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,20 +130,9 @@ class PaperSearch:
             at.append((self._bins(shape), begin // 8, begin % 8 * 8))
             lanes.append(self._lanes(among, shape, (None, *_BARE[1:]), previous))
             templates.append(padded(_BARE.canonical(shape, Cell(0, 0, 0, 0), (), previous), begin))
-        groups, known = among.arrays, self._searched.known
-        arrays = Shapes(
-            np.array(asks),
-            np.array(at),
-            np.array(lanes, np.int64),
-            np.array(templates),
-            groups.rows,
-            groups.targets,
-            groups.ends,
-            known.table,
-            known.tiles,
-            known.used,
-        )
-        return _Together(shapes, pack(arrays))
+        searched = (*among.arrays, *self._searched.known)
+        rows = np.array(lanes, np.int64)
+        return _Together(shapes, pack(Shapes(np.array(asks), np.array(at), rows, np.array(templates), *searched)))
 
     def _lanes(self, among: _Candidates, shape: Shape, rest: object, previous: bytes | None) -> list[int]:
         return [self._searched.lane((group.aliases, shape, rest, previous), len(RINGS)) for group in among.groups]

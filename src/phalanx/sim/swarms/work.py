@@ -63,7 +63,7 @@ def _points(places_m: NDArray[np.float64]) -> tuple[Point, ...]:
 
 
 # By protocol where they wait, and how many can do it. In plain Python 40 robots take a third of a core; around a ring
-# of more than twelve two would have to touch to catch an intruder; and among fewer than 25 a target has a way to go.
+# of more than twelve two would have to touch to catch an intruder; more than 16 in a square were not tried.
 # Not among them: `warehouse`, as wheels that anybody may take over do not keep to a grid's lanes.
 ON_WHEELS: Mapping[str, tuple[Callable[[NDArray[np.float64]], Posts], int]] = {
     "exploration": (places, 40),
