@@ -31,6 +31,7 @@ class Flood(Liar, ABC):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._t_audit_ms, self._f_max = int(self.f.settings[0].t_audit), int(self.f.settings[0].f_max)
+        self._got = self.f.robot["got"]
 
     def on_round(self, now_ms: int) -> list[Action]:
         """The moment is remembered."""
@@ -45,7 +46,7 @@ class Flood(Liar, ABC):
         if shares:
             before_ms = round((1 - self.POURED) * self._t_audit_ms)
         quiet = (now_ms - self._round_ms + before_ms) % self._t_audit_ms < before_ms + after_ms
-        if self.profile != PLAIN and (quiet or (shares and self.f.robot[self.i].got <= self._f_max)):
+        if self.profile != PLAIN and (quiet or (shares and self._got[self.i] <= self._f_max)):
             return []
         return self.pour(now_ms)
 
@@ -109,7 +110,7 @@ class CovertTalk(Flood):
         others = self.plan.accomplices or tuple(sorted(self.seen))
         if not others:
             return []
-        return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, self.plan.chance.bytes(1000)), others[0])
+        return self.send(now_ms, audit_frame(self.id, others[0], 0x7E, bytes(1000)), others[0])
 
 
 class LogFlood(Liar):
