@@ -301,7 +301,7 @@ class TestVisitor:
                 def commands(name):
                     return [e["payload"] for e in events if e["event"] == "command" and name in e["topic"]]
 
-                pin = wait_until(lambda: [e for e in events if e["event"] == "ready"])[0]["pin"]
+                pin = wait_until(lambda: [e for e in events if e["event"] == "ready"], 60)[0]["pin"]
                 qr = QrUrl(Pin(pin), f"ws://127.0.0.1:{ws}/mqtt", "/pydotbot")
                 page.goto(insecure(qr.for_page(ready["page_url"])))
                 assert "3 robots" in badge(page, "live")

@@ -269,8 +269,9 @@ class TestSwarm:
             with DotbotSwarm(parse_dotbot_url(controller.url), 10.0) as swarm:
                 swarm.follow(A, [Point(100.0, 100.0)], 50.0)
                 swarm.follow(B, [Point(100.0, 100.0)], 50.0)
+                soon(lambda: controller.orders_of(A) and controller.orders_of(B))
                 swarm.stop(B)
-                soon(lambda: len(controller.heard) == 3)
+                soon(lambda: stops(controller.orders_of(B)) == ["move_raw", "waypoints"])
             soon(lambda: stops(controller.orders_of(A)) == ["move_raw", "waypoints"])
             assert stops(controller.orders_of(B)) == ["move_raw", "waypoints"]
             assert not controller.orders_of(C)
