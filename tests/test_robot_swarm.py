@@ -262,6 +262,24 @@ class TestSwarm:
             swarm.release()
             assert all(robots.obeys(which, lambda state: state["held"] == 0) for which in (0, 1))
 
+    def test_no_flood_of_what_costs_its_nodes_time_holds_up_the_operators_stop(self, protected, robots, monkeypatch):
+        file, _ = protected
+        looked_at = []
+
+        def slowly(*_):  # as a board on a serial line does
+            looked_at.append(time.sleep(0.1))
+            return False
+
+        monkeypatch.setattr(GatewayNode, "is_token", slowly)
+        with gateway(file) as swarm:
+            for t in range(1, 65):
+                robots.say(0, AUDIT_TOKEN.encode(src=1, dst=2, request=1, t=t, mac=bytes(8)))
+            soon(lambda: looked_at)
+            swarm.hold()
+            began_s = time.monotonic()
+            assert robots.obeys(1, lambda state: state["held"] == 1 << OPERATOR)
+            assert time.monotonic() - began_s < 1
+
     def test_a_gateway_is_obeyed_after_each_start_whatever_its_clock_says(self, file, robots):
         robots.say(0, WHEELS_STATE.encode(id=1, **STATE))
         for nth, clock_s in enumerate((2e9, 1e9, 2e9 + 5), 1):

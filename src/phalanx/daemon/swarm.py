@@ -145,7 +145,7 @@ class RobotSwarm(Ordered):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
                 select.select([self._radio], [], [], min(max(0.0, next_s - now_s), TURN_S))
-                self._radio.read(self._hear)
+                self._radio.read(self._hear, 1)  # a board takes long for some: a flood holds a stop up by one
             except Unavailable as error:  # its own nodes are gone, and robots hear nothing unsealed
                 if str(error) != trouble:
                     log.warning("%s", error)

@@ -109,9 +109,9 @@ class UdpRadio:
         """See `Radio`."""
         asyncio.get_running_loop().add_reader(self._socket, self.read, on_frame)
 
-    def read(self, on_frame: Callable[[bytes], None]) -> None:
-        """What has come is handed over, so far as it is ours to hear."""
-        for _ in range(AT_ONCE):
+    def read(self, on_frame: Callable[[bytes], None], most: int = AT_ONCE) -> None:
+        """Of what has come, at most so many are handed over, so far as they are ours to hear."""
+        for _ in range(most):
             try:
                 raw, came_from = self._socket.recvfrom(FRAME_MAX + 1)
             except OSError:
