@@ -9,6 +9,7 @@ from __future__ import annotations
 import ipaddress
 import logging
 import socket
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +21,15 @@ from phalanx.io.udp_radio import parsed
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire import guarded
 from phalanx.wire.fields import row
-from phalanx.wire.table import KIND_STATE, STATE
+from phalanx.wire.table import KIND_STATE, SENSOR, STATE
 
 log = logging.getLogger(__name__)
 
 PLANNERS = ("unix", "udp")
 HINT = "unix:PATH or udp:ADDRESS:PORT of phalanx robot advise"
-MOST_AT_ONCE = 32  # packets that are taken at a reading: the newest counts
+# Packets that are taken at a reading, more than a socket keeps: a flood does not push true advice back.
+MOST_AT_ONCE = 512
+MOST_LOOKS = 32  # at signatures, in these
 PACKET_BYTES = guarded.SIGNED_BYTES + 1
 
 
@@ -45,6 +48,9 @@ class FarPlanner:
         self._id, self._mission = rob_id, mission
         self._key = row(bytes.fromhex(scenario.guard.adviser_key)) if scenario.guard.adviser_key else None
         self._advised_ms = -1  # the date of the newest that was signed
+        # Of readings that signed advice may answer: who has not seen them costs us no look at a signature.
+        self._asked_ms: deque[int] = deque(maxlen=scenario.guard.advice_ms // scenario.bti.t_control_ms + 2)
+        self._looks = 0
         self.taken = self.rubbish = 0
         self._socket: socket.socket | None = None
         self._was_there = True
@@ -57,15 +63,22 @@ class FarPlanner:
 
     def advice(self, reading: bytes) -> bytes:
         """The newest advice that has come, b"" for none; and the planner is sent the reading."""
-        newest = b""
+        newest, self._looks = b"", MOST_LOOKS
         for _ in range(MOST_AT_ONCE):
-            if not (packet := self._receive()):
+            try:
+                packet = self._receive()
+            except BlockingIOError:
                 break
+            except OSError:  # over UDP: nobody listened there when we spoke
+                continue
             if self._is_advice(packet):
                 newest = packet
                 self.taken += 1
             else:
                 self.rubbish += 1
+        if self._key is not None and len(reading) == SENSOR.size:
+            _, _, t_ms, *_ = SENSOR.form.unpack(reading)
+            self._asked_ms.append(t_ms)
         self._send(reading)
         return newest
 
@@ -87,24 +100,29 @@ class FarPlanner:
         if len(packet) != guarded.SIGNED_BYTES or packet[0] != guarded.KIND_SIGNED_WISH:
             return False
         _, mission, rob_id, t_ms, *_ = guarded.SIGNED_WISH.form.unpack(packet[: guarded.SIGNED_WISH.size])
-        if (mission, rob_id) != (self._mission, self._id) or t_ms <= self._advised_ms:
+        if (mission, rob_id) != (self._mission, self._id) or t_ms <= self._advised_ms or t_ms not in self._asked_ms:
             return False
-        if trusted.order_check(self._key, row(packet), len(packet)) != 0:
+        self._looks -= 1
+        if self._looks < 0 or trusted.order_check(self._key, row(packet), len(packet)) != 0:
             return False
         self._advised_ms = t_ms
         return True
 
     def _receive(self) -> bytes:
+        """The next packet; over UDP one may be empty. Raises: BlockingIOError: none has come; OSError: over UDP."""
         if not self._socket:
-            return b""
+            raise BlockingIOError
         try:
             packet = self._socket.recv(PACKET_BYTES)
         except BlockingIOError:
-            return b""
-        except OSError:  # over UDP: nobody listened there when we spoke
+            raise
+        except OSError:
+            if not self._path:
+                raise
             packet = b""
         if not packet and self._path:
             self.close()
+            raise BlockingIOError
         return packet
 
     def _send(self, packet: bytes) -> None:
