@@ -12,13 +12,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from conftest import eventually
 from ordered import MISSION, PUBLIC, order, wheels_order
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
@@ -41,7 +41,7 @@ from phalanx.experiments.table import Head, TableFile
 from phalanx.io import serial_line
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
-from phalanx.io.udp_radio import UdpRadio, parsed
+from phalanx.io.udp_radio import LEAST_WAITING, MOST_WAITING, UdpRadio, parsed
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.audited.setup import limits_of
@@ -347,10 +347,42 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
                 peer.sendto(frame, (host, port))
             radio.read(heard.append)
             assert heard == [b"\x02" * FRAME_MAX, b"\x03"]
-            assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1}
+            assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1, "waiting": 0}
             radio.send(b"\x04")
             peer.settimeout(10)
             assert peer.recvfrom(10)[0] == b"\x04"
+        finally:
+            radio.close()
+
+
+@pytest.mark.parametrize("others", [1, 63])
+async def test_who_floods_a_radio_waits_for_itself_and_holds_up_another_by_one_frame(others):
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as it,
+    ):
+        for each in (flood, it):
+            each.bind(("127.0.0.1", 0))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            here = probe.getsockname()
+        silent = [f"127.0.0.2:{4410 + k}" for k in range(others - 1)]
+        peers = [f"127.0.0.1:{each.getsockname()[1]}" for each in (flood, it)]
+        radio, came = UdpRadio(f"127.0.0.1:{here[1]}", [*peers, *silent]), asyncio.Event()
+        try:
+            radio.listen(came.set)
+            for k in range(600):
+                flood.sendto(b"flood", here)
+                if k % 100 == 99:
+                    await asyncio.wait_for(came.wait(), 10)
+                    await asyncio.sleep(0.01)
+            for word in (b"one", b"two"):
+                it.sendto(word, here)
+            await eventually(lambda: len(radio._waiting) == 2)
+            assert [radio.take() for _ in range(4)] == [b"flood", b"one", b"flood", b"two"]
+            waited = 2 + len(list(iter(radio.take, b"")))
+            assert waited == max(LEAST_WAITING, MOST_WAITING // (others + 1))
+            assert radio.refused["waiting"] == 600 - waited
         finally:
             radio.close()
 
@@ -430,7 +462,8 @@ def lived(monkeypatch, *, waits):
     clock.now_ms = lambda: clock.ms
     life.id, life.scenario = 1, SimpleNamespace(bti=BtiConfig(f_max=1))
     life._clock, life._lateness, life.why_late = clock, Lateness(), ""
-    life._came, life._frames, life._advised, life.waits_for_advice = asyncio.Event(), deque(), False, waits
+    life._came, life._advised, life.waits_for_advice = asyncio.Event(), False, waits
+    life._radio = SimpleNamespace(take=bytes)
     life.longest_ms = dict.fromkeys(("late", "reading"), 0.0)
     life.runtime = SimpleNamespace(input_ms=1250, check_ms=9999, wake_ms=9999, audit_ms=9999, due_ms=1250)
 

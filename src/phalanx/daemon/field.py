@@ -140,7 +140,6 @@ class Field(Run):
             "advice",
             "longest_ms",
             "why_late",
-            "frames_lost",
             "frames_refused",
             "memory_kb",
         )

@@ -38,7 +38,6 @@ log = logging.getLogger(__name__)
 # Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
 # But who waits for advice reads when there is some, or at that moment itself.
 EARLY, AT_ADVICE = 7, 9
-FRAMES = 256  # that wait at most; what comes then is lost, as on the air
 
 
 class Life:
@@ -93,10 +92,9 @@ class Life:
             self.attack.attack.kind.before_key(rob_id, BOUND, self._rows[0], scenario.bti.f_max)
         self._advised = self.waits_for_advice = False
         self._lateness, self.why_late = Lateness(), ""
-        self._frames: deque[bytes] = deque()
         self._came = asyncio.Event()
         self._cpu_s = self._began_s = 0.0
-        self.lost = self.began_ms = 0
+        self.began_ms = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
         self.given: Counter[int] = Counter()
         self.refused: Counter[tuple[int, Refusal]] = Counter()
@@ -125,13 +123,13 @@ class Life:
         Raises: Unavailable: its nodes or its sensors are gone: its nodes stop the motors, whatever becomes of us.
         """
         assert self.runtime
-        self._radio.listen(self._hear)
+        self._radio.listen(self._came.set)
         while not self.runtime.in_safe_mode:
             wait_ms = self._turn()
             elsewhere.raise_failed()
             kept.keep(self.fleet)
             self._came.clear()
-            if self._frames or wait_ms <= 0:
+            if wait_ms <= 0:
                 await asyncio.sleep(0)  # what has come is heard, and waits for its turn
                 continue
             try:
@@ -146,13 +144,6 @@ class Life:
         """There is new advice: the next reading may be as early as auditors allow."""
         self._advised = True
         self._came.set()
-
-    def _hear(self, frame: bytes) -> None:
-        if len(self._frames) < FRAMES:
-            self._frames.append(frame)
-            self._came.set()
-        else:
-            self.lost += 1
 
     def _turn(self) -> float:
         """What is due and most urgent is done, or one frame heard; ms until something is due, if nothing was."""
@@ -172,8 +163,8 @@ class Life:
             what, done = "audit", runtime.on_wake(now_ms)
         elif runtime.audit_ms <= now_ms:
             what, done = "audit", runtime.on_audit(now_ms)
-        elif self._frames:
-            frame, taken = self._frames.popleft(), self._clock.taken
+        elif frame := self._radio.take():
+            taken = self._clock.taken
             what, done = "frame", runtime.on_frame(now_ms, frame)
             if self._clock.taken > taken:  # what the a-node refused, nobody heard
                 self._overhear(now_ms, frame)

@@ -61,16 +61,17 @@ class HostileRadio:
             self._radio.send(frame)
             self._more(frame)
 
-    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+    def listen(self, wake: Callable[[], object]) -> None:
         """See `Radio`."""
         self._began_s = asyncio.get_running_loop().time()
+        self._radio.listen(wake)
 
-        def hear(frame: bytes) -> None:
-            if self._lies and self._attack.name == "replay":
-                self._more(frame)
-            on_frame(frame)
-
-        self._radio.listen(hear)
+    def take(self) -> bytes:
+        """See `Radio`."""
+        frame = self._radio.take()
+        if frame and self._lies and self._attack.name == "replay":
+            self._more(frame)
+        return frame
 
     def close(self) -> None:
         """See `Radio`."""

@@ -18,7 +18,7 @@ from phalanx.sim.scenarios.scenario import WHEELS, Scenario
 from phalanx.wire import Record, lines
 from phalanx.wire.table import ENTRY_HEADER_BYTES, FRAME_MAX, SEAL
 
-WAITING = 256  # frames each way whose seals are kept until they are asked for
+WAITING = 256  # frames that go out whose seals are kept until they are asked for
 SENDERS = 64  # that an a-node remembers: PHX_SOURCES in firmware/include/phx_seal.h
 
 
@@ -42,7 +42,7 @@ class SealedAir:
     def __init__(self, node: Elsewhere, radio: Radio) -> None:
         self._node, self._radio = node, radio
         self._going: deque[tuple[bytes, bytes]] = deque(maxlen=WAITING)  # frame, seal
-        self._coming: deque[tuple[bytes, bytes]] = deque()
+        self._came = b"", b""  # the frame that was taken last, and its seal
         self._refused: Counter[str] = Counter()
 
     @property
@@ -53,8 +53,8 @@ class SealedAir:
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
         """See `Elsewhere`: frames without seals, in and out."""
         if call is lines.RECV:
-            frame = arguments["frame"]
-            code, result = self._node.ask(call, now_ms, frame=frame + _seal(self._coming, frame))
+            frame, (came, seal) = arguments["frame"], self._came
+            code, result = self._node.ask(call, now_ms, frame=frame + seal if frame == came else frame)
             if code < 0:
                 self._refused[REASONS[code]] += 1
             return code, result
@@ -69,20 +69,18 @@ class SealedAir:
         """See `Radio`; with the seal that the a-node made for it."""
         self._radio.send(frame + _seal(self._going, frame))
 
-    def listen(self, on_frame: Callable[[bytes], None]) -> None:
-        """See `Radio`: frames come without their seals, which are kept until the a-node is asked."""
+    def listen(self, wake: Callable[[], object]) -> None:
+        """See `Radio`."""
+        self._radio.listen(wake)
 
-        def hear(sealed: bytes) -> None:
-            if len(sealed) <= SEAL.size:
-                self._refused["short"] += 1
-            elif len(self._coming) >= WAITING:
-                self._refused["waiting"] += 1
-            else:
-                frame = sealed[: -SEAL.size]
-                self._coming.append((frame, sealed[-SEAL.size :]))
-                on_frame(frame)
-
-        self._radio.listen(hear)
+    def take(self) -> bytes:
+        """See `Radio`: without its seal, which is kept until the a-node is asked."""
+        while sealed := self._radio.take():
+            if len(sealed) > SEAL.size:
+                self._came = sealed[: -SEAL.size], sealed[-SEAL.size :]
+                return self._came[0]
+            self._refused["short"] += 1
+        return b""
 
     def close(self) -> None:
         """See `Radio`."""

@@ -49,7 +49,6 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         ],
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),
-        "frames_lost": life.lost,
         "frames_refused": {why: n for why, n in life.frames_refused.items() if n},
         "advice": life.advice,
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},

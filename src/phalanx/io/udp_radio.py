@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import ipaddress
 import socket
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -17,6 +18,8 @@ from phalanx.errors import Unavailable, UsageError
 from phalanx.wire.table import FRAME_MAX
 
 AT_ONCE = 32  # datagrams that are read before others have their turn
+# Of one sender so many frames wait at least; of all together so many, if that is more. What comes then is lost.
+LEAST_WAITING, MOST_WAITING = 32, 256
 BUFFER_BYTES = 1 << 20
 HINT = "ADDRESS:PORT, as 192.168.1.7:4410 or [fd00::7]:4410"
 Address = tuple[str, int]
@@ -34,8 +37,12 @@ class Radio(Protocol):
         """The frame goes out to all who hear this robot, or is lost."""
         ...
 
-    def listen(self, on_frame: Callable[[bytes], None]) -> None:
-        """From now on each frame that comes is handed over, in the running event loop."""
+    def listen(self, wake: Callable[[], object]) -> None:
+        """From now on frames that come are kept, and `wake` is called, in the running event loop, while some wait."""
+        ...
+
+    def take(self) -> bytes:
+        """The next frame that waits, of each sender in its turn; b"" if there is none."""
         ...
 
     def close(self) -> None:
@@ -62,7 +69,9 @@ class UdpRadio:
         self._peers = [parsed(each) for each in peers]
         self._to = [parsed(group)] if group else self._peers
         self._heard = frozenset(self._peers)
-        self.refused = {"foreign": 0, "too_large": 0, "empty": 0}
+        self.refused = {"foreign": 0, "too_large": 0, "empty": 0, "waiting": 0}
+        self._waiting: dict[Address, deque[bytes]] = {}  # by sender, who is next first
+        self._room = max(LEAST_WAITING, MOST_WAITING // len(peers)) if peers else 0
         self.came_from: Address = ("", 0)
         family = _family(self._here)
         if any(_family(each) != family for each in (*self._peers, *self._to)):
@@ -105,9 +114,33 @@ class UdpRadio:
         """Of the socket, for `select`."""
         return self._socket.fileno()
 
-    def listen(self, on_frame: Callable[[bytes], None]) -> None:
+    def listen(self, wake: Callable[[], object]) -> None:
         """See `Radio`."""
-        asyncio.get_running_loop().add_reader(self._socket, self.read, on_frame)
+        asyncio.get_running_loop().add_reader(self._socket, self._keep_all, wake)
+
+    def _keep_all(self, wake: Callable[[], object]) -> None:
+        # More at a time than wait: while we are slow, a flood is read and lost, and leaves room in the socket.
+        self.read(self._keep, 2 * MOST_WAITING)
+        if self._waiting:
+            wake()
+
+    def _keep(self, frame: bytes) -> None:
+        waiting = self._waiting.setdefault(self.came_from, deque())
+        if len(waiting) < self._room:
+            waiting.append(frame)
+        else:
+            self.refused["waiting"] += 1
+
+    def take(self) -> bytes:
+        """See `Radio`. Who floods us waits for itself, and the others for one of its frames at most."""
+        if not self._waiting:
+            return b""
+        sender = next(iter(self._waiting))
+        waiting = self._waiting.pop(sender)
+        frame = waiting.popleft()
+        if waiting:
+            self._waiting[sender] = waiting  # behind the others
+        return frame
 
     def read(self, on_frame: Callable[[bytes], None], most: int = AT_ONCE) -> None:
         """Of what has come, at most so many are handed over, so far as they are ours to hear."""
