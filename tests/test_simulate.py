@@ -278,10 +278,22 @@ class TestCautions:
         assert cautions(Scenario(robots=25, grid_step_m=100.0))[0].startswith("16 of 25 robots do not have")
         assert cautions(Scenario(robots=25)) == []
 
-    @pytest.mark.parametrize("t_audit_ms, told", [(5000, 0), (5001, 1)])
-    def test_that_one_round_that_fails_is_one_too_many(self, t_audit_ms, told):
-        """P2 asks for a round in each T_val less a round."""
-        assert len(cautions(Scenario(robots=25, bti=BtiConfig(t_audit_ms=t_audit_ms)))) == told
+    @pytest.mark.parametrize(
+        "t_audit_ms, t_val_ms, told",
+        [(4000, 10_000, 0), (4001, 10_000, 1), (2000, 5000, 0), (2001, 5000, 1), (1000, 3000, 0), (1000, 2999, 1)],
+    )
+    def test_that_one_round_that_fails_is_one_too_many(self, t_audit_ms, t_val_ms, told):
+        """P2 asks for a round in each T_val less a round; where rounds are short, a first one that is late counts."""
+        bti = BtiConfig(t_audit_ms=t_audit_ms, t_val_ms=t_val_ms)
+        assert len(cautions(Scenario(robots=25, bti=bti))) == told
+
+    def test_that_liars_may_fill_the_channel_with_the_audits_of_others(self):
+        hub = Scenario(robots=33, hub=26, grid_step_m=6, bti=BtiConfig(f_max=12, t_audit_ms=2000))
+        (words,) = cautions(hub)
+        assert "if f_max liars fill their logs, audits want 79% of the channel" in words
+        assert cautions(replace(hub, robots=19, hub=12, n_max=None, bti=BtiConfig(f_max=5, t_audit_ms=2000))) == []
+        crowd = Scenario(robots=60, grid_step_m=4, bti=BtiConfig(f_max=3))
+        assert cautions(crowd) == []
 
     @pytest.mark.parametrize("name", built_in("scenarios"))
     def test_none_of_ours_is_warned_of(self, name):

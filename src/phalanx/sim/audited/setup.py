@@ -74,15 +74,17 @@ def limits_of(config: BtiConfig, radio: RadioConfig) -> Limits:
     return Limits.of(config, int(broadcast_us(rates, 1)), math.ceil(8000 / radio.broadcast_mbps), int(per_kilobyte_us))
 
 
-def audits_share(config: BtiConfig, radio: RadioConfig, robots: float) -> float:
+def audits_share(config: BtiConfig, radio: RadioConfig, robots: float, *, filled: bool = False) -> float:
     """Share of the time for which the requests of so many robots, all in one range, are on the air; 1 is all there is.
 
-    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log. Up to a quarter less than is measured
-    with 25 to 120 robots, with f_max from 3 to 8.
+    Each T_audit a robot shows f_max + 1 others a checkpoint and as long a log; `filled`: one that grows as fast as it
+    has room for, by what f_max liars say. Up to a quarter less than is measured with 25 to 120 honest robots, with
+    f_max from 3 to 8.
     """
     neighbours = min(max(math.ceil(robots) - 1, config.tokens_needed), config.n_max)
     seen = replace(config, n_max=neighbours)
-    shown = seen.log_bytes_per_s * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
+    grows = 1000 * seen.log_capacity_bytes / seen.t_val_ms if filled else seen.log_bytes_per_s
+    shown = grows * seen.t_audit_ms / 1000 + seen.checkpoint_capacity_bytes + REQUEST_OVERHEAD_BYTES
     whole, rest = divmod(math.ceil(shown), seen.frame_max_bytes - FRAGMENT_HEAD_BYTES)
     rates = rates_of(radio)
     request_us = whole * unicast_us(rates, seen.frame_max_bytes) + unicast_us(rates, FRAGMENT_HEAD_BYTES + rest)
