@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import multiprocessing
 import random
 import time
 from dataclasses import replace
@@ -95,6 +96,16 @@ def test_a_seed_gives_the_same_digest_however_many_processes_share_the_work() ->
     assert alone["digest"] == shared["digest"]
     assert alone["pose_error_m_max"] == shared["pose_error_m_max"]
     assert alone["digest"] != summary(other, run_mission(other))["digest"]
+
+
+def test_who_waits_for_a_process_that_was_killed_is_told_so() -> None:
+    def kill(_share: float) -> None:
+        for other in multiprocessing.active_children():
+            other.kill()
+
+    with pytest.raises(Unavailable, match="was killed"):
+        run_mission(run_of(two_doors(), robots=2, duration_s=3), 2, kill)
+    assert not multiprocessing.active_children()
 
 
 def test_a_robot_with_a_dead_wheel_validates_nothing_more_and_stops() -> None:

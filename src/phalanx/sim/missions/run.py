@@ -9,8 +9,12 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any
+
+from phalanx.errors import Unavailable
 
 from .report import Report, figures
 from .setup import MissionRun
@@ -27,6 +31,7 @@ def run_mission(
     Args:
         workers: processes that share robots which cannot hear each other.
         on_progress: called with the share of the work that is done; of the first process's robots.
+    Raises: Unavailable: one of the processes was killed.
     """
     if not run.alone:
         return _live(run, range(run.robots), on_progress)
@@ -34,13 +39,40 @@ def run_mission(
     if workers == 1:
         return _each(run, range(run.robots), on_progress)
     shares = [range(k, run.robots, workers) for k in range(workers)]
-    # Ctrl-C is for whoever called; leaving the block ends the others.
-    with get_context("spawn").Pool(workers - 1, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
-        others = [pool.apply_async(_each, (run, share)) for share in shares[1:]]
+    context = get_context("spawn")
+    with ExitStack() as others:
+        pipes = []
+        for share in shares[1:]:
+            pipe, theirs = context.Pipe(duplex=False)
+            process = context.Process(target=_elsewhere, args=(theirs, run, share), daemon=True)
+            process.start()
+            theirs.close()  # theirs alone now, so that it ends with them
+            others.callback(process.join)
+            others.callback(process.terminate)
+            pipes.append(pipe)
         reports = _each(run, shares[0], on_progress)
-        for other in others:
-            reports += other.get()
+        for pipe in pipes:
+            reports += _told(pipe)
     return sorted(reports, key=lambda report: report.robot)
+
+
+def _elsewhere(pipe: Connection, run: MissionRun, numbers: range) -> None:
+    """The body of another process: what became of these robots, or what went wrong, into the pipe."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever called
+    try:
+        pipe.send(_each(run, numbers))
+    except Exception as error:  # noqa: BLE001 - whoever called raises it
+        pipe.send(error)
+
+
+def _told(pipe: Connection) -> list[Report]:
+    try:
+        told: list[Report] | Exception = pipe.recv()
+    except (EOFError, OSError) as error:
+        raise Unavailable("a process that lived some of the robots was killed", "is there memory enough?") from error
+    if isinstance(told, Exception):
+        raise told
+    return told
 
 
 def _each(run: MissionRun, numbers: range, on_progress: Callable[[float], None] = lambda _share: None) -> list[Report]:
