@@ -301,6 +301,16 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
             status(tmp_path / "robot.yaml", as_json=False)
 
 
+def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
+    told = robot(tmp_path).state_file
+    state = {"told_s": 1e300, "pid": 1, "robot": 3, "mission": 1, "scenario": "", "lived_s": 10**400}
+    told.write_text(
+        json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": {}, "refused": [], "longest_ms": {}})
+    )
+    with pytest.raises(UsageError, match="no robot"):
+        status(tmp_path / "robot.yaml", as_json=False)
+
+
 @pytest.mark.parametrize("write", [lambda path: write_csv(path, []), lambda path: _write(path, "new")])
 def test_a_link_that_somebody_laid_is_not_followed(tmp_path, write):
     (tmp_path / "theirs").write_text("old")

@@ -301,8 +301,9 @@ class TestSwarm:
         assert [each.getMessage() for each in caplog.records if "driven on mission 1 before" in each.getMessage()] != []
         assert len(caplog.records) == 1
 
-    def test_what_was_said_is_not_guessed_if_its_file_is_damaged(self, file):
-        file.with_name("mission-1.said").write_text("soon")
+    @pytest.mark.parametrize("kept", ["soon", "-5", str(1 << 64), "9" * 5000])
+    def test_what_was_said_is_not_guessed_if_its_file_is_damaged(self, file, kept):
+        file.with_name("mission-1.said").write_text(kept)
         with pytest.raises(Unavailable, match="cannot read"):
             gateway(file).__enter__()
 

@@ -178,7 +178,7 @@ def status(robot: Path, as_json: bool) -> int:
         return 0
     try:
         rows = _rows(state, running)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise UsageError(
             f"no robot's state is in the file that {robot} names", "phalanx robot run starts one"
         ) from error

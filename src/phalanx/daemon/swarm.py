@@ -49,6 +49,7 @@ LAST_TIMES, LAST_WORDS_S = 3, 3.0
 SILENT_STATES = 4
 # Each start's words are as a year later than the last one's: whatever the clock was set to, they are news (orders.md).
 YEAR_MS = 365 * 86_400_000
+LATEST_MS = 1 << 63
 SUB = AUDIT_TOKEN.at("sub")
 
 
@@ -123,7 +124,10 @@ class RobotSwarm(Ordered):
         mission, now_ms = self._settings.mission, int(self._clock() * 1000)
         path = self._beside("said")
         try:
-            first_ms = max(now_ms, int(path.read_text()) + YEAR_MS)
+            before_ms = int(path.read_text())
+            if not 0 <= before_ms < LATEST_MS:  # what comes behind it must have room in an order
+                raise ValueError(before_ms)
+            first_ms = max(now_ms, before_ms + YEAR_MS)
         except FileNotFoundError:
             first_ms = now_ms
             log.warning(
