@@ -16,7 +16,7 @@ from phalanx.config import BtiConfig
 from phalanx.errors import UsageError
 from phalanx.experiments.bti.attack_trial import stop_bound_s
 from phalanx.robot.attacks import IN_PROTOCOLS
-from phalanx.robot.controllers.places import PLACES
+from phalanx.robot.controllers.places import PLACES, PlaceController
 from phalanx.robot.controllers.protocol import find_protocol
 from phalanx.robot.controllers.protocols.warehouse import Floor
 from phalanx.robot.controllers.sightings import SightController
@@ -248,20 +248,44 @@ def test_no_place_is_missed_and_few_are_seen_twice():
     assert {world.robots[1].last_visit_ms(121_000, place) > 0 for place in PLACES} == {True}
 
 
+TURN_MS = 1500
+
+
+def explorer() -> PlaceController:
+    return ProtocolWorld("exploration", task_of("exploration", ROBOTS)).make(1)
+
+
+def says(robot: PlaceController, *words: tuple[int, int]) -> None:
+    """In robot 2's name, at a time that it has come to a place."""
+    for t_ms, here in words:
+        nowhere = protocols.NOWHERE
+        robot.on_recv(t_ms, protocols.CLAIM.encode(id=2, t=t_ms, here=here, holds=nowhere, wants=nowhere))
+
+
 def test_who_falls_silent_is_doubted_in_what_it_said_shortly_before():
-    task = task_of("exploration", ROBOTS)
-    robot = ProtocolWorld("exploration", task).make(1)
-
-    def says(t_ms: int, here: int) -> None:
-        robot.on_recv(t_ms, protocols.CLAIM.encode(id=2, t=t_ms, here=here, holds=here, wants=here))
-
-    says(2000, 7)
-    says(2000 + task.doubt_ms, 8)
-    soon_ms, later_ms = 3000 + task.doubt_ms, 60_000
-    assert robot.last_visit_ms(soon_ms, 7) == 2000
-    assert robot.last_visit_ms(soon_ms, 8) == 2000 + task.doubt_ms
-    assert robot.last_visit_ms(later_ms, 7) == 2000
+    robot = explorer()
+    early_ms = 2 * TURN_MS
+    late_ms = early_ms + -(-robot.task.doubt_ms // TURN_MS) * TURN_MS
+    says(robot, *((t_ms, 7) for t_ms in range(early_ms, late_ms, TURN_MS)), (late_ms, 8), (late_ms + TURN_MS, 8))
+    soon_ms, later_ms = late_ms + 2 * TURN_MS, late_ms + 10 * TURN_MS
+    assert robot.last_visit_ms(soon_ms, 7) == early_ms
+    assert robot.last_visit_ms(soon_ms, 8) == late_ms
+    assert robot.last_visit_ms(later_ms, 7) == early_ms
     assert robot.last_visit_ms(later_ms, 8) == 0
+    # Somebody else speaks in its name: a robot that was stopped never speaks again.
+    says(robot, *((t_ms, 7) for t_ms in range(later_ms, later_ms + 20 * TURN_MS, TURN_MS)))
+    assert robot.last_visit_ms(later_ms + 20 * TURN_MS, 7) > 0
+    assert robot.last_visit_ms(later_ms + 20 * TURN_MS, 8) == 0
+
+
+@pytest.mark.parametrize("after_ms", range(50, TURN_MS, 50))
+def test_a_word_in_anothers_name_is_no_visit_once_its_owner_has_spoken(after_ms):
+    robot = explorer()
+    for turn in range(2, 12):
+        says(robot, (turn * TURN_MS, 7), (turn * TURN_MS + after_ms, 10 + turn))
+    says(robot, *((turn * TURN_MS, 7) for turn in range(12, 16)))
+    assert robot.last_visit_ms(16 * TURN_MS, 7) > 0
+    assert not any(robot.last_visit_ms(16 * TURN_MS, place) for place in PLACES if place != 7)
 
 
 def test_a_patrol_watches_most_places_most_of_the_time():

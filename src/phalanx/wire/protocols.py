@@ -41,6 +41,15 @@ VISIT = Record(
     (Field("at", "u64", "ms, a-node's clock; 0: never"), Field("id", "u16", "of the robot that says it was there")),
     "behind a `peer_memory`, of each place: who was there last",
 )
+WAITING = Record(
+    "waiting",
+    (
+        Field("at", "u64", "ms, a-node's clock: when it was said; 0: nothing waits"),
+        Field("place", "u16", "where the robot said it had come to, which waits for its next word"),
+        Field("been", "u16", "the last of its places that was believed; 0xFFFF: none"),
+    ),
+    "behind the `visit`s, of each other robot by rising id",
+)
 SEEN = Record(
     "seen",
     (
@@ -66,4 +75,4 @@ SIGHTED = Record(
     (Field("at", "u64", "ms, a-node's clock"), *THING),
     "behind a `peer_memory`, of each robot by rising id: what it said last that it sees",
 )
-RECORDS = (CLAIM, PEER, PEER_MEMORY, VISIT, SEEN, SIGHTING, SIGHTED)
+RECORDS = (CLAIM, PEER, PEER_MEMORY, VISIT, WAITING, SEEN, SIGHTING, SIGHTED)

@@ -70,8 +70,8 @@ class PeerController(Controller):
     def aim(self) -> Point:
         """Where it drives now, m."""
 
-    def told(self, rob_id: int, t_ms: int, was: int) -> None:
-        """Another robot, which said last that it is at the place `was`, has claimed places, remembered by now."""
+    def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
+        """Another robot, which was heard last at `before_ms`, has claimed places, remembered by now."""
 
     # --- what all do ---------------------------------------------------------------------------------------------
 
@@ -82,9 +82,9 @@ class PeerController(Controller):
     def on_recv(self, t_ms: int, frame: bytes) -> None:
         """What another robot of the mission says is remembered; anything else is the body's matter."""
         if (said := fields_of(CLAIM, frame)) and (other := self.others.get(said[ID])):
-            other.heard_ms, was = t_ms, other.here
+            before_ms, other.heard_ms = other.heard_ms, t_ms
             other.here, other.holds, other.wants = said[BEHIND_T:]
-            self.told(said[ID], t_ms, was)
+            self.told(said[ID], t_ms, before_ms)
         elif where := self.body.said_where(frame):
             if other := self.others.get(where[0]):
                 _, other.x_m, other.y_m = where

@@ -1,8 +1,9 @@
 """What patrols and explorers have in common: places to be at, each taken on by one robot, and who was where when.
 
 A robot claims the place it goes to; of two who claim the same, the one with the lower id goes there. Whoever says that
-it was at a place is believed. It is no longer believed if it falls silent so soon after that it may have been stopped
-for this very lie: by P1 a liar is silent within `doubt_ms`.
+it was at a place is believed from its next word on, if that comes a turn later: a word that comes sooner shows that
+somebody speaks in its name. It is no longer believed if it falls silent so soon after that it may have been stopped
+for this very lie: by P1 a liar is silent within `doubt_ms`. Nor is it when it is heard again: that is somebody else.
 
 Source: RoboRebound §2.1 (they split up the region), §3.2 (bounded-time interaction); docs/protocols.md.
 """
@@ -13,14 +14,16 @@ import math
 from abc import abstractmethod
 from collections.abc import Collection, Iterator
 
-from phalanx.wire.protocols import NOWHERE, VISIT
+from phalanx.wire.protocols import NOWHERE, VISIT, WAITING
 from phalanx.wire.record import MalformedRecord
 
-from .peers import PeerController
+from .peers import SILENT_PERIODS, PeerController
 from .protocol import Point, Stage, Task
 
 NEAR = 0.25  # of a step: so near to a place one is there
 PLACES_A_SIDE = 6
+# Of the time between a robot's words: of two that come sooner, one is not its own, wherever the false one lies between.
+TURN_AT_LEAST = 0.75
 
 
 def place_m(task: Task, place: int) -> Point:
@@ -37,11 +40,14 @@ class PlaceController(PeerController):
 
     Attributes:
         visits: of each place, when somebody was there last, ms, and who; 0 for nobody.
+        waiting: by id of each other: when it said where it had come to, ms (0: nothing waits), and where; and the last
+            of its places that was believed.
     """
 
     def __init__(self, rob_id: int, task: Task) -> None:
         super().__init__(rob_id, task)
         self.visits = [(0, 0)] * len(PLACES)
+        self.waiting = dict.fromkeys(self.others, (0, NOWHERE, NOWHERE))
 
     @abstractmethod
     def worth(self, t_ms: int, place: int, away_m: float) -> float | None:
@@ -52,10 +58,12 @@ class PlaceController(PeerController):
         if self.holds != NOWHERE and math.sqrt(self._squared_m(at_m, self.holds)) < NEAR * self.task.step_m:
             self.here, self.holds = self.holds, NOWHERE
             self.visits[self.here] = t_ms, self.rob_id
-        taken = {each.holds: rob_id for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
+        heard = {rob_id: each for rob_id, each in self.others.items() if not self.is_silent(each, t_ms)}
+        taken = {each.holds: rob_id for rob_id, each in heard.items()}
         if taken.get(self.holds, self.rob_id) < self.rob_id:
             self.holds = NOWHERE
         if self.holds == NOWHERE:
+            taken.update((each.here, rob_id) for rob_id, each in heard.items())
             self.holds = max(self._choices(t_ms, at_m, taken), default=(0.0, NOWHERE))[1]
 
     def _choices(self, t_ms: int, at_m: Point, taken: Collection[int]) -> Iterator[tuple[float, int]]:
@@ -72,14 +80,27 @@ class PlaceController(PeerController):
         """When somebody was there who is believed; 0 for never."""
         at_ms, rob_id = self.visits[place]
         other = self.others.get(rob_id)
-        doubted = other and self.is_silent(other, t_ms) and other.heard_ms - at_ms < self.task.doubt_ms
-        return 0 if doubted else at_ms
+        return 0 if other and self.is_silent(other, t_ms) and self._may_lie(at_ms, other.heard_ms) else at_ms
 
-    def told(self, rob_id: int, t_ms: int, was: int) -> None:
-        """Somebody says that it has come to a place."""
+    def _may_lie(self, at_ms: int, heard_ms: int) -> bool:
+        """Whether who was heard last then may have been stopped for what it said at `at_ms`."""
+        return heard_ms - at_ms < self.task.doubt_ms
+
+    def told(self, rob_id: int, t_ms: int, before_ms: int) -> None:
+        """Somebody says where it is; where it said to be a turn ago, it was."""
+        at_ms, place, been = self.waiting[rob_id]
+        if t_ms - before_ms > SILENT_PERIODS * self.period_ms:
+            self.visits = [
+                (0, 0) if who == rob_id and self._may_lie(was_ms, before_ms) else (was_ms, who)
+                for was_ms, who in self.visits
+            ]
+            at_ms = 0
+        alone = t_ms - before_ms >= TURN_AT_LEAST * self.period_ms
+        if at_ms and alone:
+            self.visits[place], been = (at_ms, rob_id), place
         here = self.others[rob_id].here
-        if here != was and here in PLACES:
-            self.visits[here] = t_ms, rob_id
+        waits = alone and here != been and here in PLACES
+        self.waiting[rob_id] = (t_ms, here, been) if waits else (0, NOWHERE, been)
 
     def aim(self) -> Point:
         """The place that it has taken on, or has."""
@@ -87,16 +108,22 @@ class PlaceController(PeerController):
         return place_m(self.task, place) if place in PLACES else self.task.starts_m[self.rob_id - 1]
 
     def encode(self) -> bytes:
-        """A `peer_memory`, and a `visit` of each place behind it."""
-        return super().encode() + b"".join(VISIT.form.pack(*each) for each in self.visits)
+        """A `peer_memory`, a `visit` of each place behind it, and a `waiting` of each other robot."""
+        visits = b"".join(VISIT.form.pack(*each) for each in self.visits)
+        return super().encode() + visits + b"".join(WAITING.form.pack(*each) for each in self.waiting.values())
 
     def decode(self, encoding: bytes) -> None:
         """Back to a checkpoint. Raises: MalformedRecord: not one of this robot's."""
-        end = len(encoding) - VISIT.size * len(PLACES)
-        super().decode(encoding[: max(0, end)])
-        self.visits = [(at_ms, rob_id) for at_ms, rob_id in VISIT.form.iter_unpack(encoding[end:])]
+        visits_end = len(encoding) - WAITING.size * len(self.waiting)
+        end = max(0, visits_end - VISIT.size * len(PLACES))
+        super().decode(encoding[:end])
+        self.visits = [(at_ms, rob_id) for at_ms, rob_id in VISIT.form.iter_unpack(encoding[end:visits_end])]
+        waiting = WAITING.form.iter_unpack(encoding[visits_end:])
+        self.waiting = dict(zip(self.waiting, waiting, strict=True))
         if self.holds != NOWHERE and self.holds not in PLACES:
             raise MalformedRecord(f"no place {self.holds}")
+        if any(at_ms and place not in PLACES for at_ms, place, _ in self.waiting.values()):
+            raise MalformedRecord("somebody waits at no place")
 
 
 class PlaceStage(Stage):
