@@ -10,7 +10,9 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 from conftest import PHALANX
 from phalanx.errors import Unavailable, UsageError
@@ -159,22 +161,44 @@ class TestStore:
 
     def test_it_is_one_sweep_s_and_one_writer_s(self, written, tmp_path):
         sweep = read_sweep(written(SMALL))
-        with Store(tmp_path / "out", sweep, "1"):
+        other = read_sweep(written(SMALL.replace("robots", "f_max").replace("4, 6", "1, 2")))
+        with Store(tmp_path / "out", other, "1"):  # nothing is made of it
+            pass
+        with Store(tmp_path / "out", sweep, "1") as store:
             with pytest.raises(UsageError, match="another sweep writes"), Store(tmp_path / "out", sweep, "1"):
                 pass
+            store.add(sweep.jobs[0], dict.fromkeys(OUTCOME))
         with pytest.raises(UsageError, match="other version"), Store(tmp_path / "out", sweep, "2"):
             pass
-        other = read_sweep(written(SMALL.replace("robots", "f_max").replace("4, 6", "1, 2")))
         with pytest.raises(UsageError, match="other axes"), Store(tmp_path / "out", other, "1"):
             pass
 
-    def test_a_damaged_part_is_told(self, written, tmp_path):
+    @pytest.mark.parametrize("cut", [slice(0, 900), slice(0, 4), slice(0, 0), slice(4, -8), slice(4, 400)])
+    def test_a_damaged_part_is_told(self, written, tmp_path, cut):
+        sweep = read_sweep(written(SMALL))
+        with Store(tmp_path / "out", sweep, "1") as store:
+            store.add(sweep.jobs[0], dict.fromkeys(OUTCOME))
+        part = tmp_path / "out" / "runs" / "part-00000.parquet"
+        data = bytearray(part.read_bytes())
+        if cut.start:
+            data[cut] = bytes(each ^ 0x5A for each in data[cut])
+            part.write_bytes(data)
+        else:
+            part.write_bytes(data[cut])
+        with pytest.raises(Unavailable) as damaged, Store(tmp_path / "out", sweep, "1") as store:
+            list(store.rows())
+        assert str(damaged.value) == f"{part} is damaged"
+
+    @pytest.mark.parametrize("name", ["part-00001", "part-mine"])
+    def test_somebody_elses_part_is_told(self, written, tmp_path, name):
         sweep = read_sweep(written(SMALL))
         with Store(tmp_path / "out", sweep, "1"):
             pass
-        (tmp_path / "out" / "runs" / "part-00000.parquet").write_bytes(b"PAR1 and no more")
-        with pytest.raises(Unavailable, match=r"part-00000\.parquet is damaged"), Store(tmp_path / "out", sweep, "1"):
+        theirs = tmp_path / "out" / "runs" / f"{name}.parquet"
+        parquet.write_table(pa.table({"key": ["mine"]}), theirs)
+        with pytest.raises(UsageError) as wrong, Store(tmp_path / "out", sweep, "1"):
             pass
+        assert str(wrong.value) == f"{theirs} is no part of this sweep"
 
     def test_a_row_is_what_the_run_alone_comes_to(self, written, tmp_path):
         sweep = read_sweep(written(SMALL))

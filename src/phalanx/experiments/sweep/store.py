@@ -168,17 +168,22 @@ class Store:
 
     def _read(self, part: Path, columns: list[str] | None) -> Any:
         try:
-            return self._parquet.ParquetFile(part).read(columns)
-        except self._arrow.ArrowException as error:
+            file = self._parquet.ParquetFile(part)
+            if not part.stem.partition("-")[2].isdecimal() or not file.schema_arrow.equals(self._schema):
+                raise UsageError(f"{part} is no part of this sweep", "move it away")
+            return file.read(columns)
+        except (self._arrow.ArrowException, OSError) as error:
+            if isinstance(error, OSError) and error.errno:  # what Arrow cannot read has none
+                raise
             raise Unavailable(f"{part} is damaged", "remove it: its runs are made again") from error
 
     def _check_head(self) -> None:
         path, ours = self.folder / "sweep.json", json.dumps(self._head)
-        try:
-            theirs = json.loads(path.read_text())
-        except FileNotFoundError:
+        if not path.exists() or not self._all_parts():  # nothing was made yet of what it says
             write_whole(path, ours.encode(), ELSEWHERE)
             return
+        try:
+            theirs = json.loads(path.read_text())
         except ValueError:
             theirs = None
         for name, what in (("axes", "axes"), ("version", "version of phalanx")):
