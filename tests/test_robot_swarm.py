@@ -132,6 +132,13 @@ def vouches(robots, which, key, tor, tee, t, hckpt):
     robots.say(which, AUDIT_TOKEN.encode(src=tor, dst=tee, request=1, t=t, mac=mac))
 
 
+def both_seen(swarm, robots):
+    """Both robots are heard, and all that each of them said before."""
+    for which in (0, 1):
+        robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
+    soon(lambda: len(swarm.robots()) == 2)
+
+
 @contextmanager
 def gateway(file, clock=time.time):
     with RobotSwarm(read_swarm(file), KEYS[GATEWAY], KEYS[OPERATOR], clock) as swarm:
@@ -275,6 +282,9 @@ class TestSwarm:
             for t in range(1, 65):
                 robots.say(0, AUDIT_TOKEN.encode(src=1, dst=2, request=1, t=t, mac=bytes(8)))
             soon(lambda: looked_at)
+            robots.say(1, WHEELS_STATE.encode(id=2, **STATE))
+            soon(swarm.robots)
+            assert len(looked_at) < 32, "nor does it keep others from being seen"
             swarm.hold()
             began_s = time.monotonic()
             assert robots.obeys(1, lambda state: state["held"] == 1 << OPERATOR)
@@ -317,10 +327,9 @@ class TestSwarm:
     def test_shields_are_the_tokens_that_came_by_and_were_made_by_a_robots_nodes(self, protected, robots):
         file, key = protected
         with gateway(file) as swarm:
-            for which in (0, 1):
-                robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
             claims(robots, 1, 2, HCKPT)
             claims(robots, 1, 1, bytes(20))  # the second, in the first one's name
+            both_seen(swarm, robots)
             vouches(robots, 0, key, 1, 2, 5, OTHER)  # for a checkpoint that it did not show
             vouches(robots, 0, bytes(20), 1, 2, 5, HCKPT)  # with another mission's key
             vouches(robots, 0, key, 2, 1, 5, HCKPT)  # in another's name
@@ -345,9 +354,8 @@ class TestSwarm:
     def test_true_tokens_that_were_held_back_show_nobody_as_protected_for_longer(self, protected, robots):
         file, key = protected
         with gateway(file) as swarm:
-            for which in (0, 1):
-                robots.say(which, WHEELS_STATE.encode(id=which + 1, **STATE))
             claims(robots, 1, 2, HCKPT)
+            both_seen(swarm, robots)
 
             def left_s(t, red):
                 vouches(robots, 0, key, 1, 2, t, HCKPT)

@@ -148,8 +148,7 @@ class RobotSwarm(Ordered):
         while (now_s := time.monotonic()) < until_s and (times or self._station.has_to_speak):
             try:
                 next_s = self._station.speak(self, now_s, self._said_ms)
-                select.select([self._radio], [], [], min(max(0.0, next_s - now_s), TURN_S))
-                self._radio.read(self._hear, 1)  # a board takes long for some: a flood holds a stop up by one
+                self._listen(min(max(0.0, next_s - now_s), TURN_S))
             except Unavailable as error:  # its own nodes are gone, and robots hear nothing unsealed
                 if str(error) != trouble:
                     log.warning("%s", error)
@@ -190,6 +189,13 @@ class RobotSwarm(Ordered):
             self._radio.send(frame)
         else:
             self._radio.send_to(frame, self._at[robot])
+
+    def _listen(self, wait_s: float) -> None:
+        """One frame is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
+        if not self._radio.gather():
+            select.select([self._radio], [], [], wait_s)
+        elif frame := self._radio.take():
+            self._hear(frame)
 
     def _hear(self, frame: bytes) -> None:
         if self._node and not (frame := self._node.open(frame)):

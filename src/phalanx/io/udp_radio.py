@@ -17,9 +17,10 @@ from typing import Protocol
 from phalanx.errors import Unavailable, UsageError
 from phalanx.wire.table import FRAME_MAX
 
-AT_ONCE = 32  # datagrams that are read before others have their turn
 # Of one sender so many frames wait at least; of all together so many, if that is more. What comes then is lost.
 LEAST_WAITING, MOST_WAITING = 32, 256
+# Datagrams that are read at once, more than wait: so a flood is read and lost, and leaves room in the socket.
+AT_ONCE = 512
 BUFFER_BYTES = 1 << 20
 HINT = "ADDRESS:PORT, as 192.168.1.7:4410 or [fd00::7]:4410"
 Address = tuple[str, int]
@@ -60,7 +61,7 @@ class UdpRadio:
 
     Attributes:
         refused: datagrams that were dropped unread, by reason.
-        came_from: who said the frame that is handed over.
+        came_from: who said the frame that is handed over, or was taken last.
     Raises: UsageError: no such address; Unavailable: it cannot listen there.
     """
 
@@ -119,10 +120,13 @@ class UdpRadio:
         asyncio.get_running_loop().add_reader(self._socket, self._keep_all, wake)
 
     def _keep_all(self, wake: Callable[[], object]) -> None:
-        # More at a time than wait: while we are slow, a flood is read and lost, and leaves room in the socket.
-        self.read(self._keep, 2 * MOST_WAITING)
-        if self._waiting:
+        if self.gather():
             wake()
+
+    def gather(self) -> bool:
+        """What has come waits to be taken, so far as there is room; whether anything waits."""
+        self.read(self._keep)
+        return bool(self._waiting)
 
     def _keep(self, frame: bytes) -> None:
         waiting = self._waiting.setdefault(self.came_from, deque())
@@ -137,14 +141,14 @@ class UdpRadio:
             return b""
         sender = next(iter(self._waiting))
         waiting = self._waiting.pop(sender)
-        frame = waiting.popleft()
+        self.came_from, frame = sender, waiting.popleft()
         if waiting:
             self._waiting[sender] = waiting  # behind the others
         return frame
 
-    def read(self, on_frame: Callable[[bytes], None], most: int = AT_ONCE) -> None:
-        """Of what has come, at most so many are handed over, so far as they are ours to hear."""
-        for _ in range(most):
+    def read(self, on_frame: Callable[[bytes], None]) -> None:
+        """What has come is handed over, so far as it is ours to hear."""
+        for _ in range(AT_ONCE):
             try:
                 raw, came_from = self._socket.recvfrom(FRAME_MAX + 1)
             except OSError:
