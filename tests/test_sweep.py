@@ -217,6 +217,18 @@ class TestStore:
         assert [each["runs"] for each in told] == [0, 0, 0, 1]
 
 
+def test_a_protocol_has_its_score_and_a_guard_its_numbers(written, tmp_path):
+    sweep = read_sweep(written("scenario: exploration\ngrid:\n  duration_s: 2\n  guard.speed_mps: [1, 2]\n"))
+    assert [job.scenario.guard.speed_mps for job in sweep.jobs] == [1, 2]
+    (summary,) = simulate(sweep.jobs[0].scenario).summaries
+    with Store(tmp_path / "out", sweep, "1") as store:
+        store.add(sweep.jobs[0], run_job(sweep.jobs[0]))
+        store.write()
+        seen, nothing = points(sweep, store.rows())
+    assert seen["score"] == summary["task"]["% seen"]
+    assert nothing["score"] is None
+
+
 def sweeping(path: Path, out: Path, *more: str) -> list[str]:
     return [*PHALANX, "sweep", str(path), "--out", str(out), *more]
 

@@ -69,6 +69,8 @@ def make_runs(
 
 def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
     heads = [*varied, "runs", "liars stopped", "never", "slowest s", "correct stopped", "no quorum", "contacts"]
+    scored = any(row["score"] is not None for row in rows)
+    heads += ["score"] * scored
     lines = [
         [
             *(str(row[name]) for name in varied),
@@ -79,6 +81,7 @@ def _show(rows: list[dict[str, Any]], varied: list[str]) -> None:
             str(row["correct_in_safe_mode"]),
             str(row["without_quorum"]),
             str(row["contacts"]),
+            *[told(row["score"], ".1f")] * scored,
         ]
         for row in rows
     ]

@@ -60,7 +60,7 @@ KEYS = ("scenario", "seeds", "grid")
 # What `phalanx sim run` has an option for is called as there.
 OPTIONS = ("robots", "spacing_m", "duration_s", "defence", "f_max", "t_audit_s", "t_val_s")
 NAMES = ("scenario", "attack", "controller")  # of something, as text
-SECTIONS = ("bti", "flock", "radio")
+SECTIONS = ("bti", "flock", "guard", "radio")
 NEITHER = ("name", "about", "seed", "attacks", "obstacles")
 
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Self
 
 from phalanx.errors import Unavailable, UsageError
@@ -27,6 +28,7 @@ WRITE_S, WRITE_ROWS = 1.0, 500  # a part has what came in a second, or so many
 OUTCOME = {
     "digest": "string",
     "mean_distance_to_goal_m": "double",
+    "score": "double",  # of a protocol's correct robots
     "liars": "int64",
     "liars_stopped": "int64",
     "liars_never_stopped": "int64",  # that deviated
@@ -51,6 +53,7 @@ def outcome(summary: Mapping[str, Any], cpu_s: float) -> dict[str, Any]:
     rates = summary["bytes_per_s_per_robot"]
     counted = {name: len(summary[name]) for name in ("correct_in_safe_mode", "without_quorum")}
     of_liars = {
+        "score": next(iter(summary.get("task", {}).values()), None),
         "liars": len(liars),
         "liars_stopped": sum(liar["safe_mode_s"] is not None for liar in liars),
         "liars_never_stopped": len(deviated) - len(stops_s),
@@ -214,10 +217,13 @@ def points(sweep: Sweep, rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]
         | {"runs": len(of)}
         | {name: sum(row[name] for row in of) for name in OUTCOME if name.startswith(("liars", "correct", "without"))}
         | {
-            "slowest_stop_s": max(
-                (row["slowest_stop_s"] for row in of if row["slowest_stop_s"] is not None), default=None
-            )
+            "slowest_stop_s": max(_known(of, "slowest_stop_s"), default=None),
+            "contacts": sum(row["contacts"] for row in of),
+            "score": fmean(scores) if (scores := _known(of, "score")) else None,
         }
-        | {"contacts": sum(row["contacts"] for row in of)}
         for point, of in at.items()
     ]
+
+
+def _known(rows: list[dict[str, Any]], column: str) -> list[float]:
+    return [row[column] for row in rows if row[column] is not None]
