@@ -8,11 +8,13 @@ import math
 import pytest
 from google.protobuf.json_format import MessageToDict
 from mcap.reader import make_reader
+from mcap.writer import MCAP0_MAGIC
 from mcap_protobuf.decoder import DecoderFactory
 
 from phalanx.bti.refusal import Refusal
 from phalanx.config.flock import Box, Disc, FlockConfig
 from phalanx.errors import Unavailable, UsageError
+from phalanx.sim.recorded import read_recording
 from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.play import STEP_S, play
 from phalanx.sim.scenarios.recording import HONEST, LIAR, NS, STOPPED
@@ -193,3 +195,14 @@ def test_where_nothing_can_be_written_one_line_says_so(tmp_path):
         play(SCENARIO, tmp_path / "none" / "x.mcap")
     with pytest.raises(Unavailable, match="cannot write"):
         play(SCENARIO, tmp_path)
+
+
+def test_what_was_cut_short_at_once_is_told_from_what_is_no_recording(tmp_path):
+    path = tmp_path / "cut.mcap"
+    for data, what in (
+        (MCAP0_MAGIC + b"\x01\x40", "was cut short before its first part was whole"),
+        (b"", "is no rec"),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(UsageError, match=what):
+            list(read_recording(path, ""))

@@ -42,8 +42,7 @@ def is_recording(path: Path) -> bool:
     try:
         if not path.is_file():  # nor is a pipe opened, which may be for ever
             return False
-        with path.open("rb") as file:
-            return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
+        return _begins(path)
     except OSError:
         return False
 
@@ -66,7 +65,8 @@ def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Itera
                     yield Said(topic, record.log_time, _words(topic, record.data))
     except EndOfFile as error:
         if not topics:
-            raise UsageError(f"{path} is no recording", hint) from error
+            what = "was cut short before its first part was whole" if _begins(path) else "is no recording"
+            raise UsageError(f"{path} {what}", hint) from error
         yield Said(CUT_SHORT, 0, None)
     except OSError as error:
         raise Unavailable(f"cannot read {path}: {error.strerror}", hint) from error
@@ -74,6 +74,11 @@ def read_recording(path: Path, hint: str, most_bytes: int = MOST_BYTES) -> Itera
         raise
     except Exception as error:  # what reads a format raises what it likes
         raise UsageError(f"{path} is no recording, or damaged", hint) from error
+
+
+def _begins(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
 
 
 def _opened(path: Path, hint: str) -> IO[bytes]:
