@@ -10,7 +10,7 @@ import pytest
 from caught import meaning, quiet_run
 
 from phalanx.bti import request
-from phalanx.bti.fleet import RX_SLOTS, Fleet
+from phalanx.bti.fleet import Fleet
 from phalanx.bti.memo import Foretold, Memo
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
@@ -183,7 +183,10 @@ def test_fragments_of_any_bytes_do_no_harm(caught):
     f, w = caught.judge.fleet, caught.judge.work
     dice = np.random.default_rng(5)
     now = 100_000_000
-    lent = {*f.rx.free[: f.rx.left[0]][-RX_SLOTS:].tolist(), *f.rx_info[0].row[f.rx_info[0].src != 0].tolist()}
+    lent = {
+        *f.rx.free[: f.rx.left[0]][-f.rx_info.shape[1] :].tolist(),
+        *f.rx_info[0].row[f.rx_info[0].src != 0].tolist(),
+    }
     before = untouched(f, lent)
     for k in range(3000):
         length = int(dice.choice([1, 5, 6, 10, 11, 20, 60, 2048]))

@@ -11,7 +11,7 @@ import pytest
 from opened import Hole, run_with
 from trials import AT_S, F_MAX, run, scenario
 
-from phalanx.bti import request, rounds
+from phalanx.bti import fleet, request, rounds
 from phalanx.config import BtiConfig
 from phalanx.robot.attacks import IN_FLOCKS
 from phalanx.sim.scenarios.attack_spec import AttackSpec
@@ -62,7 +62,10 @@ def gained(ended: Run) -> list[int]:
     ids=lambda each: each.attacks[0].name if isinstance(each, Scenario) else None,
 )
 def test_with_its_hole_opened_it_starves_correct_robots(made, holes, at_least, monkeypatch):
-    shut, opened = run(made), run_with(monkeypatch, made, *holes)
+    shut = run(made)
+    if holes is PLACES:
+        monkeypatch.setattr(fleet, "RX_SLOTS", 0)  # as many places as liars, and none besides
+    opened = run_with(monkeypatch, made, *holes)
     assert starved(shut) == 0
     assert starved(opened) >= at_least
     assert all(count > 0 for count in gained(shut) + gained(opened))

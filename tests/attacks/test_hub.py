@@ -50,17 +50,22 @@ def test_two_that_speak_at_the_same_moment_of_each_round_hear_each_other_all_the
 class Auditor:
     """Robot 1 of a star that has just begun."""
 
-    def __init__(self):
-        self.run = Run(star(attacks=()))
+    def __init__(self, f_max: int = 1):
+        self.run = Run(star(attacks=(), bti=BtiConfig(f_max=f_max)))
         self.fleet, self.now_ms = self.run.world.fleet, 100_000
 
     def begins(self, src: int, no: int, now_ms: int) -> bool:
         """Whether a request is taken up; it is of two fragments, of which this is the first."""
-        body = bytes(int(self.fleet.settings[0].frame_max) - request.FRAGMENT_HEAD_BYTES)
-        frame = AUDIT_FRAGMENT.encode(src=src, dst=1, request=no, index=0, count=2, bytes=body)
         before = self.fleet.rx_info[0].copy()
-        request.take_fragment(self.fleet, 0, np.frombuffer(bytearray(frame), np.uint8), len(frame), now_ms)
+        self.hears(src, no, 0, now_ms)
         return bool((self.fleet.rx_info[0] != before).any())
+
+    def hears(self, src: int, no: int, index: int, now_ms: int) -> bool:
+        """Whether a request of two fragments is whole now."""
+        body = bytes(int(self.fleet.settings[0].frame_max) - request.FRAGMENT_HEAD_BYTES)
+        frame = AUDIT_FRAGMENT.encode(src=src, dst=1, request=no, index=index, count=2, bytes=body)
+        told = request.take_fragment(self.fleet, 0, np.frombuffer(bytearray(frame), np.uint8), len(frame), now_ms)
+        return bool(told >= 0)
 
 
 def test_a_neighbour_has_one_request_in_half_a_round_taken_up_whatever_others_do():
@@ -69,6 +74,16 @@ def test_a_neighbour_has_one_request_in_half_a_round_taken_up_whatever_others_do
         now_ms = auditor.now_ms + 500 * k
         assert auditor.begins(7, k, now_ms) == (k % 4 == 0)
         assert auditor.begins(8 + k, 0, now_ms + 1), "another's is not touched"
+
+
+@pytest.mark.parametrize("f_max", [1, 3, 8])
+def test_f_max_liars_push_no_half_heard_request_out(f_max):
+    """Nor do two honest robots that ask at the same moment; each of f_max liars had to begin one within 2 ms for that."""
+    auditor, victim = Auditor(f_max), 2
+    others = range(3, 5 + f_max)
+    assert auditor.begins(victim, 0, auditor.now_ms)
+    assert all(auditor.begins(src, 0, auditor.now_ms + 1) for src in others)
+    assert auditor.hears(victim, 0, 1, auditor.now_ms + 2)
 
 
 def test_all_neighbours_at_once_are_audited_and_no_more_than_that():

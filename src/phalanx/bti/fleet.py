@@ -21,7 +21,8 @@ from .memo import Foretold, Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
 BOUND, PAPER, PLAIN = 0, 1, 2
-# Requests that are put together from fragments at the same time; another sender's waits for its next round.
+# Requests that are put together from fragments at the same time, beside one of each of f_max liars: these push nobody
+# out (docs/adr/0014).
 RX_SLOTS = 3
 PAPER_ROOM = 6
 START, PENDING = 0, 1
@@ -137,7 +138,7 @@ class Fleet(NamedTuple):
     peer_id: NDArray[np.uint16]  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
     request: Pool  # of R bytes: requests under way
     rx: Pool  # of R bytes: requests that arrive in fragments
-    rx_info: NDArray[Any]  # (N, RX_SLOTS) RX
+    rx_info: NDArray[Any]  # (N, f_max + RX_SLOTS) RX
     memo: Memo  # audits that passed
     taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
 
@@ -190,6 +191,7 @@ def make_fleet(
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
     chosen.log_max = log_bytes
+    places = config.f_max + RX_SLOTS
     requests = log_bytes + config.request_capacity_bytes - config.log_capacity_bytes
     fleet = Fleet(
         settings=settings,
@@ -205,8 +207,8 @@ def make_fleet(
         peer=records((n, config.n_max), PEER),
         peer_id=np.zeros((n, config.n_max), np.uint16),
         request=make_pool(n, requests),
-        rx=make_pool(n * RX_SLOTS, requests),
-        rx_info=records((n, RX_SLOTS), RX),
+        rx=make_pool(n * places, requests),
+        rx_info=records((n, places), RX),
         memo=memo_for(n, config, requests),
         taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
     )
