@@ -45,6 +45,18 @@ def acceleration(outputs):
     return COMMAND.unpack(payload)[3:]
 
 
+def sharpness(config, velocity, command):
+    """How fast a command turns a velocity before the next is in force, as a share of what the envelope allows."""
+    if config.turn_radps == 0.0 or np.hypot(*velocity) <= 0.05 * config.speed_mps:
+        return 0.0
+    across = abs(velocity[0] * command[1] - velocity[1] * command[0])
+    held_s = (config.period_ms + 3 * config.delta_ms) / 1000
+    slowest_s = np.clip(-(velocity @ command) / max(1e-12, command @ command), 0.0, held_s)
+    slowest = velocity + slowest_s * command
+    # What rounding to f32 leaves: of brakes, which turn nothing, it is all there is.
+    return max(0.0, across - 1e-6 * np.hypot(*velocity)) / max(1e-12, config.turn_radps * (slowest @ slowest))
+
+
 @dataclass
 class World:
     """N robots at rest at `places`, their clocks alike; `plan(world, i)` is the wish of robot i, or None."""
@@ -66,7 +78,7 @@ class World:
         self.others = [guard(self.config, i + 1) for i in range(n)]  # for planners that try before they wish
         self.heard = np.zeros((n, n))
         self.nearest, self.fastest, self.events, self.now, self.order = np.inf, 0.0, [], 0.0, 0
-        self.at_wall, self.said, self.broken = np.inf, [], 0.0
+        self.at_wall, self.said, self.broken, self.sharpest = np.inf, [], 0.0, 0.0
         self.grids = 1000.0 + self.chance.uniform(0, self.config.period_ms, n)
         for i in range(n):
             self.push(self.grids[i], "read", i, 0)
@@ -132,6 +144,7 @@ class World:
         outputs = self.robots[i].on_input(step, t, reading(i + 1, self.pos[i], self.vel[i], t))
         if self.obeys:
             command = acceleration(outputs)
+            self.sharpest = max(self.sharpest, sharpness(self.config, self.vel[i], np.array(command)))
         else:  # as a robot that simply obeys: no faster and no harder than the others
             to = np.array(wished if wished is not None else (0.0, 0.0))
             to *= min(1.0, self.config.speed_mps / max(1e-9, np.hypot(*to)))

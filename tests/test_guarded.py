@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import uncompiled
-from guarded_world import MOTION, acceleration, guard, reading, state, wish
+from guarded_world import MOTION, acceleration, guard, reading, sharpness, state, wish
 from phalanx.config.flock import Box, Disc
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import PeerError, UsageError
@@ -25,12 +25,13 @@ from phalanx.robot.signer import AdviceSigner
 from phalanx.wire import guarded
 
 # Of `run_digest`. Another value on another machine means that honest robots would be convicted there.
-RUN_SHA256 = "cc8a98fe5db3e5ec2a57b4821cd495b80c790bb1050eeac05563271a468836d1"
+RUN_SHA256 = "21257da07f19ce54f04eef23390d0418a461145ab5aa493212a258e564bd54ca"
 CONFIG = GuardConfig()
 LISTENED_MS = 1000 + CONFIG.forget_ms
 # A velocity that promises nothing, as who is alone says it.
 FREE = (CONFIG.speed_mps, 0.0)
 FIELD = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
+FENCED = {"fences": (FIELD,)}
 
 
 def listened(config=CONFIG):
@@ -90,6 +91,45 @@ class TestAdvice:
         held_s = (CONFIG.period_ms + 3 * CONFIG.delta_ms) / 1000
         later = math.hypot(velocity[0] + held_s * ax, velocity[1] + held_s * ay)
         assert later <= max(CONFIG.speed_mps, math.hypot(*velocity)) + 1e-6
+
+
+class TestTurns:
+    """A turn rate in the envelope: nobody who is under way turns faster than that, and brakes are as they were."""
+
+    SLOW = replace(CONFIG, turn_radps=0.8)
+
+    @given(st.tuples(*[st.floats(-9, 9, width=32)] * 2), st.tuples(*[st.floats(-2, 2, width=32)] * 2))
+    def test_no_command_turns_the_velocity_faster_nor_makes_it_faster_than_without(self, wished, velocity):
+        command = np.array(driven(listened(self.SLOW), velocity=velocity, wished=wished))
+        assert sharpness(self.SLOW, np.array(velocity), command) <= 1 + 1e-4
+        held_s = (CONFIG.period_ms + 3 * CONFIG.delta_ms) / 1000
+        assert np.hypot(*(velocity + held_s * command)) <= max(CONFIG.speed_mps, math.hypot(*velocity)) + 1e-6
+
+    def test_without_one_it_turns_as_fast_as_it_can(self):
+        sharp = driven(listened(), velocity=(1.5, 0.0), wished=(1.0, 1.0))
+        assert sharpness(self.SLOW, np.array((1.5, 0.0)), np.array(sharp)) > 1.0
+
+    def test_it_curves_at_the_rate_that_it_may(self):
+        ax, ay = driven(listened(self.SLOW), velocity=(1.0, 0.0), wished=(1.5, 0.8))
+        assert ax > 0.0
+        assert ay == pytest.approx(0.8, rel=1e-6)
+
+    @pytest.mark.parametrize("wished", [None, (0.0, 0.0)])
+    def test_brakes_are_as_hard_as_without(self, wished):
+        for velocity in ((1.5, 0.0), (0.3, -1.1)):
+            plain, slow = (driven(listened(each), velocity=velocity, wished=wished) for each in (CONFIG, self.SLOW))
+            assert plain == slow
+
+    def test_who_stands_starts_in_any_direction_and_who_is_to_go_back_comes_to_rest_first(self):
+        assert driven(listened(self.SLOW), wished=(0.0, -1.0))[1] < 0.0
+        this, velocity, step = listened(self.SLOW), np.array((1.5, 0.0)), 0
+        seen = [velocity]
+        while velocity[0] > -1.0 and step < 60:
+            command = driven(this, LISTENED_MS + 250 * step, velocity=tuple(velocity), wished=(-1.5, 0.4))
+            velocity, step = velocity + 0.25 * np.array(command), step + 1
+            seen.append(velocity)
+        assert velocity[0] <= -1.0, "it never got round"
+        assert min(np.hypot(*each) for each in seen) <= 0.05 * CONFIG.speed_mps
 
 
 class TestSignedAdvice:
@@ -363,10 +403,10 @@ class TestEnvelope:
             return guard(config).encode()[:20]
 
         params = guard_params(CONFIG)
-        assert envelope(CONFIG) == hashlib.sha1(np.delete(params, range(16, 36)).tobytes()).digest()
+        assert envelope(CONFIG) == hashlib.sha1(np.delete(params, range(17, 37)).tobytes()).digest()
         assert (
-            len({envelope(each) for each in (CONFIG, replace(CONFIG, speed_mps=2.1), replace(CONFIG, fences=(FIELD,)))})
-            == 3
+            len({envelope(replace(CONFIG, **other)) for other in ({}, {"speed_mps": 2.1}, {"turn_radps": 1.0}, FENCED)})
+            == 4
         )
 
     @pytest.mark.parametrize("at", [20, 24, 28, 32, 61, 65])
@@ -462,7 +502,9 @@ def test_any_bytes_are_a_state_or_refused(garbage, at, change):
         assert this.on_input(2, 20, reading(1, (3, 3), (1, 0)))
 
 
-CROWDED = replace(BUSY, discs=(Disc(x_m=3, y_m=9, radius_m=1),), fences=(), keep_out=(((0, 4), (4, 4), (4, 8)),))
+CROWDED = replace(
+    BUSY, turn_radps=1.0, discs=(Disc(x_m=3, y_m=9, radius_m=1),), fences=(), keep_out=(((0, 4), (4, 4), (4, 8)),)
+)
 
 
 def run_digest() -> str:

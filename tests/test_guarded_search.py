@@ -121,6 +121,7 @@ def drawn(seed, **more):
         clear_m=CLEAR_M,
         speed_mps=float(chance.uniform(0.6, 4.0)),
         accel_mps2=float(chance.uniform(0.3, 2.5)),
+        turn_radps=(0.0, 0.4, 2.0)[seed % 3],
         promise_ms=int(chance.integers(500, 6000)),
         forget_ms=2500,
         state_every=int(chance.integers(1, 4)),
@@ -133,15 +134,16 @@ def drawn(seed, **more):
 
 
 def is_kept(world):
-    """Whether no robot was ever too near to another or a wall, or too fast, or broke its word."""
+    """Whether no robot was ever too near to another or a wall, or too fast, turned too sharply, or broke its word."""
     config = world.config
     kept = world.nearest >= config.apart_m - ROUNDED_M and world.at_wall >= config.clear_m - ROUNDED_M
+    kept = kept and world.sharpest <= 1 + ROUNDED_M
     return kept and world.fastest <= config.speed_mps * (1 + 1e-6) and world.broken <= ROUNDED_M
 
 
 def harm(seeds, seconds=20):
     return [
-        (seed, w.nearest, w.at_wall, w.fastest, w.broken)
+        (seed, w.nearest, w.at_wall, w.fastest, w.sharpest, w.broken)
         for seed in seeds
         if not is_kept(w := drawn(seed).run(seconds))
     ]

@@ -24,6 +24,7 @@ class GuardConfig:
 
     speed_mps: float = within(2.0, 0.01, 50.0, "no robot is faster; each counts on that of the others")
     accel_mps2: float = within(2.0, 0.01, 5.0, "no command is harder; brakes are as hard")
+    turn_radps: float = within(0.0, 0.0, 50.0, "no command turns the velocity faster; 0: as fast as accel_mps2 can")
     apart_m: float = within(1.5, 0.0, 1e3, "centres of robots are never nearer to each other")
     clear_m: float = within(0.75, 0.0, 1e3, "centres of robots are never nearer to a fence or an obstacle")
     fences: tuple[Polygon, ...] = field(

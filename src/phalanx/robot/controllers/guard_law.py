@@ -27,20 +27,22 @@ Motion: TypeAlias = tuple[float, float, float, float, float, float]
 # Where the mission names an adviser, its number and his key, a byte each, are the last.
 N_MAX, FORGET_MS, STATE_EVERY, ADVICE_MS, RADIO_MS = 0, 1, 2, 3, 4
 SPEED, WISHED, ACCEL, APART, CLEAR = 5, 6, 7, 8, 9
-PERIOD_S, LATE_S, HELD_S, PROMISE_MS, WALLS, DISCS = 10, 11, 12, 13, 14, 15
-HASH = 16
+PERIOD_S, LATE_S, HELD_S, PROMISE_MS, TURN, WALLS, DISCS = 10, 11, 12, 13, 14, 15, 16
+HASH = 17
 OBSTACLES = HASH + ENVELOPE_BYTES
 LITTLE_ENDIAN = np.dtype(np.float64).newbyteorder("<")  # on any machine, as it is hashed
 # Of what is wished, so much is tried, one after the other.
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.125)
 # A robot that brakes stands still but for so much of accel · held², see `rest_s`.
 CREEP = 0.14
+# Of the envelope's speed: who is slower turns on the spot.
+ON_THE_SPOT = 0.05
 # Speeds below this one are none: what rounding to f32 leaves.
 STILL_MPS = 1e-3
 
 
 def guard_params(config: GuardConfig) -> Params:
-    """The mission's parameters as kernels read them: 16 numbers, the SHA-1 of all the others, walls, discs, adviser.
+    """The mission's parameters as kernels read them: 17 numbers, the SHA-1 of all the others, walls, discs, adviser.
 
     A command is in force for the period at least, and until the next one is: both readings may be δ off their grid, and
     the next command δ late. Wishes are slower than the envelope by what a late command can add.
@@ -61,6 +63,7 @@ def guard_params(config: GuardConfig) -> Params:
         late_s,
         period_s + 3.0 * late_s,
         config.promise_ms,
+        config.turn_radps,
     ]
     walls = config.walls()
     head += [len(walls), len(config.discs)]
@@ -84,6 +87,25 @@ def towards(params: Params, vx: float, vy: float, to_x: float, to_y: float) -> t
     """The command that leads to another velocity as soon as can be and does not overshoot, m/s²; to (0, 0), brakes."""
     ax, ay = (to_x - vx) / params[HELD_S], (to_y - vy) / params[HELD_S]
     return shortened(ax, ay, params[ACCEL])
+
+
+@kernel
+def straightened(params: Params, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float]:
+    """The command, with no more of it across the velocity than the envelope's turn rate has room for, m/s².
+
+    A command turns a velocity by its part across, over the speed, a second; and that is what it is at least before the
+    next one is in force. Brakes stay as they are, and nothing gets faster. Source: docs/guard.md.
+    """
+    turn, speed = params[TURN], math.sqrt(vx * vx + vy * vy)
+    if turn == 0.0 or speed <= ON_THE_SPOT * params[SPEED]:
+        return ax, ay
+    along, across = (ax * vx + ay * vy) / speed, (ay * vx - ax * vy) / speed
+    slowest = max(0.0, speed + params[HELD_S] * min(0.0, along))
+    most = turn * slowest * slowest / speed
+    kept = min(most, max(-most, across))
+    if kept == across:
+        return ax, ay
+    return (along * vx - kept * vy) / speed, (along * vy + kept * vx) / speed
 
 
 @kernel

@@ -271,6 +271,7 @@ def _command(params: Params, t_ms: int, now: guard_law.Motion, state: Row) -> tu
         wish_x, wish_y = guard_law.shortened(wish_x, wish_y, promises.slowest_mps(params, t_ms, state))
         for share in guard_law.SHARES:
             ax, ay = guard_law.towards(params, vx, vy, share * wish_x, share * wish_y)
+            ax, ay = guard_law.straightened(params, vx, vy, ax, ay)
             if _is_good(params, t_ms, now, state, ax, ay):
                 return ax, ay
     return guard_law.towards(params, vx, vy, 0.0, 0.0)
