@@ -19,6 +19,9 @@ from hypothesis import strategies as st
 
 from conftest import called, child
 from dotbot_controller import HELLO, RECORDED, SNAPSHOT, A, B, C, Controller, soon
+from phalanx.daemon.dotbot import NOTHING
+from phalanx.daemon.driver import make_driver
+from phalanx.daemon.settings import read_robot
 from phalanx.errors import BadPayload, Held, Unavailable, Unknown, UsageError
 from phalanx.io.dotbots import DotbotSwarm, parse_dotbot_url
 from phalanx.io.dotbots.line import REFUSALS, _hear_refusals
@@ -26,6 +29,8 @@ from phalanx.io.dotbots.orders import Orders
 from phalanx.io.dotbots.told import MOST_ROBOTS, TRAIL_POINTS, Fleet, area_of
 from phalanx.robot import Led, Point
 from phalanx.robot.swarm import Routed
+from phalanx.sim.scenarios.file import parse_scenario
+from phalanx.sim.scenarios.run import driving
 from ports import free_port
 
 NOW = 1_000_000.0
@@ -356,6 +361,55 @@ class TestUp:
         code, _, err = phalanx("up", "--swarm", "dotbot://127.0.0.1:1", *more)
         assert code in (1, 2)
         assert f"--swarm and {more[0]}" in err
+
+
+def driver_of(tmp_path, where, mission="controller: wheels\nrobots: 3\n"):
+    radio = {"here": "127.0.0.1:4411", "peers": ["127.0.0.1:4412"]}
+    said = {"robot": 1, "mission": "m", "key": "k", "driver": where, "radio": radio}
+    (tmp_path / "robot.yaml").write_text(json.dumps(said))
+    declared = driving(parse_scenario(mission.encode(), "mission.yaml"))
+    return make_driver(read_robot(tmp_path / "robot.yaml"), declared), declared
+
+
+@pytest.mark.waits
+class TestDriver:
+    """A daemon of ours in front of each robot."""
+
+    def test_it_reads_where_the_robot_is_drives_it_and_stops_it(self, tmp_path):
+        with Controller() as controller:
+            hardware, declared = driver_of(tmp_path, f"{controller.url}/{A}")
+            soon(lambda: hardware.sense(7) != NOTHING)
+            said = declared.reads.decode(hardware.sense(7))
+            assert (said["id"], said["x_mm"], said["y_mm"], said["direction_deg"]) == (1, 900.0, 900.0, 180.0)
+            command = {"id": 1, "t": 7, "left": 60, "right": 60, "red": 1, "green": 2, "blue": 3}
+            for _ in range(2):
+                hardware.drive(declared.commands.encode(**command))
+                soon(lambda: len([each for each in controller.orders_of(A) if each["cmd"] == "move_raw"]) > 0)
+            soon(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 2)
+            assert [each["data"] for each in controller.orders_of(A) if each["cmd"] == "rgb_led"] == [
+                {"red": 1, "green": 2, "blue": 3}
+            ], "the light is told when it changes"
+            controller.say(json.loads(delta(status=1)))
+            soon(lambda: hardware.sense(8) == NOTHING)
+            hardware.stop()
+            soon(lambda: stops(controller.orders_of(A)))
+            hardware.drive(declared.commands.encode(**command))
+            soon(lambda: [each["cmd"] for each in controller.orders_of(A)].count("move_raw") == 4)
+            hardware.close()
+            soon(lambda: len(stops(controller.orders_of(A))) >= 4)
+        hardware.drive(declared.commands.encode(**command))  # nobody is there: it stands by itself
+
+    def test_what_is_no_robot_of_a_controllers_or_no_mission_for_one_is_said(self, tmp_path):
+        with Controller() as controller:
+            for where, says in (
+                (f"{controller.url}/DEAD", "driver is"),
+                (f"{controller.url}/{'F' * 16}", "no DotBot FFFF"),
+                (controller.url, "driver is"),
+            ):
+                with pytest.raises(UsageError, match=says):
+                    driver_of(tmp_path, where)
+        with pytest.raises(UsageError, match="a driver for DotBots"):
+            driver_of(tmp_path, f"{controller.url}/{A}", "robots: 3\nbti: {f_max: 1}\n")
 
 
 @pytest.mark.waits

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import PeerError, Unavailable, UsageError
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.python_controller import OwnMistake
@@ -49,6 +50,9 @@ class Driver(ABC):
 
     def stop(self) -> None:  # noqa: B027 - the same
         """The robot is to stand still, now and until it is started again."""
+
+    def close(self) -> None:  # noqa: B027 - where nothing is open
+        """The daemon ends."""
 
 
 class Hardware(Protocol):
@@ -130,6 +134,7 @@ class OwnDriver:
 
     def close(self) -> None:
         """See `Hardware`."""
+        self._driver.close()
 
 
 class ArenaDriver:
@@ -189,6 +194,12 @@ def make_driver(settings: RobotSettings, declared: Declaration) -> Hardware:
         raise UsageError("its driver is ros2", "phalanx robot ros2 runs it")
     if kind == "arena":
         return ArenaDriver(settings.path(where), settings.said.robot)
+    if kind == "dotbot":
+        if declared.config is not WheelsConfig:
+            raise UsageError("a driver for DotBots", "a mission with controller: wheels")
+        from .dotbot import DotbotDriver  # noqa: PLC0415 - aiohttp, which no other driver needs
+
+        return OwnDriver(DotbotDriver(settings.said.robot, settings.said.driver), declared)
     path, _, name = where.partition(":")
     made: Any = find_class(f"{settings.path(path)}{name and ':'}{name}", Driver)
     return OwnDriver(made(settings.said.robot), declared)

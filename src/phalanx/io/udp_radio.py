@@ -1,22 +1,27 @@
 """A robot's radio over UDP: a frame is a datagram, and what does not come from a configured address was never there.
 
 Nothing here is trusted and nothing is acknowledged: datagrams are lost, repeated and overtake each other, and the
-audits hold with that. IPv4 or IPv6, to a list of addresses; with IPv4 also to one multicast group.
+audits hold with that. IPv4 or IPv6, to a list of addresses or to one multicast group.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import ipaddress
+import os
 import socket
+import struct
 from collections import deque
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Protocol
 
 from phalanx.errors import Unavailable, UsageError
 from phalanx.wire.table import FRAME_MAX
 
+ADDRESSES = Path("/proc/net/if_inet6")
 # Of one sender so many frames wait at least; of all together so many, if that is more. What comes then is lost.
 LEAST_WAITING, MOST_WAITING = 32, 256
 # Datagrams that are read at once, more than wait: so a flood is read and lost, and leaves room in the socket.
@@ -77,8 +82,8 @@ class UdpRadio:
         family = _family(self._here)
         if any(_family(each) != family for each in (*self._peers, *self._to)):
             raise UsageError(f"{here} and its peers are not all IPv4 or all IPv6", "one kind for all")
-        if group and (family != socket.AF_INET or not ipaddress.ip_address(self._to[0][0]).is_multicast):
-            raise UsageError(f"{group} is no IPv4 multicast group", "239.1.2.3:4410, for example")
+        if group and not ipaddress.ip_address(self._to[0][0]).is_multicast:
+            raise UsageError(f"{group} is no multicast group", "239.1.2.3:4410 or [ff15::4410]:4410, for example")
         if group and any(port != self._to[0][1] for _, port in (self._here, *self._peers)):
             raise UsageError(f"not all speak from port {self._to[0][1]}", "that of the group, for here and peers")
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -96,9 +101,16 @@ class UdpRadio:
             return
         # Robots of one machine share the group's port; each hears all that is said there.
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        ours = socket.inet_aton(self._here[0])
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group[0]) + ours)
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, ours)
+        family = _family(group)
+        there, ours = (socket.inet_pton(family, each[0].partition("%")[0]) for each in (group, self._here))
+        if family == socket.AF_INET:
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, there + ours)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, ours)
+        else:
+            index = struct.pack("=I", _interface_of(ours))
+            self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, there + index)
+            # Of an interface's addresses this one, by which the others know us; and that interface.
+            self._socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_PKTINFO, ours + index)
         self._socket.bind(group)
 
     def send(self, frame: bytes) -> None:
@@ -180,6 +192,15 @@ def parsed(words: str) -> Address:
     except ValueError as error:
         raise UsageError(f"{words!r} is no address", HINT) from error
     return str(address), int(port)
+
+
+def _interface_of(ours: bytes) -> int:
+    """The number of the interface that has this IPv6 address. Raises: OSError: none has."""
+    for line in ADDRESSES.read_text().splitlines():
+        address, index, *_ = line.split()
+        if bytes.fromhex(address) == ours:
+            return int(index, 16)
+    raise OSError(errno.EADDRNOTAVAIL, os.strerror(errno.EADDRNOTAVAIL))
 
 
 def _family(address: Address) -> socket.AddressFamily:
