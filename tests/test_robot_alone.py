@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import ipaddress
 import json
 import os
 import re
@@ -20,6 +21,7 @@ import pytest
 
 from conftest import eventually
 from ordered import MISSION, PUBLIC, order, wheels_order
+from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import status
@@ -35,10 +37,11 @@ from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.signers import NOBODY, signed_in
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
+from phalanx.daemon.why_stopped import why_stopped
 from phalanx.errors import Unavailable, UsageError
 from phalanx.experiments.scorecard.card import write_csv
 from phalanx.experiments.table import Head, TableFile
-from phalanx.io import serial_line
+from phalanx.io import serial_line, udp_radio
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
 from phalanx.io.udp_radio import LEAST_WAITING, MOST_WAITING, UdpRadio, parsed
@@ -284,17 +287,26 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
     state |= {
         "why_late": "",
         "advice": {},
-        "tokens": [],
-        "refused": [],
+        "tokens": [{"auditor": 2, "age_s": 1.5, "left_s": 3.5}],
+        "safe_mode": False,
+        "why_stopped": "",
+        "refused": [{"auditee": 1, "reason": "output wrong", "times": 1, "last_s_ago": 9.0}],
         "longest_ms": {},
         "tokens_needed": 2,
-        "given": {},
+        "given": [{"auditee": 2, "times": 5, "last_s_ago": 1.25}],
         "frames_refused": {},
     }
     told, state["core_share"] = tmp_path / "robot-3.json", 0.1
     told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
     assert status(tmp_path / "robot.yaml", as_json=False) == 0
-    assert "x?]0;y?" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    for words in (
+        "x?]0;y?",
+        "2 (1.5 s old, for 3.5 s more)",
+        "2: 5 times, 1.2 s ago",
+        "output wrong, 1 times, 9.0 s ago",
+    ):
+        assert words in shown
     for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
         told.write_text(json.dumps(state | more))
         with pytest.raises(UsageError, match="no robot"):
@@ -305,10 +317,30 @@ def test_numbers_that_nobody_can_show_make_no_traceback(tmp_path):
     told = robot(tmp_path).state_file
     state = {"told_s": 1e300, "pid": 1, "robot": 3, "mission": 1, "scenario": "", "lived_s": 10**400}
     told.write_text(
-        json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": {}, "refused": [], "longest_ms": {}})
+        json.dumps(state | {"tokens": [], "tokens_needed": 2, "given": [], "refused": [], "longest_ms": {}})
     )
     with pytest.raises(UsageError, match="no robot"):
         status(tmp_path / "robot.yaml", as_json=False)
+
+
+def stopped(heard_ago_ms=(), asked_ago_ms=(), late_ms=0.0, log_full=False):
+    """Why a robot says that it is stopped, 60 s after the beginning, that heard and asked others so long ago."""
+    now_ms, bti = 60_000, BtiConfig(f_max=1, t_audit_ms=2000, t_val_ms=5000)
+    nodes = np.zeros((1, 8), np.uint8)
+    fleet = make_fleet(1, bti, np.zeros(1), profile=BOUND, controller=0, mission_seed=1, snode=nodes, anode=nodes)
+    fleet.robot["peers"], fleet.robot["log_full"] = len(heard_ago_ms), log_full
+    for k, (heard, asked) in enumerate(zip(heard_ago_ms, asked_ago_ms, strict=True)):
+        fleet.peer[0, k]["heard"], fleet.peer[0, k]["asked_ms"] = now_ms - heard, now_ms - asked
+    return why_stopped(fleet, now_ms, late_ms)
+
+
+def test_a_robot_in_safe_mode_says_why_as_far_as_it_knows():
+    assert "0 of the 2 that are needed vouch for it; it heard 1 robots in the last 5 s" in stopped(
+        (100, 6000), (100, 100)
+    )
+    assert "heard 2 robots in the last 5 s and asked 1 of them: who does" in stopped((100, 4900, 9000), (4900, 5100, 1))
+    assert "a reading of its was 101 ms late, and its auditors allow 100" in stopped((9, 9), (9, 9), late_ms=101.0)
+    assert "its log was full" in stopped(log_full=True)
 
 
 @pytest.mark.parametrize("write", [lambda path: write_csv(path, []), lambda path: _write(path, "new")])
@@ -337,6 +369,33 @@ def test_a_recording_over_a_link_that_somebody_laid_is_refused(tmp_path):
 def test_what_is_no_address_is_said(words):
     with pytest.raises(UsageError, match="is no address"):
         parsed(words)
+
+
+def a_global_address() -> str:
+    """An IPv6 address of this machine's that a group can be reached from; "" for none."""
+    text = udp_radio.ADDRESSES.read_text() if udp_radio.ADDRESSES.exists() else ""
+    known = [line.split()[::3] for line in text.splitlines()]
+    return next((str(ipaddress.IPv6Address(bytes.fromhex(each))) for each, scope in known if scope == "00"), "")
+
+
+@pytest.mark.skipif(not a_global_address(), reason="no IPv6 here but loopback's")
+def test_an_ipv6_group_is_heard_and_spoken_to_from_the_robots_own_address():
+    ours = a_global_address()
+    with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe, pytest.raises(Unavailable):
+        probe.bind((ours, 0))
+        port = probe.getsockname()[1]
+        UdpRadio(f"[fd00:dead::1]:{port}", [f"[{ours}]:{port}"], f"[ff15::4410]:{port}")
+    group, heard = f"[ff15::4410]:{port}", []
+    radio = UdpRadio(f"[{ours}]:{port}", [f"[{ours}]:{port}"], group)
+    try:
+        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as stranger:
+            stranger.sendto(b"stranger", ("ff15::4410", port))
+            radio.send(b"ours")  # it is its own peer here, for want of a second address
+            time.sleep(0.1)
+            radio.read(heard.append)
+    finally:
+        radio.close()
+    assert (heard, radio.refused["foreign"]) == ([b"ours"], 1)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
@@ -416,7 +475,7 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
     finally:
         for radio in (one, two, stranger):
             radio.close()
-    with pytest.raises(UsageError, match="is no IPv4 multicast group"):
+    with pytest.raises(UsageError, match="is no multicast group"):
         UdpRadio(here[0], [here[1]], f"127.0.0.9:{port}")
     with pytest.raises(UsageError, match="not all speak from port"):
         UdpRadio(here[0], ["127.0.0.3:1"], group)

@@ -43,7 +43,7 @@ WISHED = guarded.WISH.form.pack(guarded.KIND_WISH, 0.0, 1.0)
 T_VAL_S, P_CHECK_S, SCHEDULING_S = 2.5, 0.1, 1.0
 STILL = """
 from phalanx.daemon.driver import Driver
-from phalanx.robot import Act, Controller, Planner
+from phalanx.robot import Act, Controller, Liar, Planner
 from phalanx.wire.table import ACCELERATION
 
 class Follow(Controller):
@@ -60,6 +60,13 @@ class Follow(Controller):
 
     def decode(self, encoding):
         self.heard = encoding[0]
+
+class Shove(Liar):
+
+    def put_out(self, now_ms, output):
+        if self.lies(now_ms) and isinstance(output, Act):
+            output = Act(ACCELERATION.encode(id=self.id, t=now_ms, ax_mps2=-1.0, ay_mps2=0.0))
+        return super().put_out(now_ms, output)
 
 class North(Planner):
     def advise(self, t_s, position_m, velocity_mps):
@@ -151,11 +158,26 @@ def test_robots_of_a_protocol_are_processes_whose_sensors_see_what_the_arena_sho
 
 
 @pytest.mark.long
+def test_an_arena_may_be_slower_than_real_time_and_all_clocks_are(tmp_path):
+    began_s = time.monotonic()
+    words = ("--speed", "0.5", "--clock-ppm", "200", "--sealed", "--on-air", "hold:robot=4,at=2")
+    summary = arena(tmp_path, "--duration", "8", "--attack", "hijack:robot=3,at=2", "--robots", "5", *words)
+    assert time.monotonic() - began_s > 16
+    (liar,) = summary["compromised"]
+    assert 2 <= liar["first_deviation_s"] <= 3
+    assert liar["safe_mode_s"] - liar["first_deviation_s"] < T_VAL_S + P_CHECK_S + SCHEDULING_S
+    assert summary["correct_in_safe_mode"] == []
+    assert 7 < summary["processes"][0]["lived_s"] < 9
+    assert all(told["frames_refused"].get("late") for told in summary["processes"] if told["robot"] not in (3, 4))
+
+
+@pytest.mark.long
 def test_controllers_of_one_s_own_audit_each_other_in_an_arena(tmp_path, capsys):
     (tmp_path / "still.py").write_text(STILL)
     own, kept = f"{tmp_path / 'still.py'}:Follow", tmp_path / "kept"
     words = ("--robots", "3", "--duration", "4.5", "--controller", own, "--keep", str(kept))
-    summary = arena(tmp_path, *words, "--attack", "hijack:robot=3,at=1.5")
+    summary = arena(tmp_path, *words, "--attack", f"{tmp_path / 'still.py'}:Shove:robot=3,at=1.5")
+    assert [(liar["robot"], liar["attack"]) for liar in summary["compromised"]] == [(3, "shove")]
     assert summary["correct_in_safe_mode"] == []
     refused = [(each["auditee"], each["reason"]) for told in summary["processes"] for each in told["refused"]]
     assert set(refused) == {(3, "output wrong")}

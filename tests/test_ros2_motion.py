@@ -41,7 +41,12 @@ def test_a_place_in_a_frame_that_is_turned_itself():
 
 
 def test_diagnostics_tell_of_shield_and_verdicts():
-    state = {"tokens": [{"auditor": 2, "left_s": 1.25}], "tokens_needed": 1, "safe_mode": False, "given": {4: 7}}
+    state = {
+        "tokens": [{"auditor": 2, "left_s": 1.25}],
+        "tokens_needed": 1,
+        "safe_mode": False,
+        "given": [{"auditee": 4, "times": 7}],
+    }
     refused = [{"auditee": 3, "reason": "output wrong", "times": 2}]
     place = Place(x_m=8.0, yaw_rad=0.1)
     shield, verdicts = told_of(state | {"refused": refused}, place)
@@ -50,7 +55,8 @@ def test_diagnostics_tell_of_shield_and_verdicts():
     assert (verdicts.level, verdicts.values) == (WARN, {"robot 3: output wrong": 2, "robot 4: tokens given": 7})
     shield, verdicts = told_of(state | {"refused": [], "tokens_needed": 2}, place)
     assert (shield.level, verdicts.level) == (WARN, OK)
-    assert told_of(state | {"refused": [], "safe_mode": True}, place)[0].level == ERROR
+    stopped = told_of(state | {"refused": [], "safe_mode": True, "why_stopped": "nobody is there"}, place)[0]
+    assert (stopped.level, stopped.message) == (ERROR, "Safe Mode: nobody is there")
 
 
 def test_who_has_no_ros_is_told_what_to_install(tmp_path, capsys, monkeypatch):

@@ -9,10 +9,12 @@ from pathlib import Path
 import click
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
+from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
 from phalanx.io.keyring import Robot, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
+from phalanx.sim.scenarios.file import find_scenario
 from phalanx.wire.table import BOARD
 
 from .login import first_line
@@ -37,16 +39,18 @@ def provision(file: Path, robot: int, out: Path, passphrase_file: Path | None) -
     talk(f"{out} is for the board of robot {robot}: its number and its master key; destroy it once the board has them")
 
 
-def issue(file: Path, out: Path, rotate: bool, passphrase_file: Path | None) -> None:
+def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_file: Path | None) -> None:
     """The next mission's key, sealed for each robot; `rotate`: and new keys that sign orders, stops and advice."""
     _not_there(out)
+    scenario = find_scenario(mission) if mission else None
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
         number, sealed = keys.issue()
         if rotate:
             for who in ("orders", "stops", "advice"):
                 keys.renew(who)
         signers = {who: keys.public(who) for who in keys.signers}
-    write_private(out, issued(number, sealed, signers))
+        signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
+    write_private(out, issued(number, sealed, signers, signed))
     talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")
 
 

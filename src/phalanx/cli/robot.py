@@ -16,7 +16,7 @@ import click
 from phalanx.daemon.advise import advise as advise_at
 from phalanx.daemon.arena import Minds, play_in_arena
 from phalanx.daemon.ether import Weather
-from phalanx.daemon.evidence import read_kept, record_log
+from phalanx.daemon.evidence import Kept, read_kept, record_log
 from phalanx.daemon.on_air import Air, parse_on_air
 from phalanx.daemon.proofs import Proven, mission_key_of, proven
 from phalanx.daemon.run import provision as give_master_key
@@ -37,7 +37,7 @@ from phalanx.sim.scenarios.scenario import GUARD
 
 from . import sim
 from .keys import passphrase_of, today
-from .mission.files import read_signing_key
+from .mission.files import read_signing_key, read_trusted
 from .run import run as run_until_stopped
 from .terminal import end_status_line, plain, print_json, print_rows, talk
 
@@ -123,9 +123,9 @@ def arena(
             check()
 
         recording = stack.enter_context(Recording(record, chosen)) if record else None
-        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "")
+        minds = Minds(own, _beside(controller) if own else "", _beside(planner) if planner else "", attacks)
         try:
-            with mistakes_in(controller, planner):
+            with mistakes_in(controller, planner, *attacks):
                 field = play_in_arena(chosen, folder, weather, on_step, recording, air, minds)
         except KeyboardInterrupt:
             end_status_line()
@@ -188,14 +188,15 @@ def status(robot: Path, as_json: bool) -> int:
 
 
 def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
-    vouch = ", ".join(f"{each['auditor']} ({each['left_s']:.1f} s)" for each in state["tokens"]) or "nobody"
-    refused = "; ".join(f"{each['auditee']}: {each['reason']}, {each['times']} times" for each in state["refused"])
+    vouch = ", ".join(map(_token, state["tokens"])) or "nobody"
+    refused = "; ".join(f"{each['auditee']}: {each['reason']}, {_ended(each)}" for each in state["refused"])
+    given = "; ".join(f"{each['auditee']}: {_ended(each)}" for each in state["given"])
     longest = state["longest_ms"]
     return {
         "robot": f"{state['robot']}, mission {state['mission']}, {state['scenario']}, for {state['lived_s']:.0f} s",
         "is": _is(state, running),
         "vouched for by": f"{vouch}; {state['tokens_needed']} are needed",
-        "tokens given": ", ".join(f"{tee}: {n}" for tee, n in state["given"].items()) or "none",
+        "tokens given": given or "none",
         "tokens refused": refused or "none",
         "frames refused": ", ".join(f"{why}: {n}" for why, n in state["frames_refused"].items()) or "none",
         **({"advice": ", ".join(f"{what}: {n}" for what, n in state["advice"].items())} if state["advice"] else {}),
@@ -207,9 +208,16 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
 
 
 def _is(state: dict[str, Any], running: bool) -> str:
-    if not running:
-        return "not running"
-    return "in Safe Mode: it stands" if state["safe_mode"] else "running"
+    words = f"in Safe Mode: {state['why_stopped']}" if state["safe_mode"] else ""
+    return (words or "running") if running else "not running" + (words and f"; it was {words}")
+
+
+def _token(told: dict[str, Any]) -> str:
+    return f"{told['auditor']} ({told['age_s']:.1f} s old, for {told['left_s']:.1f} s more)"
+
+
+def _ended(told: dict[str, Any]) -> str:
+    return f"{told['times']} times, {told['last_s_ago']:.1f} s ago"
 
 
 def print_schema() -> None:
@@ -230,12 +238,15 @@ def verify(
     keys: Path | None,
     issued: Path | None,
     passphrase_file: Path | None,
+    trust: tuple[str, ...],
     as_json: bool,
 ) -> int:
     """Whether a log is an honest robot's, and where not; with keys, whether it is what its trusted nodes saw."""
     if (keys is None) != (issued is None):
         raise UsageError("one of --keys and --key", "both, or neither")
+    trusted = [read_trusted(each).hex() for each in trust]
     kept = read_kept(file)
+    of_mission, is_as_signed = _mission_of(kept, trusted)
     scenario, own = find_controller(controller, kept.scenario)
     kept = replace(kept, scenario=scenario)
     borne: Proven | None = None
@@ -256,6 +267,7 @@ def verify(
                 "entry": None if found is None else found.entry,
                 "at_s": at_s,
                 "reason": reason or None,
+                "mission_signer": kept.mission_signer or None,
                 "proven_entries": None if borne is None else borne.entries,
                 "disproved_at": None if borne is None else borne.false_at,
                 "signed": [asdict(each) for each in signed],
@@ -264,10 +276,21 @@ def verify(
     else:
         words = "honest" if found is None else f"FAULT at entry {found.entry}, {at_s:.3f} s: {reason}"
         click.echo(f"robot {kept.robot}   mission {kept.mission}   {entries} entries   {words}{_borne(borne)}")
+        click.echo(of_mission)
         for each in signed:
             key = f" ({each.key})" if each.key else ""
             click.echo(f"told {each.count} times from {each.first_s:.1f} to {each.last_s:.1f} s by {each.signer}{key}")
-    return int(found is not None or (borne is not None and not borne.holds))
+    return int(found is not None or (borne is not None and not borne.holds) or not is_as_signed)
+
+
+def _mission_of(kept: Kept, trusted: list[str]) -> tuple[str, bool]:
+    """Whose word it is that the log's mission is the robot's, and whether that is as it should be."""
+    by = kept.mission_signer
+    if kept.signed and not by:
+        return "its mission is NOT THE ONE THAT WAS SIGNED", False
+    if trusted and by not in trusted:
+        return (f"its mission was signed by {by}, WHO IS NOT TRUSTED" if by else "NOBODY SIGNED ITS MISSION"), False
+    return (f"its mission was signed by {by}" if by else "its mission is its own word: nobody signed it"), True
 
 
 def _borne(borne: Proven | None) -> str:

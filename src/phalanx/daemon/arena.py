@@ -1,4 +1,4 @@
-"""A world for processes: bodies and a radio in real time, for daemons with trusted processes of their own.
+"""A world for processes: bodies and a radio in real time or slower, for daemons with trusted processes of their own.
 
 Motors obey the trusted processes alone: a daemon that was taken over, or killed, cannot move its robot past them.
 """
@@ -34,7 +34,7 @@ from .driver import GO, PACKET_BYTES, READY
 from .ether import Ether, Weather
 from .far_planner import check_adviser, is_far
 from .field import Field
-from .on_air import PLAIN_AIR, Air, OnAir
+from .on_air import PLAIN_AIR, Air
 from .places import STATION, free_ports, lay_out
 from .rehearsal import rehearse
 from .run import run_robot
@@ -59,14 +59,21 @@ OnStep = Callable[[Field], None]
 
 @dataclass(frozen=True, slots=True)
 class Minds:
-    """What drives robots instead of the mission's controller, and who advises guards.
+    """What drives robots instead of the mission's controller, who advises guards, and what liars run.
 
-    `controller` and `planner` are as robots' files name them.
+    `controller` and `planner` are as robots' files name them, `attacks` as commands do; where that is no file, of one's
+    own, it says nothing here.
     """
 
     make: MakeController | None = None
     controller: str = ""
     planner: str = ""
+    attacks: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """What may be somebody's own file."""
+        return self.controller, self.planner, *self.attacks
 
 
 OF_THE_MISSION = Minds()
@@ -87,6 +94,7 @@ class Arena:
             gateway, operator = (keys.public(who) for who in STATION.values())
             scenario = replace(scenario, gateway_key=gateway, operator_key=operator)
         self.field = Field(scenario, getattr(minds.make, "senses", None))
+        self.minds = minds
         self.on_air = {each.robot: each for each in air.attacks}
         for each in air.attacks:
             self.field.distrust(each.robot, each.name)
@@ -105,8 +113,11 @@ class Arena:
             self._is_silent,
             dice,
         )
-        own = {"controller": minds.controller, "planner": minds.planner}
-        self.places = lay_out(scenario, folder, self._ether.port, ports, clocks, keys, air, own)
+        own: dict[str, str | float] = {"controller": minds.controller, "planner": minds.planner}
+        own |= {"clock_speed": weather.speed} if weather.speed < 1 else {}
+        # Of one's own attacks no file can tell: daemons are given them as they are forked.
+        told = tuple(each for each in scenario.drawn_attacks() if not each.own)
+        self.places = lay_out(replace(scenario, attacks=told), folder, self._ether.port, ports, clocks, keys, air, own)
         self._ready = 0
         self._all_ready = asyncio.Event()
         self._began_s = 0.0
@@ -131,7 +142,7 @@ class Arena:
                 await asyncio.sleep(TURN_S)
             self._spawn(self._look_on())
             duration_s, next_step_s = self.field.scenario.duration_s, 0.0
-            while (now_s := loop.time() - self._began_s) < duration_s:
+            while (now_s := self._now_s) < duration_s:
                 if self._weather.cut and now_s >= self._weather.cut_at_s:
                     self.field.cut(self._weather.cut)
                 self.field.advance(now_s)
@@ -179,7 +190,7 @@ class Arena:
 
     def _hear(self, said: dict[int, dict[str, Any]]) -> None:
         for i, state in said.items():
-            self.field.hear_of(i, state, state["began_monotonic_s"] - self._began_s)
+            self.field.hear_of(i, state, (state["began_monotonic_s"] - self._began_s) * self._weather.speed)
 
     def _is_silent(self, i: int) -> bool:
         """Whether radio i is off; one that is taken over obeys no a-node, and a gateway's has none."""
@@ -188,7 +199,9 @@ class Arena:
 
     @property
     def _now_s(self) -> float:
-        return asyncio.get_running_loop().time() - self._began_s if self._began_s else 0.0
+        """Of the field, since all were ready."""
+        passed_s = asyncio.get_running_loop().time() - self._began_s if self._began_s else 0.0
+        return passed_s * self._weather.speed
 
     async def _sensors(self, i: int) -> None:
         """One robot's daemon after the other reads its body's sensors."""
@@ -292,8 +305,8 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         arena.close()
         die_with_parent()
         if os.getppid() == parent:
-            with mistakes_in(settings.said.controller, settings.said.planner):
-                asyncio.run(_until_told(settings, arena.on_air.get(settings.said.robot)))
+            with mistakes_in(*arena.minds.files):
+                asyncio.run(_until_told(settings, arena))
         code = 0
     except PhalanxError as error:
         sys.stderr.write(f"phalanx: error: robot {settings.said.robot}: {error}\n")
@@ -304,8 +317,9 @@ def _forked(settings: RobotSettings, arena: Arena) -> int:
         os._exit(code)
 
 
-async def _until_told(settings: RobotSettings, on_air: OnAir | None) -> None:
-    job = asyncio.ensure_future(run_robot(settings, rehearsed=True, on_air=on_air))
+async def _until_told(settings: RobotSettings, arena: Arena) -> None:
+    on_air, attacks = arena.on_air.get(settings.said.robot), arena.field.scenario.drawn_attacks()
+    job = asyncio.ensure_future(run_robot(settings, rehearsed=True, on_air=on_air, attacks=attacks))
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, job.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await job
@@ -318,8 +332,8 @@ def _check(scenario: Scenario, weather: Weather) -> None:
         raise UsageError(f"{scenario.robots} robots", f"at most {MOST_ROBOTS}: each is two processes")
     if scenario.defence != "bound":
         raise UsageError(f"defence is {scenario.defence}", "bound: processes have no other nodes")
-    if any(spec.own for spec in scenario.attacks):
-        raise UsageError("an attack of your own, in an arena", "one of the library: phalanx attack list")
+    if weather.speed < 1 and scenario.controller == WHEELS:
+        raise UsageError("an arena slower than real time, for robots that obey orders", "their gateway's clock is true")
     if weather.cut >= scenario.robots:
         raise UsageError(f"a cut behind robot {weather.cut}, of {scenario.robots}", "fewer: somebody is to be left")
 

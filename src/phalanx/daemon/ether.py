@@ -52,6 +52,7 @@ class Weather:
     cut: int = within(0, 0, 65_535, "so many robots, the first, and the others do not hear each other; 0: all do")
     cut_at_s: float = within(10.0, 0.0, 1e9, "from then on")
     clock_ppm: int = within(0, 0, 1000, "trusted processes' clocks are fast or slow by up to so much")
+    speed: float = within(1.0, 0.05, 1.0, "all clocks and bodies run at so much of real time")
 
     def __post_init__(self) -> None:
         check_limits(self)
@@ -175,7 +176,7 @@ class Ether:
         return int(unicast_us(self._rates, len(frame)) if dst else broadcast_us(self._rates, len(frame)))
 
     def _put(self, to: int, frame: bytes) -> None:
-        late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000
+        late_s = LEAST_DELAY_S + self._dice.random() * self._weather.delay_ms / 1000 / self._weather.speed
         self._number += 1
         heapq.heappush(self._waiting, (asyncio.get_running_loop().time() + late_s, self._number, to, frame))
 

@@ -25,6 +25,8 @@ from phalanx.sim.scenarios.run import on_stage, params_of
 from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_INPUT, ENTRY_RECV, ENTRY_SEND, PROOF
 
+from .signed_mission import SignedMission
+
 MOST_BYTES, MOST_UNPACKED = 1 << 26, 1 << 29
 HINT = "phalanx robot log makes one"
 KINDS = {
@@ -60,6 +62,7 @@ class Kept:
     t_key_ms: int
     scenario: Scenario
     raw: bytes  # what trusted nodes said of it in between
+    signed: SignedMission | None = None
 
     def plain(self) -> bytes:
         """The log without what trusted nodes said of it."""
@@ -79,8 +82,15 @@ class Kept:
     @property
     def head(self) -> dict[str, Any]:
         """The first line of a log."""
-        told = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
+        told: dict[str, Any] = {"robot": self.robot, "mission": self.mission, "t_key_ms": self.t_key_ms}
+        told |= {"signed": self.signed.told} if self.signed else {}
         return told | {"scenario": written_scenario(self.scenario)}
+
+    @property
+    def mission_signer(self) -> str:
+        """The public key, hexadecimal, of who signed that this is the mission; "" if what is signed is another."""
+        is_this = self.signed is not None and self.signed.is_of(self.scenario, self.mission)
+        return self.signed.signer if self.signed and is_this else ""
 
     def entries(self) -> list[Entry]:
         """In their order, as they lie in `raw`."""
@@ -97,7 +107,8 @@ def read_kept(path: Path) -> Kept:
     try:
         head, raw = _of_recording(path) if is_recording(path) else _of_log(data)
         scenario = parse_scenario(json.dumps(head["scenario"]).encode(), str(path))
-        kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw)
+        signed = SignedMission.of(head.get("signed"))
+        kept = Kept(int(head["robot"]), int(head["mission"]), int(head["t_key_ms"]), scenario, raw, signed)
     except PhalanxError:
         raise
     except Exception as error:  # what reads a format raises what it likes

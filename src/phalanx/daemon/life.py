@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import Counter, deque
+from collections import defaultdict, deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,12 +33,25 @@ from .far_planner import FarPlanner, check_adviser
 from .kept_log import KeptLog
 from .lateness import Lateness
 from .trusted import OwnClock
+from .why_stopped import why_stopped
 
 log = logging.getLogger(__name__)
 
 # Of δ, in tenths: so much before its moment on the grid the sensors are read. Who is late then has more than δ left.
 # But who waits for advice reads when there is some, or at that moment itself.
 EARLY, AT_ADVICE = 7, 9
+
+
+@dataclass(slots=True)
+class Ended:
+    """How often audits of one kind ended, and when the last one did, ms of the robot's clock."""
+
+    times: int = 0
+    last_ms: int = 0
+
+    def again(self, now_ms: int) -> None:
+        """One more."""
+        self.times, self.last_ms = self.times + 1, now_ms
 
 
 class Life:
@@ -48,6 +62,7 @@ class Life:
         why_late: the reading that came latest, if that was more than δ / 2, and what took the time; "" for none.
         waits_for_advice: new advice is told by `advised`, and is waited for.
         began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
+        why_stopped: why it is in Safe Mode; "" while it is not.
         given, refused: audits of ours that ended, by auditee; refusals by reason as well.
     """
 
@@ -96,8 +111,9 @@ class Life:
         self._cpu_s = self._began_s = 0.0
         self.began_ms = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
-        self.given: Counter[int] = Counter()
-        self.refused: Counter[tuple[int, Refusal]] = Counter()
+        self.why_stopped = ""
+        self.given: defaultdict[int, Ended] = defaultdict(Ended)
+        self.refused: defaultdict[tuple[int, Refusal], Ended] = defaultdict(Ended)
         self.runtime: Runtime | None = None
         self.cnode: CNode | None = None
 
@@ -133,11 +149,12 @@ class Life:
                 await asyncio.sleep(0)  # what has come is heard, and waits for its turn
                 continue
             try:
-                async with asyncio.timeout(wait_ms / 1000):
+                async with asyncio.timeout(wait_ms / 1000 / self._clock.speed):
                     await self._came.wait()
             except TimeoutError:
                 pass
-        log.error("robot %d is in Safe Mode: fewer than %d vouch for it", self.id, self.scenario.bti.tokens_needed)
+        self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
+        log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
         self._hardware.stop()
 
     def advised(self) -> None:
@@ -217,9 +234,9 @@ class Life:
             elif isinstance(done, Actuate):
                 self._hardware.drive(done.command)
             elif done.refusal == Refusal.NONE:
-                self.given[done.auditee] += 1
+                self.given[done.auditee].again(self._clock.now_ms())
             else:
-                self.refused[done.auditee, done.refusal] += 1
+                self.refused[done.auditee, done.refusal].again(self._clock.now_ms())
 
     def _note(self, what: str, took_ms: float) -> None:
         self.longest_ms[what] = max(self.longest_ms[what], took_ms)

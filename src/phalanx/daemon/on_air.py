@@ -40,10 +40,10 @@ PLAIN_AIR = Air()
 
 
 class HostileRadio:
-    """A radio that does what is asked for, and more."""
+    """A radio that does what is asked for, and more; its times are of a clock at `speed` of true time."""
 
-    def __init__(self, radio: Radio, attack: OnAir) -> None:
-        self._radio, self._attack = radio, attack
+    def __init__(self, radio: Radio, attack: OnAir, speed: float = 1.0) -> None:
+        self._radio, self._attack, self._speed = radio, attack, speed
         self._began_s = 0.0
 
     @property
@@ -56,7 +56,7 @@ class HostileRadio:
         if not self._lies:
             self._radio.send(frame)
         elif self._attack.name == "hold":
-            asyncio.get_running_loop().call_later(HELD_S, self._radio.send, frame)
+            self._later(HELD_S, frame)
         else:
             self._radio.send(frame)
             self._more(frame)
@@ -79,12 +79,15 @@ class HostileRadio:
 
     @property
     def _lies(self) -> bool:
-        return asyncio.get_running_loop().time() - self._began_s >= self._attack.at_s
+        return (asyncio.get_running_loop().time() - self._began_s) * self._speed >= self._attack.at_s
+
+    def _later(self, after_s: float, frame: bytes) -> None:
+        asyncio.get_running_loop().call_later(after_s / self._speed, self._radio.send, frame)
 
     def _more(self, frame: bytes) -> None:
         if self._attack.name == "replay":
             for each_s in AGAIN_S:
-                asyncio.get_running_loop().call_later(each_s, self._radio.send, frame)
+                self._later(each_s, frame)
         elif self._attack.name == "past":
             for each in forgeries(frame):
                 self._radio.send(each)

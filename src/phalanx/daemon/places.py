@@ -23,6 +23,7 @@ from phalanx.wire.table import BOARD
 from .driver import sense_path, wheels_path
 from .on_air import Air
 from .settings import RobotSettings, read_robot
+from .signed_mission import sign_mission
 
 STATION = {"gateway": "orders", "operator": "stops"}  # what each signs
 
@@ -52,7 +53,7 @@ def lay_out(
     clocks: list[tuple[int, int]],
     keys: Keys,
     on_air: Air,
-    own: Mapping[str, str] = MappingProxyType({}),
+    own: Mapping[str, str | float] = MappingProxyType({}),
 ) -> Places:
     """Keys, a file for each robot, and the sockets of its body, in the folder; for a gateway too, if it has a port.
 
@@ -70,11 +71,13 @@ def lay_out(
         places.sensors.append(_listens(sense_path(folder, rob_id)))
         places.wheels.append(_listens(wheels_path(folder, rob_id)))
     with_station = len(ports) > scenario.robots
-    number = scenario.robots + 1
+    gateway_id = scenario.robots + 1
     if with_station:
-        write_private(folder / "gateway.bin", BOARD.encode(id=number, master=keys.provision(number, today)))
+        write_private(folder / "gateway.bin", BOARD.encode(id=gateway_id, master=keys.provision(gateway_id, today)))
     for name in ("key.json", "foreign-key.json"):
-        write_private(folder / name, issued(*keys.issue(), {}))
+        number, sealed = keys.issue()
+        signed = sign_mission(scenario, number, keys.signer("missions"))
+        write_private(folder / name, issued(number, sealed, {}, signed.told))
     strangers = {each.robot for each in on_air.attacks if each.name == "foreign-key"}
     frames = "sealed" if on_air.sealed else "plain"
     for rob_id, port, (ppm, ahead_ms) in zip(ids, ports, clocks, strict=False):
@@ -95,7 +98,7 @@ def lay_out(
         places.robots.append(read_robot(path))
     if with_station:
         here, at = f"{LOOPBACK}:{ports[-1]}", [{"robot": rob_id, "at": air} for rob_id in ids]
-        nodes = {"trusted": "process:gateway.flash", "number": number, "board": "gateway.bin", "frames": frames}
+        nodes = {"trusted": "process:gateway.flash", "number": gateway_id, "board": "gateway.bin", "frames": frames}
         said = {"mission": "mission.yaml", "key": "key.json", "here": here, "robots": at, **nodes}
         for role, who in STATION.items():
             write_private(folder / f"{role}.pem", pem(keys.signer(who)))

@@ -7,6 +7,7 @@ import contextlib
 import gc
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from phalanx.bti.nodes import Refused
@@ -17,6 +18,7 @@ from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.planner import MakePlanner
 from phalanx.sim.audited.setup import limits_of
 from phalanx.sim.builtin import built_in
+from phalanx.sim.scenarios.attack_spec import AttackSpec
 from phalanx.sim.scenarios.file import find_scenario, written_scenario
 from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.run import MakeController, driving, on_stage, with_room
@@ -30,6 +32,7 @@ from .on_air import HostileRadio, OnAir
 from .rehearsal import rehearse
 from .sealed_air import SealedAir, with_room_for_seals
 from .settings import RobotSettings
+from .signed_mission import signed_for
 from .state import EVERY_S, state_of, tell
 from .trusted import OwnClock, check_may_have_key, give_keys, open_nodes, start
 
@@ -93,11 +96,13 @@ async def run_robot(
     *,
     rehearsed: bool = False,
     on_air: OnAir | None = None,
+    attacks: tuple[AttackSpec, ...] = (),
     make_base: MakeBase | None = None,
 ) -> None:
     """The robot lives until this is cancelled; in Safe Mode it stands, and tells of it.
 
     Args:
+        attacks: who lies how, in place of what the mission says of that.
         make_base: what makes sensors, motors and planner, in place of those that the file names.
     Raises: UsageError: something in its file; Unavailable: nodes, radio or sensors, then its nodes stop it; or its
         folder cannot be written, before the mission's key is used up.
@@ -105,6 +110,7 @@ async def run_robot(
     scenario, controller = controlled(mission_of(settings), settings)
     limits = limits_of(scenario.bti, scenario.radio)
     said = settings.said
+    signed = signed_for(settings.path(said.key), scenario, said.mission)
     with contextlib.ExitStack() as stack:
         node = open_nodes(settings)
         stack.callback(node.close)
@@ -116,7 +122,7 @@ async def run_robot(
         stack.callback(radio.close)
         if on_air:
             log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
-            radio = HostileRadio(radio, on_air)
+            radio = HostileRadio(radio, on_air, said.clock_speed)
         air = SealedAir(node, radio) if said.radio.sealed else None
         declared = driving(scenario)
         base = make_base(said.robot, scenario, declared) if make_base else None
@@ -127,8 +133,9 @@ async def run_robot(
             planner = FarPlanner(said.planner, settings.base, scenario, said.robot, sealed.seq)
         elif said.planner:
             planner = find_planner(str(settings.path(said.planner)))
-        clock, ears = OwnClock(air or node), air or radio
-        life = Life(scenario, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
+        clock, ears = OwnClock(air or node, said.clock_speed), air or radio
+        lived = replace(scenario, attacks=attacks) if attacks else scenario
+        life = Life(lived, said.robot, clock, hardware, ears, planner, controller, sealed.seq)
         stack.callback(life.close)
         if not rehearsed:
             rehearse(scenario, limits, controller)
@@ -147,6 +154,7 @@ async def run_robot(
             "mission": sealed.seq,
             "t_key_ms": life.began_ms,
             "scenario": written_scenario(scenario),
+            **({"signed": signed.told} if signed else {}),
         }
         kept.begin(head)
         await _live(life, kept, settings.state_file, sealed.seq, base)

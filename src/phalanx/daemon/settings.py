@@ -16,9 +16,9 @@ MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
 NODES = ("process", "serial", "unix", "tcp")
 TRUSTED = "process:FLASH_FILE, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT"
-BASES = ("python", "arena", "ros2")
+BASES = ("python", "arena", "ros2", "dotbot")
 PLANNER = "FILE.py:CLASS, or where phalanx robot advise listens: unix:PATH or udp:ADDRESS:PORT"
-DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, or ros2 for phalanx robot ros2"
+DRIVERS = "python:FILE.py:CLASS, arena:FOLDER, dotbot://HOST:PORT/ADDRESS, or ros2 for phalanx robot ros2"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +53,7 @@ class RobotFile:
     trusted: str = field(default="process:trusted.flash", metadata=told(f"where its trusted nodes are: {TRUSTED}"))
     wheels: str = field(default="", metadata=told("Unix socket of motors that obey the trusted process alone"))
     clock_ppm: int = within(0, -1000, 1000, "the trusted process's clock runs fast by so much; to try things with")
+    clock_speed: float = within(1.0, 0.05, 1.0, "and at so much of true time; in a slow arena")
     clock_ahead_ms: int = within(0, 0, 1 << 31, "what it shows at its start, ms")
     controller: str = field(
         default="", metadata=told("FILE.py:CLASS of your own instead of the mission's: the same for all robots")

@@ -15,7 +15,7 @@ from phalanx.errors import PhalanxError, UsageError
 from phalanx.io.private_file import write_whole
 from phalanx.sim.audited.watch import vouchers
 
-from .life import Life
+from .life import Ended, Life
 
 EVERY_S = 1.0
 MOST_BYTES = 1 << 20
@@ -28,7 +28,7 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
     robot = life.fleet.robot[0]
     runtime = life.runtime
     assert runtime
-    now_ms = life.now_ms
+    now_ms, t_val_s = life.now_ms, life.scenario.bti.t_val_ms / 1000
     return {
         "robot": life.id,
         "mission": mission,
@@ -38,14 +38,18 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "began_monotonic_s": life.began_s,
         "lived_s": (now_ms - life.began_ms) / 1000,
         "safe_mode": runtime.in_safe_mode,
-        "tokens": [{"auditor": tor, "left_s": left_s} for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))],
+        "why_stopped": life.why_stopped,
+        "tokens": [
+            {"auditor": tor, "age_s": t_val_s - left_s, "left_s": left_s}
+            for tor, left_s in sorted(vouchers(life.fleet, 0, now_ms))
+        ],
         "tokens_needed": life.scenario.bti.tokens_needed,
         "tokens_got": int(robot.tokens_got),
         "requests_sent": int(robot.requests_sent),
-        "given": dict(life.given),
+        "given": [{"auditee": tee, **_ended(each, now_ms)} for tee, each in life.given.items()],
         "refused": [
-            {"auditee": tee, "reason": why.name.lower().replace("_", " "), "times": times}
-            for (tee, why), times in life.refused.items()
+            {"auditee": tee, "reason": why.name.lower().replace("_", " "), **_ended(each, now_ms)}
+            for (tee, why), each in life.refused.items()
         ],
         "log_bytes": int(robot.log_len),
         "log_bytes_max": int(robot.log_max),
@@ -58,6 +62,10 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "attack": life.attack.name if life.attack else None,
         "first_deviation_s": _since(life.first_deviation_ms, life.began_ms),
     }
+
+
+def _ended(audits: Ended, now_ms: int) -> dict[str, Any]:
+    return {"times": audits.times, "last_s_ago": (now_ms - audits.last_ms) / 1000}
 
 
 def _memory_kb() -> int:

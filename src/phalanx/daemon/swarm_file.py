@@ -19,6 +19,7 @@ from phalanx.sim.scenarios.scenario import WHEELS, Scenario
 from .run import mission_in
 from .sealed_air import with_room_for_seals
 from .settings import TRUSTED, RadioFile, RobotFile, RobotSettings
+from .signed_mission import signed_for
 
 MOST_BYTES = 1 << 16
 HINT = "docs/robot.md has an example"
@@ -108,5 +109,6 @@ def read_swarm(path: Path) -> SwarmSettings:
         raise UsageError(f"{said.mission} has controller: {scenario.controller}", "wheels: the others obey no orders")
     if said.frames == "sealed":
         scenario = with_room_for_seals(scenario)
+    signed_for(path.parent / said.key, scenario, said.mission)
     mission = {read_mission_key(path.parent / said.key, each.robot).seq for each in said.robots}
     return SwarmSettings(said, path, scenario, mission.pop())

@@ -33,25 +33,25 @@ WHAT_TIME = AUDIT_FRAGMENT.encode(src=0, dst=0, request=0, index=0, count=1, byt
 class OwnClock:
     """The nodes' own clock, as it shows in what they answer: between a call and its answer it was so late.
 
-    Ours is moved as little as that allows, so it follows one that drifts.
+    Ours, which runs at `speed` of true time, is moved as little as that allows, so it follows one that drifts.
 
     Attributes:
         taken: frames of others that the a-node let in.
         asked_ms: how long it took to answer, all in all.
     """
 
-    def __init__(self, node: Elsewhere) -> None:
-        self._node = node
+    def __init__(self, node: Elsewhere, speed: float = 1.0) -> None:
+        self._node, self.speed = node, speed
         self.taken = 0
         self.asked_ms = 0.0
         self._ahead_ms: float | None = None  # of ours
 
     def ask(self, call: Record, now_ms: int | None = None, **arguments: Any) -> tuple[int, bytes]:
         """See bti.elsewhere.Elsewhere."""
-        before_ms = _ours_ms()
+        before_ms = self._ours_ms()
         code, result = self._node.ask(call, now_ms, **arguments)
-        after_ms = _ours_ms()
-        self.asked_ms += after_ms - before_ms
+        after_ms = self._ours_ms()
+        self.asked_ms += (after_ms - before_ms) / self.speed
         self.taken += call is lines.RECV and code >= 0
         if call in FORWARDED and code > 0:
             t = get_u32(row(result), AT_T)
@@ -65,11 +65,10 @@ class OwnClock:
         if self._ahead_ms is None:
             self.ask(lines.SEND, frame=WHAT_TIME)
         assert self._ahead_ms is not None, "without a mission key they tell nothing"
-        return int(_ours_ms() + self._ahead_ms)
+        return int(self._ours_ms() + self._ahead_ms)
 
-
-def _ours_ms() -> float:
-    return time.monotonic_ns() / 1e6
+    def _ours_ms(self) -> float:
+        return self.speed * time.monotonic_ns() / 1e6
 
 
 def program() -> Path:
@@ -89,7 +88,8 @@ def open_nodes(settings: RobotSettings) -> SerialNode:
     if kind == "process":
         said = settings.said
         wheels = str(settings.path(said.wheels)) if said.wheels else "-"
-        clock = f"{said.clock_ppm},{said.clock_ahead_ms}"
+        ppm = round(1e6 * (said.clock_speed * (1 + said.clock_ppm / 1e6) - 1))
+        clock = f"{ppm},{said.clock_ahead_ms}"
         line = open_line(f"process:{program()},{settings.path(where)}", wheels, clock)
     elif settings.said.wheels:
         raise UsageError(f"wheels beside trusted: {kind}", "a board has its motors itself")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from phalanx.bti.nodes import MissionKey
@@ -18,10 +19,19 @@ from phalanx.wire.table import BOARD, KEY_BYTES, MAC_BYTES
 MOST_BYTES = 1 << 24  # of 65 535 robots
 
 
-def issued(number: int, sealed: Mapping[int, MissionKey], signers: Mapping[str, str]) -> bytes:
-    """The file of a mission's key: public signing keys, and what only the robots' nodes can read."""
+def issued(
+    number: int,
+    sealed: Mapping[int, MissionKey],
+    signers: Mapping[str, str],
+    signed: Mapping[str, Any] = MappingProxyType({}),
+) -> bytes:
+    """The file of a mission's key: public signing keys, and what only the robots' nodes can read.
+
+    `signed` is the owner's word for which mission it is, if there is one.
+    """
     robots = {robot: {"k": key.k.hex(), "r": key.r.hex(), "mac": key.mac.hex()} for robot, key in sealed.items()}
-    return json.dumps({"mission": number, "signers": signers, "robots": robots}, indent=1).encode() + b"\n"
+    said = {"mission": number, "signers": signers, **({"signed": dict(signed)} if signed else {}), "robots": robots}
+    return json.dumps(said, indent=1).encode() + b"\n"
 
 
 def read_mission_key(path: Path, robot: int) -> MissionKey:

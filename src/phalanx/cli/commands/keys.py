@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from phalanx.cli.complete import a_scenario
 from phalanx.cli.options import FILE, json_option, option, passphrase_option
 
 from .runs import runs
@@ -49,6 +50,9 @@ def provision() -> None:
 @file_argument
 @out_option("The mission key, sealed for each robot: nobody but their nodes can read it.")
 @option("--rotate", is_flag=True, help="And sign orders, stops and advice with new keys from now on.")
+@option(
+    "--mission", metavar="SCENARIO", shell_complete=a_scenario, help="Which mission it is for: signed, for evidence."
+)
 @passphrase_option
 @runs("keys", "issue")
 def issue() -> None:

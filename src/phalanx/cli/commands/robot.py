@@ -65,10 +65,10 @@ def provision() -> None:
 @option(
     "--attack",
     "attacks",
-    help="One of phalanx attack list; again for a further robot.",
+    help="One of phalanx attack list, or FILE.py:CLASS of your own; again for a further robot.",
     multiple=True,
     shell_complete=an_attack_by_robots,
-    metavar="NAME[:robot=I,at=T,…]",
+    metavar="NAME|FILE.py:CLASS[:robot=I,at=T,…]",
 )
 @option("--sealed", is_flag=True, help="Robots' radios are sealed by their a-nodes.")
 @option(
@@ -82,6 +82,7 @@ def provision() -> None:
 )
 @option("--repeats", type=SHARE, default=0.0, help="Share of frames that arrive twice.")
 @option("--delay-ms", type=click.FloatRange(0, 10_000), default=5.0, help="Frames are late by up to so much.")
+@option("--speed", type=click.FloatRange(0.05, 1), default=1.0, help="Share of real time, on a machine that is busy.")
 @option("--cut", type=int, default=0, metavar="N", help="Cut the field in two: the first N robots, and the others.")
 @option("--cut-at", "cut_at_s", type=float, default=10.0, metavar="S", help="When.")
 @option(
@@ -129,13 +130,15 @@ def log() -> None:
 @option("--keys", type=FILE, metavar="FILE.keys", help="The owner's keys, to check what its trusted nodes said of it.")
 @option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --keys.")
 @passphrase_option
+@option("--trust", multiple=True, metavar="KEY", help="Who must have signed its mission: 64 hex digits, or a PEM file.")
 @json_option
 @runs("robot", "verify")
 def verify() -> None:
     """Go through the log in FILE again, a recording or a daemon's own, and say where it stops being honest.
 
     Ends with 1 if it does. Without --keys it is what the robot's computer says that it logged; with them, up to where
-    its trusted nodes' own MACs bear it out, and it ends with 1 if they do not.
+    its trusted nodes' own MACs bear it out, and it ends with 1 if they do not. So it does where its mission is not
+    what phalanx keys issue --mission signed.
     """
 
 

@@ -34,13 +34,13 @@ def told_of(state: Mapping[str, Any], odom_in_map: Place) -> tuple[Told, Told]:
     place = f"{odom_in_map.x_m}, {odom_in_map.y_m}, {odom_in_map.yaw_rad}"
     values = {ODOM_IN_MAP: place} | {f"robot {each['auditor']}": f"{each['left_s']:.1f} s" for each in tokens}
     if state["safe_mode"]:
-        shield = Told(ERROR, "shield", "Safe Mode: it stands", values)
+        shield = Told(ERROR, "shield", f"Safe Mode: {state['why_stopped']}", values)
     elif len(tokens) < needed:
         shield = Told(WARN, "shield", f"{len(tokens)} vouch, {needed} are needed", values)
     else:
         shield = Told(OK, "shield", f"{len(tokens)} vouch", values)
     refused = {f"robot {each['auditee']}: {each['reason']}": each["times"] for each in state["refused"]}
-    given = {f"robot {auditee}: tokens given": times for auditee, times in state["given"].items()}
+    given = {f"robot {each['auditee']}: tokens given": each["times"] for each in state["given"]}
     level, words = (WARN, "refuses robots") if refused else (OK, "refuses nobody")
     return shield, Told(level, "verdicts", words, {**refused, **given})
 
