@@ -122,6 +122,8 @@ class TestTurns:
 
     def test_who_stands_starts_in_any_direction_and_who_is_to_go_back_comes_to_rest_first(self):
         assert driven(listened(self.SLOW), wished=(0.0, -1.0))[1] < 0.0
+        creeps = {"velocity": (0.049 * CONFIG.speed_mps, 0.0), "wished": (0.0, -1.0)}
+        assert driven(listened(self.SLOW), **creeps) == driven(listened(), **creeps)
         this, velocity, step = listened(self.SLOW), np.array((1.5, 0.0)), 0
         seen = [velocity]
         while velocity[0] > -1.0 and step < 60:

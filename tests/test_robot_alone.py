@@ -234,7 +234,7 @@ def test_a_full_disk_ends_the_kept_log_and_not_the_robot(tmp_path, monkeypatch, 
             raise Unavailable("its nodes are gone")
 
     monkeypatch.setattr(daemon_run, "state_of", lambda *_: {})
-    with KeptLog(tmp_path / "robot-3.log") as kept, Path("/dev/full").open("wb", 0) as full:
+    with Path("/dev/full").open("wb", 0) as full, KeptLog(tmp_path / "robot-3.log") as kept:
         kept._file = full
         with pytest.raises(Unavailable, match="its nodes are gone"):
             asyncio.run(daemon_run._live(Alive(), kept, tmp_path / "nowhere" / "robot-3.json", 7, None))
