@@ -173,6 +173,18 @@ class TestStore:
         with pytest.raises(UsageError, match="other axes"), Store(tmp_path / "out", other, "1"):
             pass
 
+    def test_a_run_of_a_file_that_has_changed_since_is_told(self, written, tmp_path):
+        (tmp_path / "nine.yaml").write_text("robots: 9\n")
+        path = written("scenario: nine.yaml\nseeds: 2\n")
+        with Store(tmp_path / "out", sweep := read_sweep(path), "1") as store:
+            store.add(sweep.jobs[1], dict.fromkeys(OUTCOME))
+        with Store(tmp_path / "out", read_sweep(path), "1") as store:
+            assert store.done == {sweep.jobs[1].key}
+        (tmp_path / "nine.yaml").write_text("robots: 8\n")
+        with pytest.raises(UsageError) as wrong, Store(tmp_path / "out", read_sweep(path), "1"):
+            pass
+        assert "out has another run at scenario nine.yaml, seed 1: a file has changed since" in str(wrong.value)
+
     @pytest.mark.parametrize("cut", [slice(0, 900), slice(0, 4), slice(0, 0), slice(4, -8), slice(4, 400)])
     def test_a_damaged_part_is_told(self, written, tmp_path, cut):
         sweep = read_sweep(written(SMALL))

@@ -11,6 +11,7 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from statistics import fmean
@@ -71,8 +72,8 @@ class Store:
 
     `columns` are what a run comes to, with Arrow's types. `done` has the keys of all rows there.
 
-    Raises: on entering, UsageError: it is another sweep's, or another process writes to it; Unavailable: pyarrow is
-        not installed, or a file cannot be read or written, then or later.
+    Raises: on entering, UsageError: it is another sweep's, a file of a run in it has changed, or another process writes
+        to it; Unavailable: pyarrow is not installed, or a file cannot be read or written, then or later.
     """
 
     def __init__(self, folder: Path, sweep: Plan, version: str, columns: Mapping[str, str] = OUTCOME) -> None:
@@ -84,6 +85,7 @@ class Store:
         self.folder = folder
         self.done: set[str] = set()
         self._parquet, self._arrow = pq, pa
+        self._sweep = sweep
         self._head: dict[str, Any] = {
             "version": version,
             "axes": {name: _type(values) for name, values in sweep.axes.items()},
@@ -116,7 +118,7 @@ class Store:
             for torn in self.runs.glob("part-*.tmp"):
                 torn.unlink()
             for part in self._all_parts():
-                self.done.update(self._read(part, ["key"]).column("key").to_pylist())
+                self.done.update(self._keys(part))
                 self._parts = max(self._parts, int(part.stem.rpartition("-")[2]) + 1)
         except OSError as error:
             self.__exit__()
@@ -179,6 +181,24 @@ class Store:
             if isinstance(error, OSError) and error.errno:  # what Arrow cannot read has none
                 raise
             raise Unavailable(f"{part} is damaged", "remove it: its runs are made again") from error
+
+    def _keys(self, part: Path) -> Iterator[str]:
+        """Of the rows of a part. Raises: UsageError: of a run that is planned otherwise now: it would count twice."""
+        where = [*self._head["axes"], "seed"]
+        for row in self._read(part, ["key", *where]).to_pylist():
+            planned = self._planned.get(tuple(row[name] for name in where))
+            if planned and row["key"] not in planned:
+                at = ", ".join(f"{name} {row[name]}" for name in where)
+                raise UsageError(f"{self.folder} has another run at {at}: a file has changed since", ELSEWHERE)
+            yield row["key"]
+
+    @cached_property
+    def _planned(self) -> Mapping[tuple[Cell, ...], set[str]]:
+        """By the values of the axes and the seed, keys of the runs there."""
+        keys: dict[tuple[Cell, ...], set[str]] = {}
+        for job in self._sweep.jobs:
+            keys.setdefault((*(value for _, value in job.point), job.seed), set()).add(job.key)
+        return keys
 
     def _check_head(self) -> None:
         path, ours = self.folder / "sweep.json", json.dumps(self._head)
