@@ -2,7 +2,7 @@
 
     python benchmarks/bench_sweep.py [--runs 2000] [--pairs 3] [--json]
 
-Both make the same runs, in turns, and the median of the pairs counts. 2000 runs are half a minute's work; one seed of
+Both make the same runs, in turns, and the median of the pairs counts. 2000 runs are under a minute's work; one seed of
 a scorecard has five minutes and more. A start is not shared, so what is shorter gains less: a short sweep stands beside
 it, without a limit. It wants two processors that nobody else uses:
 the note says what share of a processor each worker had. Ends with 1 if the limit is not kept.
