@@ -120,6 +120,25 @@ def test_what_is_said_past_an_a_node_is_not_taken(pair):
     assert two.recv(6, frame) == "taken", "and none of it counts as heard"
 
 
+def test_ten_thousand_mutations_are_refused_and_leave_no_trace(pair):
+    one, two = pair
+    frames = [one.send(1000 + k, bytes((1, *range(k, 26 + k)))) for k in range(100)]
+    chance, refused = random.Random(7), set()
+    two.recv(1100, frames[0])
+    before = bytes(FFI.buffer(two.seals)), bytes(FFI.buffer(two.c))
+    for k in range(10_000):
+        frame = bytearray(frames[k % 100])
+        for _ in range(chance.randint(1, 3)):
+            frame[chance.randrange(len(frame))] ^= chance.randint(1, 255)
+        frame = bytes(frame)[: chance.choice((None, -1, 9, 0))] + chance.choice((b"", b"", b"x"))
+        if frame not in frames:
+            out = FFI.new(f"uint8_t[{len(frame) + 21}]")
+            refused.add(LIB.phx_sealed_recv(two.seals, two.c, 1101, frame, len(frame), out))
+    assert {trusted.REASONS[code] for code in refused} == {"bad_mac", "arg"}
+    assert (bytes(FFI.buffer(two.seals)), bytes(FFI.buffer(two.c))) == before
+    assert two.recv(1101, frames[50]) == "taken"
+
+
 def test_frames_of_one_millisecond_have_a_time_each_and_not_too_far_ahead(pair):
     one, two = pair
     frames = [one.send(1000) for _ in range(258)]
