@@ -8,20 +8,37 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import counting_kernel
 
-from .raycast import Beams, Floats, cast, tiles_of
-from .scan import LaserScan, beam_table
+from .raycast import Beams, Floats, Tiles, cast, tiles_of
+from .scan import LaserScan, beam_table, sort_out
 
+Pose = tuple[float, float, float]
 _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
 
 
 @counting_kernel
-def _blur(ranges: Floats, normals: Floats, chances: Floats, noise_m: float, drop_out: float) -> None:
-    """Adds noise to ranges, and has some of them say nothing; either where there are draws for it."""
+def _sensed(
+    pose: Pose,
+    tiles: Tiles,
+    people: Floats,
+    beams: Beams,
+    draws: tuple[Floats, Floats],
+    wrong: tuple[float, float, float],
+    ranges: Floats,
+) -> None:
+    """What a lidar tells: with noise, and some beams say nothing; either where there are draws for it.
+
+    Args:
+        draws: normal, and uniform below 1, for each beam or for none.
+        wrong: noise in metres, share of beams that say nothing, and the nearest range that is told.
+    """
+    (normals, chances), (noise_m, drop_out, least_m) = draws, wrong
+    cast(pose, tiles, people, beams, ranges)
     for k in range(len(normals)):
         ranges[k] += noise_m * normals[k]
     for k in range(len(chances)):
         if chances[k] < drop_out:
             ranges[k] = np.nan
+    sort_out(ranges, least_m, beams.range_max_m)
 
 
 class Lidar:
@@ -31,11 +48,10 @@ class Lidar:
         self.config = config or LidarConfig()
         self._tiles = tiles_of(np.asarray(walls, np.float64).reshape(-1, 4))
         first, step = self.config.angle_min_rad, self.config.angle_increment_rad
+        self._wrong = float(self.config.noise_m), float(self.config.drop_out), float(self.config.range_min_m)
         self._beams = Beams(first, step, *beam_table(first, step, self.config.beams), self.config.range_max_m)
 
-    def true_ranges(
-        self, pose: tuple[float, float, float], people: NDArray[np.float64] = _NOBODY
-    ) -> NDArray[np.float64]:
+    def true_ranges(self, pose: Pose, people: NDArray[np.float64] = _NOBODY) -> NDArray[np.float64]:
         """(beams,) distances without noise; +inf is a miss."""
         ranges = np.empty(self.config.beams)
         cast((float(pose[0]), float(pose[1]), float(pose[2])), self._tiles, people, self._beams, ranges)
@@ -43,7 +59,7 @@ class Lidar:
 
     def sweep(
         self,
-        pose: tuple[float, float, float],
+        pose: Pose,
         random: np.random.Generator,
         people: NDArray[np.float64] = _NOBODY,
     ) -> LaserScan:
@@ -54,10 +70,10 @@ class Lidar:
             people: (m, 3) centre and radius in metres.
         """
         config = self.config
-        ranges = self.true_ranges(pose, people)
+        x, y, heading = pose
+        ranges = np.empty(config.beams)
         normals = random.standard_normal(config.beams) if config.noise_m else _NOTHING
         chances = random.random(config.beams) if config.drop_out else _NOTHING
-        _blur(ranges, normals, chances, config.noise_m, config.drop_out)
-        return LaserScan(
-            ranges, config.angle_min_rad, config.angle_increment_rad, config.range_min_m, config.range_max_m
-        )
+        at, wrong = (float(x), float(y), float(heading)), self._wrong
+        _sensed(at, self._tiles, people, self._beams, (normals, chances), wrong, ranges)
+        return LaserScan.of(ranges, config)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import TWO_PI, sin_cos
@@ -21,7 +23,8 @@ FARTHEST_M = 65_534
 
 
 @counting_kernel
-def _sort_out(ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
+def sort_out(ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
+    """Ranges beyond the farthest are misses, and those before the nearest say nothing."""
     for k in range(len(ranges)):
         if ranges[k] > most_m:
             ranges[k] = np.inf
@@ -60,9 +63,21 @@ class LaserScan:
             )
         if not 0 <= self.range_min_m < self.range_max_m <= FARTHEST_M:
             raise UsageError(f"ranges of {self.range_min_m} to {self.range_max_m} m", "0 <= min < max, finite")
-        _sort_out(ranges, float(self.range_min_m), float(self.range_max_m))
+        sort_out(ranges, float(self.range_min_m), float(self.range_max_m))
         ranges.setflags(write=False)
         object.__setattr__(self, "ranges_m", ranges)
+
+    @classmethod
+    def of(cls, ranges_m: NDArray[np.float64], lidar: LidarConfig) -> Self:
+        """A sweep of a lidar of ours, from then on read-only: ranges that are sorted out, limits that were checked."""
+        scan, put = object.__new__(cls), object.__setattr__
+        ranges_m.setflags(write=False)
+        put(scan, "ranges_m", ranges_m)
+        put(scan, "angle_min_rad", lidar.angle_min_rad)
+        put(scan, "angle_increment_rad", lidar.angle_increment_rad)
+        put(scan, "range_min_m", lidar.range_min_m)
+        put(scan, "range_max_m", lidar.range_max_m)
+        return scan
 
     @property
     def beams(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -39,7 +39,7 @@ class Sighting(NamedTuple):
 def pose_spread(spread: tuple[float, ...]) -> Floats:
     """(3, 3) covariance of x, y and heading from its upper triangle, row by row."""
     xx, xy, xt, yy, yt, tt = spread
-    return np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]], np.float64)
+    return np.array((xx, xy, xt, xy, yy, yt, xt, yt, tt), np.float64).reshape(3, 3)  # flat, it is read faster
 
 
 @counting_kernel

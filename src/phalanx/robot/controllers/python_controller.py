@@ -156,16 +156,16 @@ def checked_outputs(told: object, room: int, whose: object) -> list[Output]:
 
     Raises: OwnMistake: no outputs, or one that no a-node lets out. Source: docs/own-controller.md.
     """
-    if not isinstance(told, Iterable) or isinstance(told, str | bytes):
+    if type(told) is not list and (not isinstance(told, Iterable) or isinstance(told, str | bytes)):
         raise OwnMistake(f"on_input returned {kind_of(told)}", "a list of Act and Send, empty for nothing", whose)
     outputs = list(told)
     for output in outputs:
         if not isinstance(output, Send | Act):
             raise OwnMistake(f"on_input put out {kind_of(output)}", "a list of Act and Send, empty for nothing", whose)
-        what = f"{type(output).__name__} of {kind_of(output.payload)}"
-        if not isinstance(output.payload, bytes):
-            raise OwnMistake(f"on_input put out {what}", "bytes, as struct packs them", whose)
-        if not 1 <= len(output.payload) <= room:
+        if not isinstance(output.payload, bytes) or not 1 <= len(output.payload) <= room:
+            what = f"{type(output).__name__} of {kind_of(output.payload)}"
+            if not isinstance(output.payload, bytes):
+                raise OwnMistake(f"on_input put out {what}", "bytes, as struct packs them", whose)
             raise OwnMistake(f"on_input put out {what}, {len(output.payload)} long", f"1 to {room} bytes", whose)
         if isinstance(output, Send) and output.payload[0] & KIND_AUDIT:
             raise OwnMistake(

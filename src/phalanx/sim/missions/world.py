@@ -250,8 +250,10 @@ class MissionWorld:
 
     def _watched(self, robot: MissionRobot) -> list[str]:
         """What a robot sees others do, all around it: S_ij. Source: Encoded graphs Fig. 5."""
+        if not self._is_watched:
+            return []
         at, told = robot.body.wheels.pose[:2], list[str]()
-        for other in self.robots if self._is_watched else ():
+        for other in self.robots:
             name = self.run.part_of(other.number).name
             if name and other is not robot and (does := other.body.does()):
                 place = other.body.wheels.pose[:2]

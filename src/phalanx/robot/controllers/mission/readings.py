@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
-from phalanx.mission.landmarks.scan import LaserScan
+from phalanx.mission.landmarks.scan import LaserScan, sort_out
 from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import KIND_MISSION_READING, MISSION_READING, RANGE
 
@@ -46,12 +46,13 @@ def _words_of(ranges: NDArray[np.float64], words: NDArray[np.uint16]) -> None:
 
 
 @counting_kernel
-def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64]) -> None:
+def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
     for k in range(len(words)):
         if words[k] == SILENT:
             ranges[k] = np.nan
         else:
             ranges[k] = np.inf if words[k] == MISS else words[k] / float(MM_PER_M)
+    sort_out(ranges, least_m, most_m)
 
 
 @counting_kernel
@@ -125,8 +126,9 @@ class Sensors:
         """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
         lidar = self.lidar
         ranges = np.empty(lidar.beams)
-        _ranges_of(np.frombuffer(raw, RANGE.dtype, lidar.beams), ranges)
-        return LaserScan(ranges, lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
+        words = np.frombuffer(raw, RANGE.dtype, lidar.beams)
+        _ranges_of(words, ranges, float(lidar.range_min_m), float(lidar.range_max_m))
+        return LaserScan.of(ranges, lidar)
 
     def parse(self, raw: bytes) -> Reading:
         """The reading in these bytes. Raises: MalformedRecord: its length or its kind is another's."""
