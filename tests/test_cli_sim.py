@@ -125,7 +125,7 @@ class TestRun:
         code, _, err = phalanx(*crowd)
         assert code == 0
         assert err.startswith("phalanx: warning: 144 robots in one radio range: their audits want 82% of the channel")
-        for few in ((*crowd, "--defence", "none"), (*crowd[:4], "100", *crowd[5:])):
+        for few in ((*crowd, "--defence", "none"), (*crowd[:4], "49", *crowd[5:])):
             code, _, err = phalanx(*few)
             assert code == 0
             assert "warning" not in err

@@ -77,7 +77,7 @@ def sign_mission(scenario: Scenario, number: int, key: Ed25519PrivateKey) -> Sig
 
 
 def _signed(number: int, digest: str) -> bytes:
-    return CONTEXT + number.to_bytes(4, "little") + bytes.fromhex(digest)
+    return CONTEXT + f"{number} {digest}".encode()
 
 
 def signed_for(issued: Path, scenario: Scenario, mission: str) -> SignedMission | None:
