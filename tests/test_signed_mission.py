@@ -110,6 +110,14 @@ def test_a_robot_begins_no_other_mission_than_was_signed(tmp_path, monkeypatch):
             asyncio.run(daemon_run.run_robot(read_robot(tmp_path / "robot.yaml")))
 
 
+def test_who_signed_is_told_whatever_controller_the_log_is_tried_with(tmp_path, capsys):
+    signed = sign_mission(MISSION, 7, OWNER)
+    verified(tmp_path, capsys, signed=signed)
+    for more in ([], ["--controller", "wheels"]):
+        run_command(["robot", "verify", str(tmp_path / "robot-2.log"), "--json", *more])
+        assert json.loads(capsys.readouterr().out)["mission_signer"] == public(OWNER)
+
+
 def test_keys_issue_signs_it_and_export_gives_what_checks_it(tmp_path, capsys):
     ring, words, out, checks = (tmp_path / name for name in ("lab.keys", "words", "mission.json", "missions.pem"))
     words.write_text(WORDS)

@@ -16,7 +16,7 @@ import click
 from phalanx.daemon.advise import advise as advise_at
 from phalanx.daemon.arena import Minds, play_in_arena
 from phalanx.daemon.ether import Weather
-from phalanx.daemon.evidence import Kept, read_kept, record_log
+from phalanx.daemon.evidence import read_kept, record_log
 from phalanx.daemon.on_air import Air, parse_on_air
 from phalanx.daemon.proofs import Proven, mission_key_of, proven
 from phalanx.daemon.run import provision as give_master_key
@@ -246,7 +246,8 @@ def verify(
         raise UsageError("one of --keys and --key", "both, or neither")
     trusted = [read_trusted(each).hex() for each in trust]
     kept = read_kept(file)
-    of_mission, is_as_signed = _mission_of(kept, trusted)
+    signer = kept.mission_signer
+    of_mission, is_as_signed = _mission_of(signer, kept.signed is not None, trusted)
     scenario, own = find_controller(controller, kept.scenario)
     kept = replace(kept, scenario=scenario)
     borne: Proven | None = None
@@ -267,7 +268,7 @@ def verify(
                 "entry": None if found is None else found.entry,
                 "at_s": at_s,
                 "reason": reason or None,
-                "mission_signer": kept.mission_signer or None,
+                "mission_signer": signer or None,
                 "proven_entries": None if borne is None else borne.entries,
                 "disproved_at": None if borne is None else borne.false_at,
                 "signed": [asdict(each) for each in signed],
@@ -283,10 +284,9 @@ def verify(
     return int(found is not None or (borne is not None and not borne.holds) or not is_as_signed)
 
 
-def _mission_of(kept: Kept, trusted: list[str]) -> tuple[str, bool]:
+def _mission_of(by: str, is_signed: bool, trusted: list[str]) -> tuple[str, bool]:
     """Whose word it is that the log's mission is the robot's, and whether that is as it should be."""
-    by = kept.mission_signer
-    if kept.signed and not by:
+    if is_signed and not by:
         return "its mission is NOT THE ONE THAT WAS SIGNED", False
     if trusted and by not in trusted:
         return (f"its mission was signed by {by}, WHO IS NOT TRUSTED" if by else "NOBODY SIGNED ITS MISSION"), False

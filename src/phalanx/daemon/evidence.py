@@ -89,8 +89,7 @@ class Kept:
     @property
     def mission_signer(self) -> str:
         """The public key, hexadecimal, of who signed that this is the mission; "" if what is signed is another."""
-        is_this = self.signed is not None and self.signed.is_of(self.scenario, self.mission)
-        return self.signed.signer if self.signed and is_this else ""
+        return self.signed.signer if self.signed and self.signed.is_of(self.scenario, self.mission) else ""
 
     def entries(self) -> list[Entry]:
         """In their order, as they lie in `raw`."""

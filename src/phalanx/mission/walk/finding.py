@@ -190,7 +190,7 @@ class Finder:
             landmark
             for landmark, known in zip(seen.landmarks, fitting(self.config, seen, chart), strict=True)
             if distance_m(seen, landmark) <= self.config.decode_m
-            and (not known or all(chart.nodes[number] == state.target for number in known))
+            and all(chart.nodes[number] == state.target for number in known)
         )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
 
