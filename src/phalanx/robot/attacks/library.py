@@ -191,6 +191,9 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                does="begins requests for audits with everybody and never ends them, so that no others fit in",
                stopped_by="a request that is not whole in time loses its place, and its sender none before "
                           "T_audit / 2"),
+        Attack("push-out", "places.PushOut", HARMLESS, STARVED, 1, crowd=True,
+               does="audits nobody, and begins a request with whomever a victim asks, between the victim's fragments",
+               stopped_by="an auditor has places for f_max + 3 robots, and a robot has one"),
         Attack("stale-answers", "answers.StaleAnswers", HARMLESS, STARVED, 1, crowd=True,
                does="answers every other request for an audit with the last token that it really issued to that robot",
                stopped_by="nothing has to: as an answer counts only a token that is not older than the request"),
