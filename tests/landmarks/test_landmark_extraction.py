@@ -6,7 +6,7 @@ import math
 import os
 import subprocess
 import sys
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -124,6 +124,24 @@ class TestCorners:
         assert len(face) == len(ends) == 2
         assert ends["concave_left"] == (pytest.approx(4, abs=0.05), pytest.approx(2, abs=0.05))
         assert ends["concave_right"] == (pytest.approx(4, abs=0.05), pytest.approx(1, abs=0.05))
+
+    @pytest.mark.parametrize("seed", [471, 1262])
+    def test_a_face_seen_flat_does_not_end_where_its_beams_lie_far_apart(self, seed):
+        """From 2.5 m, at 6 degrees: its line is a degree wrong, and the next beam farther than that line says."""
+        shelf = [(0, 0, 1, 0), (1, 0, 1, -9), (1, -9, 0, -9), (0, -9, 0, 0), (-9, 6, 9, 6)]
+        ends = seen(shelf, (-2.0, 0.28, -0.176), "concave_left", noise=0.01, drop_out=0.002, seed=seed)
+        assert [end.x_m for end in ends if abs(end.y_m) < 0.3 and 0.2 < end.x_m < 0.85] == []
+
+    @pytest.mark.parametrize(("radius_m", "most"), [(0.35, 0.15), (0.5, 0.6), (0.8, 1.0), (1.3, 0.6)])
+    def test_what_is_round_has_few_corners(self, radius_m, most):
+        """It has none: those seen lie elsewhere from elsewhere. Half a metre of a silo's wall had one of them once."""
+        turns = [math.tau * k / 48 for k in range(49)]
+        edge = [(radius_m * math.cos(turn), radius_m * math.sin(turn)) for turn in turns]
+        silo = [*((*a, *b) for a, b in pairwise(edge)), (-9, 9, 9, 9), (9, 9, 9, -9), (9, -9, -9, -9), (-9, -9, -9, 9)]
+        aways = [(radius_m + 0.4 + 0.1 * k, 2.4 * k) for k in range(50)]
+        poses = [(d * math.cos(turn), d * math.sin(turn), turn + math.pi) for d, turn in aways]
+        found = [corner for k, pose in enumerate(poses) for corner in concave(silo, pose, noise=0.01, seed=k)]
+        assert len(found) <= most * len(poses)
 
     @pytest.mark.parametrize("aside_m", [0.015, 0.02, 0.03, 0.04, 0.06])
     def test_who_stands_close_and_looks_along_one_face_sees_both_as_they_are(self, aside_m):

@@ -13,12 +13,14 @@ import numpy as np
 from phalanx.kernel import counting_kernel
 
 from .view import Limits, View
-from .walls import ALONG_X, ALONG_Y, Floats, Ints, X, Y
+from .walls import ALONG_X, ALONG_Y, ROUND, Floats, Ints, X, Y, bow
 
 # As many silent beams may lie at an edge; behind more it is not trusted.
 SILENT_BEAMS = 1
 # Points that noise may have put on the wrong side of a bend.
 SLACK_POINTS = 8
+# A wall may leave its line over so much of `line_m`, beside how deep that is and what lies between two beams.
+SHARP = 0.5
 # Columns of an array of corners: position, beam (between two beams: a half), wall before and after (-1: none seen).
 CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
@@ -94,12 +96,26 @@ def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: in
 
 
 @counting_kernel
+def _slides(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -> bool:
+    """Whether the surface leaves the line of the wall little by little before point i: what is round does so."""
+    ax, ay, p = walls[w, ALONG_X], walls[w, ALONG_Y], i
+    while 0 < p < len(v.x) - 1 and _off_line(v, p, walls, w) < -ROUND * limits.line_m:
+        p -= step
+    tail = abs(ax * (v.x[i] - v.x[p]) + ay * (v.y[i] - v.y[p]))
+    gap = abs(ax * (v.x[p] - v.x[p - step]) + ay * (v.y[p] - v.y[p - step])) if 0 <= p - step < len(v.x) else 0.0
+    fall = _off_line(v, p, walls, w) - _off_line(v, i, walls, w)
+    return tail > gap + max(fall, SHARP * limits.line_m)
+
+
+@counting_kernel
 def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
     """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, 0.0, 0.0, 0.0)
     ranges, cosines, sines, x, y = v.ranges, v.cosines, v.sines, v.x, v.y
     i = _outermost(v, walls, w, at, step, limits.line_m)
     ax, ay = walls[w, ALONG_X], walls[w, ALONG_Y]
+    if _slides(v, limits, walls, w, i, step):
+        return nothing
     j = i + step
     if 0 <= j < len(x) and not v.new_run[max(i, j)]:
         # The surface goes on, off the line: the other face of a pillar or of a jamb, or clutter before the wall.
@@ -118,6 +134,9 @@ def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) ->
     across = ax * sines[there] - ay * cosines[there]
     on_wall = offset / across if offset * across > 0.0 else ranges[here]
     if on_wall > v.range_max_m - limits.jump_m or ranges[there] < max(on_wall, ranges[here]) + limits.jump_m:
+        return nothing
+    # Seen flat, a wall that goes on may be hit much farther off than its line, of few points, says: but near its line.
+    if abs(ranges[there] * across - offset) <= limits.line_m:
         return nothing
     # The edge lies between both beams: half a beam further than the last point.
     ray_x, ray_y = cosines[here] + cosines[there], sines[here] + sines[there]
@@ -138,7 +157,7 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 
 @counting_kernel
 def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[bool, float, float, float]:
-    """(whether walls w and w + 1 meet at a corner, x, y, sine of the angle between them)."""
+    """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
     meet_x, meet_y, sine = meet(walls, w, w + 1)
     touching = True
@@ -149,7 +168,7 @@ def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[
         _distance(meet_x, meet_y, v.x[last], v.y[last]) <= limits.corner_gap_m
         and _distance(meet_x, meet_y, v.x[first], v.y[first]) <= limits.corner_gap_m
     )
-    return touching and near and abs(sine) >= limits.corner_sine, meet_x, meet_y, sine
+    return touching and near, meet_x, meet_y, sine
 
 
 @counting_kernel
@@ -165,8 +184,12 @@ def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
     corners = np.empty((2 * len(walls), 6))
     found = 0
     met_before = False
+    # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
+    is_round = np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
-        if not met_before:
+        is_round[w] = bow(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
+    for w in range(len(walls)):
+        if not (met_before or is_round[w]):
             is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
                 found = _store(corners, found, (edge_x, edge_y, at), -1, w, 0.0)
@@ -176,10 +199,11 @@ def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
             seen_flat = _grazes(meet_x, meet_y, walls, w, limits.graze_sine) or _grazes(
                 meet_x, meet_y, walls, w + 1, limits.graze_sine
             )
-            if met_before and not seen_flat:
+            rounded = sine < 0.0 and (is_round[w] or is_round[w + 1])
+            if met_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
                 found = _store(corners, found, (meet_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
-        if not met_before:
+        if not (met_before or is_round[w]):
             is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
                 found = _store(corners, found, (edge_x, edge_y, at), w, -1, 0.0)

@@ -21,6 +21,8 @@ Bools = NDArray[np.bool_]
 GAP_BEAMS = 4
 # Legs and columns make pieces shorter than this that look straight.
 ROUND_M = 0.6
+# Round is what stands out in its middle by so much of `line_m`.
+ROUND = 0.3
 # Columns of an array of walls: a point on it, its unit direction, its first and its last point.
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
@@ -145,7 +147,7 @@ def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool
 
 @counting_kernel
 def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
-    """How far the middle third stands out of the line of both ends: 0 for a wall, not for a leg or a column."""
+    """How far the middle third lies on the left of the line of both ends: 0 for a wall, not for a leg or a column."""
     cx, cy, ax, ay = line
     third = (last - first + 1) // 3
     middle, ends = 0.0, 0.0
@@ -155,7 +157,15 @@ def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, 
             middle += off
         else:
             ends += off
-    return abs(middle / (last - first + 1 - 2 * third) - ends / (2 * third))
+    return middle / (last - first + 1 - 2 * third) - ends / (2 * third)
+
+
+@counting_kernel
+def bow(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> float:
+    """How far wall w stands out towards the robot in its middle."""
+    first, last = spans[w, 0] + 1, spans[w, 1] - 1
+    line = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
+    return _bow(x, y, first, last, line) if last - first >= 2 else 0.0
 
 
 @counting_kernel
@@ -238,7 +248,7 @@ def walls_of(
             begin, end = _trimmed(first, last)
             line = fit_line(x, y, begin, end)
             short = dx * dx + dy * dy < ROUND_M * ROUND_M
-            if short and _bow(x, y, begin, end, line) > 0.3 * line_m:
+            if short and abs(_bow(x, y, begin, end, line)) > ROUND * line_m:
                 continue
             walls[found, X], walls[found, Y], walls[found, ALONG_X], walls[found, ALONG_Y] = line
             spans[found, 0], spans[found, 1] = first, last
