@@ -104,7 +104,8 @@ def _slides(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -
     tail = abs(ax * (v.x[i] - v.x[p]) + ay * (v.y[i] - v.y[p]))
     gap = abs(ax * (v.x[p] - v.x[p - step]) + ay * (v.y[p] - v.y[p - step])) if 0 <= p - step < len(v.x) else 0.0
     fall = _off_line(v, p, walls, w) - _off_line(v, i, walls, w)
-    return tail > gap + max(fall, SHARP * limits.line_m)
+    slides: bool = tail > gap + max(fall, SHARP * limits.line_m)
+    return slides
 
 
 @counting_kernel
