@@ -79,7 +79,7 @@ class TestLog:
                 tops[chain] = hashlib.sha1(tops[chain] + b"".join(batches[chain])).digest()
                 batches[chain].clear()
 
-        shown = entries(fleet.log[i, : int(fleet.robot[i].checkpoint_at)].tobytes())
+        shown = entries(log.logged(fleet, i, 0, int(fleet.robot[i].checkpoint_at)))
         assert len(shown) > 30
         for kind, entry in shown:
             if kind in (log.FLUSH_S, log.FLUSH_A):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from phalanx.bti import fleet
 from phalanx.cli.main import run_command
 from phalanx.config import BtiConfig
 from phalanx.sim.scenarios.attack_spec import AttackSpec
@@ -44,6 +45,18 @@ def test_honest_swarms(scenario, defence):
 def test_swarms_with_a_liar(attack, defence):
     liar = AttackSpec(name=attack, robot=5, at_s=2.0)
     assert same(replace(SWARM, defence=defence, attacks=(liar,)))["compromised"]
+
+
+@pytest.mark.parametrize("front_bytes", [64, 1024])
+def test_logs_in_two_pieces(front_bytes, monkeypatch):
+    whole = told(SWARM)
+    monkeypatch.setattr(fleet, "LARGE_LOGS_BYTES", 0)
+    monkeypatch.setattr(fleet, "LOG_FRONT_BYTES", front_bytes)
+    run = Run(SWARM)
+    run.advance(SWARM.duration_s)
+    assert run.summary()["digest"] == whole["digest"]
+    assert run.world.fleet.log.shape[1] == front_bytes
+    assert run.world.fleet.log_rest.any(axis=1).all()
 
 
 def test_the_command_says_the_same_of_both(capsys):

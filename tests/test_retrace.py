@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from phalanx.bti import audit
-from phalanx.bti.log import CHECKPOINT, MARK
+from phalanx.bti.log import CHECKPOINT, MARK, logged
 from phalanx.bti.nodes import seal_mission_key
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.request import HEAD_BYTES
@@ -41,11 +41,11 @@ def kept():
     for k in range(1, 40):
         run.advance(k / 10)
         robot = run.world.fleet.robot[ME]
-        raw = run.world.fleet.log[ME, : robot.log_len].tobytes()
+        raw = logged(run.world.fleet, ME)
         if robot.checkpoint_no > 1 or robot.tokens_got:
             break
-        log = raw
-    return Kept(ME + 1, 1, int(robot.t_key), MISSION, log)
+        shown = raw
+    return Kept(ME + 1, 1, int(robot.t_key), MISSION, shown)
 
 
 def changed(kept, raw):
@@ -193,8 +193,8 @@ def borne(tmp_path_factory):
                 break
             row = max(row, int(fleet.robot[ME].request_row))
             shown = SimpleNamespace(rows=fleet.request.rows[row : row + 1])
-            mine = (fleet.robot[ME : ME + 1], fleet.log[ME : ME + 1], shown)
-            kept.keep(SimpleNamespace(**dict(zip(("robot", "log", "request"), mine, strict=True))))
+            mine = {name: getattr(fleet, name)[ME : ME + 1] for name in ("robot", "log", "log_rest")}
+            kept.keep(SimpleNamespace(**mine, request=shown))
         t_key_ms = int(fleet.robot[ME].t_key)
     return Kept(ME + 1, 1, t_key_ms, MISSION, path.read_bytes().partition(b"\n")[2]), keys[0]
 

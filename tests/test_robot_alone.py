@@ -211,7 +211,8 @@ def test_a_mission_that_never_began_leaves_the_log_of_the_one_before(tmp_path):
 
 def logged(length):
     robot = SimpleNamespace(log_len=length, requests_sent=0)
-    return SimpleNamespace(robot=[robot], log=np.zeros((1, 1 << 20), np.uint8))
+    rest = np.zeros((1, 0), np.uint8)
+    return SimpleNamespace(robot=[robot], log=np.zeros((1, 1 << 20), np.uint8), log_rest=rest)
 
 
 def test_a_disk_that_takes_nothing_for_a_while_holds_up_nobody(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ import pytest
 from phalanx.bti import rounds
 from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import make_fleet
+from phalanx.bti.log import logged
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.robot.cnode import CNode, Transmit
@@ -68,8 +69,7 @@ def lived(request):
             noted.append((int(world.clock[0].now_us + world.boot_us[ME]) // 1000, NAMES[kind], data))
         handle(world, robots, *advice_and_stage)
         if mine:
-            robot = world.fleet.robot[ME]
-            noted.append((None, "log", (world.fleet.log[ME, : robot.log_len].tobytes(), bool(full))))
+            noted.append((None, "log", (logged(world.fleet, ME), bool(full))))
             full.clear()
 
     with pytest.MonkeyPatch.context() as patched:
@@ -90,11 +90,11 @@ def test_the_same_run_fed_to_one_robot_alone_gives_the_same_log_bytes(lived):
 
     def same():
         nonlocal compared
-        log, was_full = next(logs)
+        right, was_full = next(logs)
         if was_full:
             rounds.withdraw(fleet, 0)
             fleet.robot[0].quota = 0
-        assert fleet.log[0, : fleet.robot[0].log_len].tobytes() == log
+        assert logged(fleet, 0) == right
         compared += 1
 
     for at_ms, kind, data in noted:

@@ -1,4 +1,4 @@
-"""Bytes of a row in one instruction, for kernels; uncompiled, the same in plain Python. And rows that cost little.
+"""Bytes of a row in one instruction, for kernels; uncompiled, the same in plain Python.
 
 Byte by byte, each access would ask whether its index is negative, and no compiler puts four such loads together. Like
 all of a kernel's accesses these are not checked: callers check lengths first. Rows are (n,) uint8, in C order.
@@ -8,8 +8,6 @@ all of a kernel's accesses these are not checked: callers check lengths first. R
 
 from __future__ import annotations
 
-import math
-import mmap
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +17,8 @@ import numpy as np
 from llvmlite import ir as llvm
 from numba import extending
 from numba import types as numba_types
-from numpy.typing import NDArray
+
+from .pages import LINE_BYTES
 
 try:
     from numba.core import cgutils
@@ -38,26 +37,6 @@ _CONFIG: Any = numba.config
 # Whether one thread can tell another, compiled, what it has done.
 CAN_TELL = arrays is not None and not _CONFIG.DISABLE_JIT
 WORD_BITS = 64
-LINE_BYTES = 64
-SMALL_BYTES = 1 << 20
-PAGE_BYTES = mmap.PAGESIZE
-
-
-def sparse(*shape: int) -> NDArray[np.uint8]:
-    """Zeroed bytes that take memory only by the page, and only where something was written.
-
-    numpy asks for pages of 2 MB where it can: of rows that are used in part, all would be memory.
-    Raises: MemoryError: there is no room for so many addresses.
-    """
-    size = math.prod(shape)
-    if size < SMALL_BYTES:
-        return np.zeros(shape, np.uint8)
-    try:
-        pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    except OSError as error:
-        raise MemoryError(f"{size} bytes") from error
-    pages.madvise(mmap.MADV_NOHUGEPAGE)
-    return np.frombuffer(pages, np.uint8).reshape(shape)
 
 
 def _place(context: Any, builder: Any, kind: Any, row: Any, at: Any) -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import sparse
+from phalanx.pages import sparse
 
 NO_ROW = -1
 

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from phalanx.bti import log
 from phalanx.config import BtiConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.errors import UsageError
@@ -86,7 +87,7 @@ class Misquotes(Liar):
         super().on_advice(advice)
         if self.sensed_ms >= self.plan.start_ms:
             other = ADVICE.encode(bytes=advice[:1] + bytes(4) + advice[5:])
-            self.f.log[self.i, begin : begin + len(other)] = row(other)
+            log.write(self.f, self.i, begin, row(other), len(other))
             self.deviates(self.sensed_ms)
 
 

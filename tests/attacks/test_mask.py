@@ -173,7 +173,7 @@ def test_it_seeks_again_while_it_lacks_tokens_at_moments_that_nobody_can_foresee
         robot.senses(BOOT_MS + k)
         at_ms = robot.now_ms + robot.listens_ms()
         assert request.LISTENS_MS <= at_ms - robot.now_ms < request.LISTENS_MS + ROUND_MS // 16
-        assert robot.fleet.log[VICTIM, robot.robot.log_len - 1] == log.FLUSH_S
+        assert log.logged(robot.fleet, VICTIM)[-1] == log.FLUSH_S
         robot.now_ms = at_ms
         robot.begins()
         said_ms = [now_ms for now_ms in range(at_ms, at_ms + ROUND_MS, 10) if robot_seeks(robot, now_ms)]

@@ -10,6 +10,7 @@ import pytest
 from audited import ELSEWHERE_M, PLAN, ROBOTS, STORE, cheating, errand, swarm, told, two_halves
 from worlds import BOTH
 
+from phalanx.bti.log import logged
 from phalanx.bti.refusal import Refusal
 from phalanx.errors import UsageError
 from phalanx.mission import Experience, Phase, Profile
@@ -156,7 +157,7 @@ def test_the_same_seed_gives_the_same_logs_to_the_byte_and_another_others():
     for seed in (4, 4, 5):
         run = swarm(Profile.PAPER, seed=seed)
         run.advance(8.0)
-        logs.append(run.world.fleet.log.tobytes())
+        logs.append([logged(run.world.fleet, i) for i in range(len(run.world.fleet.robot))])
     assert logs[0] == logs[1] != logs[2]
 
 

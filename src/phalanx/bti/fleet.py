@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
-from phalanx.memory import PAGE_BYTES, sparse
+from phalanx.pages import PAGE_BYTES, dense, filled, lines, sparse
 from phalanx.pool import NO_ROW, Pool, make_pool
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
@@ -27,6 +27,9 @@ RX_SLOTS = 3
 PAPER_ROOM = 6
 START, PENDING = 0, 1
 LONG_AGO = -(1 << 40)
+# Where all logs would be larger than the first, so much of each lies close to others': with ten neighbours few logs are
+# longer, with 24 most.
+LARGE_LOGS_BYTES, LOG_FRONT_BYTES = 8 << 20, 2688
 
 ROBOT = np.dtype(
     [
@@ -129,8 +132,9 @@ class Fleet(NamedTuple):
     robot: NDArray[Any]  # (N,) ROBOT
     snode: NDArray[np.uint8]  # (N, size), the trusted nodes' memory
     anode: NDArray[np.uint8]  # the same
-    log: NDArray[np.uint8]  # (N, L), whole pages each; begins at the start checkpoint
-    state: NDArray[np.uint8]  # (N, C), the controller's live state, which is its own encoding
+    log: NDArray[np.uint8]  # (N, front); begins at the start checkpoint (log.py)
+    log_rest: NDArray[np.uint8]  # (N, L - front or more), what of a log does not fit there
+    state: NDArray[np.uint8]  # (N, C in whole lines), the controller's live state, which is its own encoding
     checkpoint: NDArray[np.uint8]  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
     hckpt: NDArray[np.uint8]  # (N, 2, 20): their hashes
     token: NDArray[Any]  # (N, 2, K) TOKEN: the tokens that cover them
@@ -148,7 +152,7 @@ pack = bundled(Fleet)
 
 def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Zeroed records whose fields are attributes, compiled and not."""
-    made: NDArray[Any] = np.zeros(shape, dtype).view(np.recarray)
+    made: NDArray[Any] = dense(shape, dtype).view(np.recarray)
     return made
 
 
@@ -156,6 +160,10 @@ def memo_for(n: int, config: BtiConfig, request_bytes: int, foretold: Foretold |
     """An auditor's memo of `n` robots' requests."""
     waiting_bytes = 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)
     return make_memo(n, request_bytes, config.checkpoint_capacity_bytes, waiting_bytes, foretold)
+
+
+def _pages(size: int) -> int:
+    return -(-size // PAGE_BYTES) * PAGE_BYTES
 
 
 def make_fleet(
@@ -191,6 +199,8 @@ def make_fleet(
     room = PAPER_ROOM if profile == PAPER else 1
     log_bytes = room * config.log_capacity_bytes
     chosen.log_max = log_bytes
+    is_whole = plain or n * log_bytes <= LARGE_LOGS_BYTES
+    front = log_bytes if is_whole else min(log_bytes, LOG_FRONT_BYTES)
     places = config.f_max + RX_SLOTS
     requests = log_bytes + config.request_capacity_bytes - config.log_capacity_bytes
     fleet = Fleet(
@@ -199,17 +209,18 @@ def make_fleet(
         robot=robot,
         snode=snode,
         anode=anode,
-        log=sparse(n, -(-log_bytes // PAGE_BYTES) * PAGE_BYTES),
-        state=sparse(n, state_bytes),
-        checkpoint=np.zeros((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
-        hckpt=np.zeros((n, 2, HASH_BYTES), np.uint8),
+        log=sparse(n, _pages(front)) if is_whole else dense((n, lines(front)), np.uint8),
+        log_rest=sparse(n, _pages(log_bytes - front)),
+        state=dense((n, lines(state_bytes)), np.uint8),
+        checkpoint=dense((n, 2, state_bytes + table.CHECKPOINT.size), np.uint8),
+        hckpt=dense((n, 2, HASH_BYTES), np.uint8),
         token=records((n, 2, config.tokens_kept), TOKEN),
         peer=records((n, config.n_max), PEER),
-        peer_id=np.zeros((n, config.n_max), np.uint16),
+        peer_id=dense((n, config.n_max), np.uint16),
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),
         memo=memo_for(n, config, requests),
-        taken=np.full((n, config.audits_taken), LONG_AGO, np.int64),
+        taken=filled((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)

@@ -3,6 +3,9 @@
 A mark is one byte, is in no chain, and tells the auditor where a chain was flushed before its batch was full, and where
 the checkpoint was taken. Behind an INPUT there may be evidence: in no chain either, but a chained INPUT has the hash of
 what it shows (docs/spec/rebound.md). Advice stands where the controller was given it, and nothing vouches for it.
+
+A log lies in two pieces: its front beside others', the rest where it takes memory only if it is needed. Whoever else
+reads or writes a log goes through `write`, `read` and `logged`.
 """
 
 from __future__ import annotations
@@ -48,6 +51,31 @@ def piece_at(raw: Row, at: int, end: int) -> tuple[int, int, int]:
 
 
 @kernel
+def write(f: Fleet, i: int, at: int, source: Row, length: int) -> None:
+    """`source[:length]` is in robot i's log from `at` on."""
+    front = f.log.shape[1]
+    here = min(max(front - at, 0), length)
+    copy(f.log[i], at, source, 0, here)
+    if here < length:
+        copy(f.log_rest[i], at + here - front, source, here, length - here)
+
+
+@kernel
+def read(f: Fleet, i: int, length: int, to: Row, to_at: int) -> None:
+    """The first `length` bytes of robot i's log are in `to` from `to_at` on."""
+    front = min(f.log.shape[1], length)
+    copy(to, to_at, f.log[i], 0, front)
+    if front < length:
+        copy(to, to_at + front, f.log_rest[i], 0, length - front)
+
+
+def logged(f: Fleet, i: int, begin: int = 0, end: int | None = None) -> bytes:
+    """Robot i's log, or what is in it between two places."""
+    end, front = int(f.robot[i].log_len) if end is None else end, f.log.shape[1]
+    return bytes(f.log[i, begin:end]) + bytes(f.log_rest[i, max(begin - front, 0) : max(end - front, 0)])
+
+
+@kernel
 def append(f: Fleet, i: int, entry: Row, length: int) -> int:
     """The entry logged; -1 if the log is full, after which the robot cannot pass an audit. Source: RoboRebound §3.4."""
     r = f.robot[i]
@@ -55,7 +83,7 @@ def append(f: Fleet, i: int, entry: Row, length: int) -> int:
     if at + length > f.settings[0].log_max:
         r.log_full = 1
         return -1
-    copy(f.log[i], at, entry, 0, length)
+    write(f, i, at, entry, length)
     r.log_len = at + length
     r.log_max = max(r.log_max, r.log_len)
     return 0
@@ -68,7 +96,11 @@ def mark(f: Fleet, i: int, kind: int) -> int:
     if r.log_len + 1 > f.settings[0].log_max:
         r.log_full = 1
         return -1
-    f.log[i, r.log_len] = kind
+    front = f.log.shape[1]
+    if r.log_len < front:
+        f.log[i, r.log_len] = kind
+    else:
+        f.log_rest[i, r.log_len - front] = kind
     r.log_len += 1
     return 0
 
@@ -77,7 +109,17 @@ def mark(f: Fleet, i: int, kind: int) -> int:
 def truncate(f: Fleet, i: int) -> None:
     """The log begins behind the pending checkpoint's mark. Source: RoboRebound §3.6."""
     r = f.robot[i]
-    begin = r.checkpoint_at + 1
-    copy(f.log[i], 0, f.log[i], begin, r.log_len - begin)
+    begin, front, at = r.checkpoint_at + 1, f.log.shape[1], 0
     r.log_len -= begin
     r.checkpoint_at = -1
+    while at < r.log_len:
+        source, length = begin + at, r.log_len - at
+        length = min(length, front - source) if source < front else length
+        length = min(length, front - at) if at < front else length
+        if source < front:
+            copy(f.log[i], at, f.log[i], source, length)
+        elif at < front:
+            copy(f.log[i], at, f.log_rest[i], source - front, length)
+        else:
+            copy(f.log_rest[i], at - front, f.log_rest[i], source - front, length)
+        at += length

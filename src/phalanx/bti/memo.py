@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import sparse, wait_until
+from phalanx.memory import wait_until
+from phalanx.pages import dense, sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES
@@ -88,8 +89,8 @@ def make_memo(
         passed=np.zeros(slots, PASSED).view(np.recarray),
         shown=sparse(slots, request_bytes),
         tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
-        state=np.zeros((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
-        waiting=np.zeros((slots, waiting_bytes), np.uint8),
+        state=dense((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
+        waiting=sparse(slots, waiting_bytes),
         foretold=foretold or _nothing_foretold(robots, request_bytes),
     )
     return pack(made)
@@ -99,7 +100,7 @@ def _nothing_foretold(robots: int, request_bytes: int) -> Foretold:
     made = Foretold(
         shown=sparse(MOST_FORETOLD, request_bytes),
         told=np.zeros(MOST_FORETOLD, FORETOLD).view(np.recarray),
-        place=np.zeros(robots, np.int64),
+        place=dense(robots, np.int64),
         counts=np.zeros(COUNT_WORDS, np.int64),
     )
     return pack_foretold(made)

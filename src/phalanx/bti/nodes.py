@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from phalanx.config import BtiConfig
 from phalanx.config.bti import CHECKPOINT_BYTES, NEIGHBOUR_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.errors import PeerError, UsageError
+from phalanx.pages import dense, lines
 from phalanx.wire.fields import row
 from phalanx.wire.table import AUDIT_FRAGMENT, AUDIT_TOKEN, HASH_BYTES, KEY_BYTES, MAC_BYTES, MKEY, STATE
 
@@ -131,7 +132,8 @@ class TrustedNodes(Protocol):
 
 
 class Nodes:
-    """The s- and a-nodes of n robots, as they leave the factory; `snode` and `anode` are their memory, (n, size) uint8.
+    """The s- and a-nodes of n robots as they leave the factory; `snode` and `anode` are their memory: (n, size) uint8,
+    in whole lines.
 
     Robots are known by their row from 0; their ids come with the master key. The limits are the same for all.
     Raises: UsageError: limits that make no sense.
@@ -140,8 +142,8 @@ class Nodes:
     def __init__(self, n: int, profile: int, limits: Limits) -> None:
         self.profile = profile
         self._ffi, self._lib = trusted.FIRMWARE[profile]
-        self.snode = np.zeros((n, self._lib.phx_snode_size()), np.uint8)
-        self.anode = np.zeros((n, self._lib.phx_anode_size()), np.uint8)
+        self.snode = dense((n, lines(self._lib.phx_snode_size())), np.uint8)
+        self.anode = dense((n, lines(self._lib.phx_anode_size())), np.uint8)
         try:
             made = self._ffi.new("phx_limits *", astuple(limits))
         except OverflowError as error:

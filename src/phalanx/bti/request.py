@@ -15,7 +15,7 @@ from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import trusted
 from .fleet import PENDING, START, Fleet
-from .log import FLUSH_S, mark
+from .log import FLUSH_S, mark, read
 from .rounds import again_after, drawn, flush_marks, hears_few, mixed, next_candidate, peer_at, withdraw
 
 VERSION = table.REQUEST_VERSION
@@ -104,7 +104,7 @@ def _write(f: Fleet, i: int, treq: Row, auth_s: Row, auth_a: Row) -> int:
         copy(out, at + TOKEN_MAC, token.mac, 0, MAC_BYTES)
         at += TOKEN_BYTES
     copy(out, at, f.checkpoint[i, START], 0, r.start_len)
-    copy(out, at + r.start_len, f.log[i], 0, r.log_len)
+    read(f, i, r.log_len, out, at + r.start_len)
     return int(length)
 
 

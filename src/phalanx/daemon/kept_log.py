@@ -20,6 +20,7 @@ from typing import Any, Self
 
 from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
+from phalanx.bti.log import logged
 from phalanx.errors import Unavailable
 from phalanx.wire.fields import get_u32
 from phalanx.wire.table import PROOF
@@ -74,7 +75,7 @@ class KeptLog:
 
         Where an audit was asked for, what the trusted nodes said for it stands too: who has the mission key checks it.
         """
-        robot, raw = fleet.robot[0], fleet.log[0]
+        robot = fleet.robot[0]
         length, asked = int(robot.log_len), int(robot.requests_sent)
         if length >= self._seen:
             begin = self._seen
@@ -82,8 +83,8 @@ class KeptLog:
                 shown = fleet.request.rows[0]  # the only one; whole, though it may have been said and given back
                 begin = min(length, max(begin, int(get_u32(shown, request.AT_SEGMENT_LEN))))
                 head = shown[: request.HEAD_BYTES].tobytes()
-                self._write(raw[self._seen : begin].tobytes() + PROOF.encode(tor=int(robot.request_to), head=head))
-            self._write(raw[begin:length].tobytes())
+                self._write(logged(fleet, 0, self._seen, begin) + PROOF.encode(tor=int(robot.request_to), head=head))
+            self._write(logged(fleet, 0, begin, length))
         self._seen, self._asked = length, asked
 
     def _write(self, raw: bytes) -> None:

@@ -282,7 +282,8 @@ class CNode:
         # A mission's is long, and nobody asks for it where nobody audits.
         unasked = self.profile == PLAIN and isinstance(self.controller, EvidenceController)
         if self.controller and not unasked:
-            state = checked_state(self.controller.encode(), self.f.state.shape[1], self.controller)
+            room = self.f.checkpoint.shape[2] - CHECKPOINT_BYTES
+            state = checked_state(self.controller.encode(), room, self.controller)
             self.f.state[self.i, : len(state)] = np.frombuffer(state, np.uint8)
             self.f.robot[self.i].state_len = len(state)
         self._is_kept = True

@@ -6,8 +6,9 @@ Nothing here changes anything. Which bytes are asked for, and how early, is what
 from __future__ import annotations
 
 from phalanx.kernel import kernel
-from phalanx.memory import LINE_BYTES, fetch
-from phalanx.sim.radio.channel import ATTEMPT, TX_END
+from phalanx.memory import fetch
+from phalanx.pages import LINE_BYTES
+from phalanx.sim.radio.channel import ATTEMPT, SHORT_BYTES, TX_END
 from phalanx.wire.fields import whole
 
 from .alone import will_decide_alone
@@ -31,11 +32,11 @@ def fetch_next(world: World) -> None:
         fetch_body(world, i)
     elif kind == ATTEMPT:
         fetch(air.nic, i, 0, air.nic.itemsize)
-        fetch(air.slot, i, 0, 1)
-        fetch(air.short, i, 0, 1)
+        fetch(air.slot, 0, i * air.slot.itemsize, 1)
+        fetch(air.short, 0, i * SHORT_BYTES, 1)
     elif kind == TX_END:
         # An answer lets its hearer go on; a frame for one robot is heard by that.
-        fetch_robot(world, arg - 1 if arg > 0 else whole(air.slot[i, air.nic[i].head].dst))
+        fetch_robot(world, arg - 1 if arg > 0 else whole(air.slot[air.nic[i].head, i].dst))
     elif kind not in (CONTROL, NOTHING):
         fetch_robot(world, i)
 
@@ -58,6 +59,17 @@ def fetch_robot(world: World, i: int) -> None:
         fetch(f.anode, i, 0, HOT_BYTES)
         fetch(f.state, i, 0, STATE_BYTES)
         fetch(f.peer_id, i, 0, 1)
+
+
+@kernel
+def fetch_log(world: World, i: int) -> None:
+    """Where robot i logs next is on its way."""
+    f, at = world.fleet, world.fleet.robot[i].log_len
+    front = f.log.shape[1]
+    if at < front:
+        fetch(f.log, i, at, 1)
+    else:
+        fetch(f.log_rest, i, at - front, 1)
 
 
 @kernel

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.memory import PATIENCE, look, rest, tell, wait_until
+from phalanx.pages import dense
 from phalanx.sim.radio.channel import SHORT_BYTES
 from phalanx.wire.fields import copy
 
@@ -55,8 +56,8 @@ def make_errands(robots: int, counts: NDArray[np.int64]) -> Errands:
     errands = Errands(
         on=np.zeros(1, np.uint8),
         errand=np.zeros(ROOM, ERRAND).view(np.recarray),
-        last=np.zeros(robots, np.int64),
-        steps=np.zeros(robots, np.int64),
+        last=dense(robots, np.int64),
+        steps=dense(robots, np.int64),
         counts=counts,
     )
     return pack(errands)

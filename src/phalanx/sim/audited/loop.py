@@ -12,7 +12,6 @@ from phalanx.bti import request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, OUTPUT_HEAD_BYTES, OUTPUT_LENGTH, SEND
 from phalanx.bti.log import ENTRY_HEAD_BYTES
 from phalanx.kernel import kernel
-from phalanx.memory import fetch
 from phalanx.robot import node
 from phalanx.sim.radio import channel as radio
 from phalanx.sim.radio.channel import ATTEMPT, BROADCAST, NOBODY, TX_END
@@ -20,7 +19,7 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .ahead import fetch_next, fetch_robot, fetch_tokens
+from .ahead import fetch_log, fetch_next, fetch_robot, fetch_tokens
 from .alone import decides_alone, foretell, hears_alone, meet
 from .errands import CONTROL, MESSAGE, give, wait_for_all
 from .events import next_us, pop, push
@@ -124,7 +123,7 @@ def control(world: World, i: int) -> int:
     body.advance(world, i)
     if world.safe[i]:
         return 0
-    fetch(world.fleet.log, i, world.fleet.robot[i].log_len, 1)
+    fetch_log(world, i)
     now = clock_ms(world, i)
     length = body.sensed(world, i, world.fleet.robot[i].id, now)
     if world.runs[i] == PYTHON:
@@ -189,7 +188,7 @@ def deliver(world: World, j: int) -> int:
         world.clock[0].kind = MESSAGE
         world.clock[0].robot = j
         return 1
-    fetch(world.fleet.log, j, world.fleet.robot[j].log_len, 1)
+    fetch_log(world, j)
     now = clock_ms(world, j)
     told = node.hear(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
     t = world.work.told

@@ -20,6 +20,7 @@ from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel, kernel
 from phalanx.memory import fetch
+from phalanx.pages import dense
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
 from phalanx.wire.fields import copy, whole
@@ -69,12 +70,13 @@ SLOT = np.dtype(
 
 
 class Air(NamedTuple):
-    """The channel and everybody's NIC; 1.7 kB a robot by default."""
+    """The channel and everybody's NIC; half a kB a robot."""
 
     nic: NDArray[np.void]  # (N,) NIC
-    short: NDArray[np.uint8]  # (N, SLOTS, SHORT_BYTES), frames of the ring
+    # By place first: most rings have one frame, so what lies behind the first places is never touched.
+    short: NDArray[np.uint8]  # (SLOTS, N, SHORT_BYTES), frames of the ring
     long: Pool  # of long_bytes: the one longer frame of each ring
-    slot: NDArray[Any]  # (N, SLOTS) SLOT
+    slot: NDArray[Any]  # (SLOTS, N) SLOT
     counts: NDArray[np.int64]  # (N, 4, 8), see APP_BROADCAST … and SENT …
     rates: Rates  # bits and times of a symbol
     half_exponents: int  # twice the exponent of the path loss
@@ -107,10 +109,10 @@ def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
         raise UsageError(f"seed is {seed}", "0 or more")
     air = Air(
         nic=make_nics(robots, seed),
-        short=np.zeros((robots, SLOTS, SHORT_BYTES), np.uint8),
+        short=np.zeros((SLOTS, robots, SHORT_BYTES), np.uint8),
         long=make_pool(robots, config.long_bytes),
-        slot=np.zeros((robots, SLOTS), SLOT).view(np.recarray),
-        counts=np.zeros((robots, 4, 8), np.int64),
+        slot=np.zeros((SLOTS, robots), SLOT).view(np.recarray),
+        counts=dense((robots, 4, 8), np.int64),
         rates=rates_of(config),
         half_exponents=round(2 * config.exponent),
         capture=10 ** (config.capture_db / 10),
@@ -148,9 +150,9 @@ def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length
     slot = (nic.head + nic.waiting) % SLOTS
     if is_long:
         nic.long_used, nic.long_row = 1, lend(air.long)
-    target = air.long.rows[nic.long_row] if is_long else air.short[robot, slot]
+    target = air.long.rows[nic.long_row] if is_long else air.short[slot, robot]
     copy(target, 0, frame, 0, length)
-    taken = air.slot[robot, slot]
+    taken = air.slot[slot, robot]
     taken.dst, taken.length, taken.since = dst, length, now_us
     nic.waiting += 1
     if nic.waiting == 1:
@@ -190,7 +192,7 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
         return
     nic.attempt_at = NEVER
     slot = nic.head
-    length, dst = whole(air.slot[robot, slot].length), whole(air.slot[robot, slot].dst)
+    length, dst = whole(air.slot[slot, robot].length), whole(air.slot[slot, robot].dst)
     if dst == BROADCAST:
         took_us, answer_us = broadcast_us(air.rates, length), 0
     else:
@@ -213,7 +215,7 @@ def finish(
         return _finish_ack(air, queue, robot, arg - 1, now_us)
     nic = air.nic[robot]
     slot = nic.head
-    dst = whole(air.slot[robot, slot].dst)
+    dst = whole(air.slot[slot, robot].dst)
     frame = _bytes(air, robot, slot)
     count = 0
     if dst == BROADCAST:
@@ -265,7 +267,7 @@ def _retry(air: Air, queue: Queue, robot: int, now_us: int) -> int:
 def _done(air: Air, queue: Queue, robot: int, now_us: int) -> int:
     nic = air.nic[robot]
     slot = nic.head
-    sent = air.slot[robot, slot]
+    sent = air.slot[slot, robot]
     counts = air.counts[robot, _class(_bytes(air, robot, slot)[0], sent.dst)]
     counts[SENT] += 1
     counts[BYTES] += sent.length
@@ -325,15 +327,15 @@ def _class(first_byte: int, dst: int) -> int:
 
 @counting_kernel
 def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
-    length = whole(air.slot[robot, slot].length)
+    length = whole(air.slot[slot, robot].length)
     if length > SHORT_BYTES:
         return air.long.rows[air.nic[robot].long_row, :length]
-    return air.short[robot, slot, :length]
+    return air.short[slot, robot, :length]
 
 
 @kernel
 def _account(air: Air, robot: int, slot: int, receivers: NDArray[np.int32], count: int, now_us: int) -> None:
-    sent = air.slot[robot, slot]
+    sent = air.slot[slot, robot]
     row = _class(_bytes(air, robot, slot)[0], sent.dst)
     air.counts[robot, row, ARRIVED] += count
     air.counts[robot, row, DELAY_US] += count * (now_us - sent.since)

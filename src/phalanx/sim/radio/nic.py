@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.kernel import kernel
+from phalanx.pages import dense
 
 # Access as ns-3 plays it: everything in the best-effort class (AIFSN 3), slots of 9 µs, CWmin 15 and CWmax 1023.
 SLOT_US = 9
@@ -44,6 +45,7 @@ NIC = np.dtype(
         ("long_used", "u1"),
         ("delivered", "u1"),  # the addressee has it, the acknowledgement may have been lost
         ("off", "u1"),
+        ("pad", "u1", (16,)),  # each has two lines of memory, and not parts of three
     ],
     align=True,
 )
@@ -51,7 +53,7 @@ NIC = np.dtype(
 
 def make_nics(robots: int, seed: int) -> NDArray[np.void]:
     """(robots,) records of NIC: an idle channel, and each robot's own luck."""
-    nic = np.zeros(robots, NIC).view(np.recarray)
+    nic = dense(robots, NIC).view(np.recarray)
     for name in ("heard_until", "hears_until", "busy_until", "own_until"):
         nic[name] = _LONG_AGO
     nic["attempt_at"] = NEVER
