@@ -22,6 +22,7 @@ from phalanx.sim.missions.orders import orders_of
 from phalanx.sim.missions.run import run_mission, summary
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.missions.world import MissionRobot, MissionWorld
+from phalanx.wire.table import DRIVE, KIND_DRIVE
 
 OFFICE = load_floorplan("office_40x40")
 TOUCH_M = RADIUS_M + 0.175
@@ -81,6 +82,10 @@ def test_a_robot_goes_around_who_stands_in_its_way_and_touches_nobody() -> None:
     assert math.dist(robot.body.wheels.pose[:2], free.report.places[0]) > 3, "it got on"
 
 
+def ahead(speed_mps: float) -> bytes:
+    return DRIVE.form.pack(KIND_DRIVE, 1, 0, round(1000 * speed_mps), 0)
+
+
 def test_whom_a_robot_touches_stops_its_wheels_and_it_may_turn_and_go_back() -> None:
     building = Building(OFFICE)
     _, robot = alone_in(building)
@@ -88,12 +93,12 @@ def test_whom_a_robot_touches_stops_its_wheels_and_it_may_turn_and_go_back() -> 
     x, y, _ = body.wheels.pose
     body.wheels.pose = (x, y, 0.0)
     building.people = np.array([[x + TOUCH_M + 0.12, y, RADIUS_M]])
-    for _ in range(20):
-        body.drive(0.5, 0.0, 0.05)
+    body.obey(ahead(0.5))
+    body.advance(1.0)
     assert body.wheels.pose[0] - x == pytest.approx(0.1)
     assert body.odometry.travelled_m == pytest.approx(0.1), "wheels that turn on would lose it"
-    for _ in range(20):
-        body.drive(-0.5, 0.0, 0.05)
+    body.obey(ahead(-0.5))
+    body.advance(2.0)
     assert body.wheels.pose[0] < x
 
 

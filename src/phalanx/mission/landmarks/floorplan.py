@@ -75,7 +75,7 @@ class FloorPlan:
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Distance to the nearest wall; +inf where there are none."""
-        return _clearance(self.walls, float(x_m), float(y_m))
+        return clearance(self.walls, float(x_m), float(y_m))
 
     def inside(self, x_m: float, y_m: float) -> bool:
         """Whether the place is free: within the bounds, and on the free side of the nearest outlines."""
@@ -115,7 +115,8 @@ class FloorPlan:
 
 
 @counting_kernel
-def _clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
+def clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
+    """As `FloorPlan.clearance_m`."""
     nearest = np.inf
     for i in range(len(walls)):
         along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]

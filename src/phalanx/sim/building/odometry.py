@@ -13,6 +13,7 @@ import numpy as np
 
 from phalanx.config.parameter import check_limits, within
 from phalanx.errors import UsageError, did_you_mean
+from phalanx.kernel import kernel
 
 Pose = tuple[float, float, float]
 
@@ -60,26 +61,39 @@ class OdometryNoise:
 
 
 class Odometry:
-    """One robot's estimate of its pose, from the motion of its wheels alone."""
+    """One robot's estimate of its pose, from the motion of its wheels alone.
+
+    Attributes:
+        factors: by which it counts ways and turns, true ones being 1.
+    """
 
     def __init__(self, start: Pose, noise: OdometryNoise, random: np.random.Generator) -> None:
         self.pose = start
         self.travelled_m = 0.0
         self._noise = noise
         self._random = random
-        self._factor_t, self._factor_r = 1.0 + noise.sigma_t, 1.0 + noise.sigma_r
+        self.factors = 1.0 + noise.sigma_t, 1.0 + noise.sigma_r
         if noise.model is NoiseModel.STAGE:
-            self._factor_t = 1.0 + noise.sigma_t * random.uniform(-0.5, 0.5)
-            self._factor_r = 1.0 + noise.sigma_r * random.uniform(-0.5, 0.5)
+            self.factors = self._drawn(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5))
+
+    def _drawn(self, way: float, turn: float) -> tuple[float, float]:
+        return 1.0 + self._noise.sigma_t * way, 1.0 + self._noise.sigma_r * turn
+
+    @property
+    def draws(self) -> bool:
+        """Whether its factors are others at every step."""
+        return self._noise.model is NoiseModel.STEP
+
+    def draw(self) -> None:
+        """Its factors are those of the next step."""
+        if self.draws:
+            self.factors = self._drawn(self._random.standard_normal(), self._random.standard_normal())
 
     def step(self, way_m: float, turn_rad: float) -> Pose:
         """Adds a true motion along an arc; returns the estimated pose."""
-        if self._noise.model is NoiseModel.STEP:
-            self._factor_t = 1.0 + self._noise.sigma_t * self._random.standard_normal()
-            self._factor_r = 1.0 + self._noise.sigma_r * self._random.standard_normal()
-        way, turn = way_m * self._factor_t, turn_rad * self._factor_r
-        self.travelled_m += abs(way)
-        self.pose = along_arc(self.pose, way, turn)
+        self.draw()
+        told = counted(self.pose, self.travelled_m, (float(way_m), float(turn_rad)), self.factors)
+        self.pose, self.travelled_m = told
         return self.pose
 
     def correct(self, pose: Pose) -> None:
@@ -87,13 +101,22 @@ class Odometry:
         self.pose = pose
 
 
+@kernel
+def counted(
+    pose: Pose, travelled_m: float, motion: tuple[float, float], factors: tuple[float, float]
+) -> tuple[Pose, float]:
+    """(pose, way travelled) by odometry after a true motion: a way and a turn."""
+    way, turn = motion[0] * factors[0], motion[1] * factors[1]
+    return along_arc(pose, way, turn), travelled_m + abs(way)
+
+
+@kernel
 def along_arc(pose: Pose, way_m: float, turn_rad: float) -> Pose:
     """The pose after a way along an arc that turns by so much in all; the heading within ±pi."""
     x, y, heading = pose
     half = 0.5 * turn_rad
     chord = way_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-    return (
-        x + chord * math.cos(heading + half),
-        y + chord * math.sin(heading + half),
-        math.remainder(heading + turn_rad, math.tau),
-    )
+    after = heading + turn_rad
+    while abs(after) > math.pi:  # a wheel turns by less than that in a step
+        after -= math.tau if after > 0.0 else -math.tau
+    return x + chord * math.cos(heading + half), y + chord * math.sin(heading + half), after

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.config.lidar import LidarConfig
+from phalanx.kernel import kernel
 from phalanx.mission.file.canonical import parse_action
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.codes import SeenCode
@@ -18,8 +20,8 @@ from phalanx.mission.refused import MalformedMission
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.robot.controllers.mission.sensed import Eye, code_entry, reading_entry
 from phalanx.sim.building.camera import Camera
-from phalanx.sim.building.diffdrive import DiffDrive
-from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose
+from phalanx.sim.building.diffdrive import Body, DiffDrive, stepped, wheels_of
+from phalanx.sim.building.odometry import Odometry, OdometryNoise, Pose, counted
 from phalanx.sim.building.walkers import Walkers
 from phalanx.wire.table import ACTION, DRIVE, KIND_ACTION, KIND_DRIVE
 
@@ -54,6 +56,40 @@ class Building:
             self._steps += 1
 
 
+class Moment(NamedTuple):
+    """A moment of a drive."""
+
+    begin_s: float
+    end_s: float
+    speed_mps: float
+    turn_radps: float
+    once: bool  # no more than one step of it
+
+
+@kernel
+def _drive(
+    at: Pose,
+    told: tuple[Pose, float],
+    moment: Moment,
+    factors: tuple[float, float],
+    body: Body,
+    walls: NDArray[np.float64],
+) -> tuple[Pose, tuple[Pose, float], float]:
+    """(where the robot is, what odometry tells, when), from the same; the wheels turn for a moment."""
+    now_s = moment.begin_s
+    moves = moment.speed_mps != 0.0 or moment.turn_radps != 0.0
+    while now_s < moment.end_s:
+        dt_s = min(STEP_S, moment.end_s - now_s)
+        if moves:
+            speeds = wheels_of(moment.speed_mps, moment.turn_radps, body)
+            at, motion = stepped(at, speeds, dt_s, body, walls)
+            told = counted(told[0], told[1], motion, factors)
+        now_s = moment.end_s if dt_s < STEP_S else now_s + dt_s
+        if moment.once:
+            break
+    return at, told, now_s
+
+
 class MissionBody:
     """One robot's wheels, odometry, lidar and camera, and what it has been told to do.
 
@@ -86,18 +122,19 @@ class MissionBody:
         self._readings = 0
 
     def advance(self, now_s: float) -> None:
-        """The body is where its last command has brought it by now."""
+        """The body is where its last command has brought it by now; a bumper stops it before it runs into somebody."""
+        wheels, odometry, speed_mps = self.wheels, self.odometry, self._speed_mps
+        stepwise = odometry.draws or len(self.building.people) > 0
+        moves = bool(speed_mps or self._turn_radps)
         while self._now_s < now_s:
-            dt_s = min(STEP_S, now_s - self._now_s)
-            self.drive(self._speed_mps, self._turn_radps, dt_s)
-            self._now_s = now_s if dt_s < STEP_S else self._now_s + dt_s
-
-    def drive(self, speed_mps: float, turn_radps: float, dt_s: float) -> None:
-        """The wheels turn for a moment; a bumper stops those of a robot that would run into somebody."""
-        if not speed_mps and not turn_radps:
-            return
-        speed_mps = 0.0 if self._runs_into_somebody(speed_mps * dt_s) else speed_mps
-        self.odometry.step(*self.wheels.step(*self.wheels.wheels(speed_mps, turn_radps), dt_s))
+            if moves and stepwise:
+                odometry.draw()
+                way_m = self._speed_mps * min(STEP_S, now_s - self._now_s)
+                speed_mps = 0.0 if self._runs_into_somebody(way_m) else self._speed_mps
+            moment = Moment(self._now_s, now_s, speed_mps, self._turn_radps, moves and stepwise)
+            at, told = wheels.pose, (odometry.pose, odometry.travelled_m)
+            driven = _drive(at, told, moment, odometry.factors, wheels.body, self.building.plan.walls)
+            wheels.pose, (odometry.pose, odometry.travelled_m), self._now_s = driven
 
     def _runs_into_somebody(self, way_m: float) -> bool:
         """Whether a person whom it touches then is nearer after so much way."""
