@@ -107,6 +107,24 @@ def test_whoever_heard_nothing_of_a_request_may_be_asked_again_soon_and_whoever_
     assert robot.fleet.peer[VICTIM, to].asked_ms == BOOT_MS + 600, "an auditor takes one request in half a round"
 
 
+@pytest.mark.parametrize("f_max, waits", [(5, True), (6, False)])
+def test_of_many_that_may_lie_none_is_waited_for_that_falls_silent_amid_a_request(f_max, waits):
+    """Else eight who acknowledged no more than first fragments cost a round and the next, and stopped others."""
+    robot = Unheard(config=BtiConfig(f_max=f_max))
+    robot.round_begins(BOOT_MS)
+    for k in range(12):
+        robot.hears(BOOT_MS + k)
+    robot.fleet.settings[0].frame_max = 256
+    for k in range(f_max):
+        now_ms = BOOT_MS + (k + 1) * GRANT_MS
+        robot.says(now_ms)
+        assert robot.says(now_ms + 1) != b"" and robot.robot.request_next == 2
+        request.not_arrived(robot.fleet, VICTIM, now_ms + 2)
+        assert (robot.robot.request_len > 0) == waits
+        if waits:
+            break
+
+
 def test_while_a_fragment_waits_nobody_else_is_asked():
     robot = Unheard()
     robot.round_begins(BOOT_MS)

@@ -39,6 +39,8 @@ AUTH_MAC = table.AUTHENTICATOR.at("mac")
 TREQ_BYTES = table.TOKEN_REQUEST.size
 # So often fragments of one request are said again that did not arrive.
 REPEATS = 4
+# Of f_max who fall silent amid a request each costs an eighth of a round on the mean: six and more are not waited for.
+PATIENT = 5
 # A HELLO is over by then, if it waited for a fragment or two of others.
 LISTENS_MS = 5
 
@@ -166,7 +168,8 @@ def not_arrived(f: Fleet, i: int, now: int) -> None:
         return
     chance = mixed(drawn(f, i), r.repeats)
     nothing = r.request_next == 1
-    if r.repeats < REPEATS and not (nothing and _moves_on(f, i, now)):
+    given_up = nothing or s.f_max > PATIENT
+    if r.repeats < REPEATS and not (given_up and _moves_on(f, i, now)):
         r.request_next = max(r.request_next - 1, 0)
         r.repeat_at = now + 1 + chance % max(1, s.t_audit >> (REPEATS + 2 - r.repeats))
         r.repeats += 1
