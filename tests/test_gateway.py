@@ -7,6 +7,7 @@ import json
 import os
 import re
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -106,8 +107,10 @@ class TestVisitors:
         places = []
         assert watch.news(dict, 10.3) == {"things": [[]]}
         assert watch.news(dict, 11.0) == {"work": told["work"]}
+        done = replace(done, score=None)
+        assert watch.news(dict, 12.5) == {"work": [["tracking", None, "% tracked", 120]]}
         done = None
-        assert watch.news(dict, 12.0) == {}
+        assert watch.news(dict, 14.0) == {}
 
     def test_drivers_are_told_twice_a_second_while_they_drive_and_so_many_only(self):
         drivers = Drivers()

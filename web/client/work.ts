@@ -13,7 +13,8 @@ const MINUTE_S = 60;
 
 export interface Work {
   readonly name: string;
-  readonly score: number;
+  /** None while there was nothing to count. */
+  readonly score: number | undefined;
   /** What the score counts, and its unit. */
   readonly counts: string;
   readonly lately_s: number;
@@ -37,7 +38,8 @@ function readWork(words: Json | undefined, things: readonly Point[]): Work | und
     counts: readText(counts, LONGEST),
     lately_s: readNumber(lately, 1, MOST_S),
   };
-  if (read.name === undefined || read.counts === undefined || read.score === undefined || read.lately_s === undefined) {
+  const isScored = read.score !== undefined || score === null;
+  if (read.name === undefined || read.counts === undefined || !isScored || read.lately_s === undefined) {
     return undefined;
   }
   return { name: read.name, score: read.score, counts: read.counts, lately_s: read.lately_s, things };
@@ -52,7 +54,8 @@ function readThings(words: readonly Json[]): readonly Point[] {
 
 /** What has come of it, as a line. */
 export function workWords({ name, score, counts, lately_s }: Work): string {
+  if (score === undefined) return `${name}: nothing to count yet`;
   const space = counts.startsWith("%") ? "\u202f" : " ";
-  const lately = lately_s >= MINUTE_S ? `${Math.round(lately_s / MINUTE_S)} min` : `${Math.round(lately_s)} s`;
+  const lately = lately_s >= 2 * MINUTE_S ? `${Math.round(lately_s / MINUTE_S)} min` : `${Math.round(lately_s)} s`;
   return `${name}: ${Math.round(score)}${space}${counts}, last ${lately}`;
 }

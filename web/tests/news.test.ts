@@ -65,6 +65,8 @@ describe("a swarm's own work", () => {
     ({ work } = swarm);
     expect(work && workWords(work)).toBe("patrol: 3 deliveries, last 30 s");
     expect(work?.things).toHaveLength(2);
+    ({ work } = framed(swarm, { work: [["perimeter", null, "% caught", 9]] }, 1150));
+    expect(work && workWords(work)).toBe("perimeter: nothing to count yet");
     expect(framed(swarm, { things: [[]] }, 1200).work?.things).toEqual([]);
   });
 

@@ -142,7 +142,7 @@ def _flock(trial: FlockTrial, goal_m: tuple[float, float] | None) -> dict[str, s
             f"{told(trial.honest_distance_m, '.1f', ' m')} without the attack"
         )
     for counted_, done in attacked.get("task", {}).items():
-        rows[counted_] = f"{done:g}, {honest['task'][counted_]:g} without the attack"
+        rows[counted_] = f"{told(done, 'g')}, {told(honest['task'][counted_], 'g')} without the attack"
     rows |= {
         "contacts": f"{attacked['contacts']}, {honest['contacts']} without the attack",
         "correct, in Safe Mode": f"{len(attacked['correct_in_safe_mode'])}, "

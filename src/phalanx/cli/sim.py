@@ -123,7 +123,10 @@ def show(scenario: Scenario, summary: dict[str, Any], *, knows_goal: bool = True
         "scenario": f"{scenario.name}: {summary['robots']} robots, {summary['duration_s']:g} s, "
         f"defence {summary['defence']}, seed {summary['seed']}",
         **({"distance to the goal": to_goal} if knows_goal else {}),
-        **{name: f"{done:g}, of correct robots" for name, done in summary.get("task", {}).items()},
+        **{
+            name: "nothing to count yet" if done is None else f"{done:g}, of correct robots"
+            for name, done in summary.get("task", {}).items()
+        },
         "compromised": "; ".join(map(_liar, summary["compromised"])) or "nobody",
         "correct, in Safe Mode": _ids(summary["correct_in_safe_mode"]),
         "for want of a quorum": _ids(summary["without_quorum"]),

@@ -26,7 +26,8 @@ class WorkWatch:
         is_due = uptime_s >= self._look_at_s
         if is_due and (done := self._swarm.done()):
             self._look_at_s = uptime_s + LOOK_EVERY_S
-            told["work"] = [[done.name, round(done.score), done.counts, round(done.lately_s)]]
+            score = None if done.score is None else round(done.score)
+            told["work"] = [[done.name, score, done.counts, round(done.lately_s)]]
         if things != self._things or (things and is_due):
             self._things = things
             told["things"] = [things]

@@ -14,7 +14,7 @@ class Done:
     """What has come of a swarm's work lately."""
 
     name: str  # of the work
-    score: float
+    score: float | None  # None while there was nothing to count
     counts: str  # what the score counts, and its unit: "% watched"
     lately_s: float  # so far back it counts
 

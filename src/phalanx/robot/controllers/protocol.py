@@ -92,6 +92,10 @@ class Stage(ABC):
     def score(self, left_out: Collection[int]) -> float:
         """What has come of it without these robots: the more the better."""
 
+    def score_so_far(self, left_out: Collection[int]) -> float | None:
+        """The same; None while there was nothing to count."""
+        return self.score(left_out)
+
 
 @dataclass(frozen=True, slots=True)
 class Protocol:

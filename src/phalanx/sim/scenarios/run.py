@@ -332,7 +332,7 @@ class Run:
             "log_bytes_max": int(world.fleet.robot["log_max"].max()),
             "broadcast_delivery": _known(delivery(world.air, APP_BROADCAST)),
             "unicast_delivery": _known(delivery(world.air, AUDIT_UNICAST)),
-            **({"task": {self.stage.counts: self.stage.score(self.compromised)}} if self.stage else {}),
+            **({"task": {self.stage.counts: self.stage.score_so_far(self.compromised)}} if self.stage else {}),
             "real_time_factor": seconds / self._wall_s if self._wall_s else None,
         }
 

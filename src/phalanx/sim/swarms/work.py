@@ -124,9 +124,10 @@ class Work:
         return None if controller.body.is_taken(now_ms) else controller.aim()
 
     def done(self, now_s: float) -> Done:
-        """What has come of it lately; what was before is forgotten."""
+        """What has come of it lately; what was before is forgotten where it would grow."""
         self.stage.forget(max(0.0, now_s - LATELY_S))
-        return Done(name=self.protocol, score=self.stage.score(()), counts=self.stage.counts, lately_s=LATELY_S)
+        stage, score = self.stage, self.stage.score_so_far(())
+        return Done(name=self.protocol, score=score, counts=stage.counts, lately_s=max(1.0, now_s - stage.since_s))
 
     def things_m(self, now_s: float) -> list[Point]:
         """Where the things are that it is about, those in the area."""

@@ -86,6 +86,10 @@ class Intruders(SightStage):
         by = [self.caught.get(number, ()) for number in come]
         return 100 * sum(any(each not in left_out for each in both) for both in by) / max(1, len(by))
 
+    def score_so_far(self, left_out: Collection[int]) -> float | None:
+        """None until the first intruder has had its time."""
+        return self.score(left_out) if self._through_by(self.now_s) > self._through_by(self.since_s) else None
+
     def forget(self, before_s: float) -> None:
         """See `Stage`."""
         super().forget(before_s)
