@@ -319,16 +319,17 @@ class TestCluster:
         assert one["digest"] == alone.summaries[0]["digest"]
 
     @pytest.mark.long
-    def test_ctrl_c_keeps_what_is_there_and_says_so(self, written, tmp_path):
+    def test_sigterm_keeps_what_is_there_and_says_so_as_ctrl_c_does(self, written, tmp_path):
         path, out = written(self.LONGER), tmp_path / "out"
         going = subprocess.Popen(sweeping(path, out, "--workers", "1"), stderr=subprocess.PIPE, text=True)
         until = time.monotonic() + 120
         while not rows_in(out) and going.poll() is None and time.monotonic() < until:
             time.sleep(0.1)
-        going.send_signal(signal.SIGINT)
+        going.send_signal(signal.SIGTERM)
         _, said = going.communicate(timeout=60)
         assert going.returncode == 1
         assert "Traceback" not in said
+        assert "leaked" not in said
         assert f"stopped: {len(rows_in(out))} runs are in {out / 'runs'}; the same command goes on" in said
 
     @pytest.mark.long

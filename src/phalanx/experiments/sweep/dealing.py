@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import logging
 import os
+import signal
 import time
 import warnings
 from collections import deque
@@ -19,6 +20,7 @@ from phalanx.errors import PhalanxError, Unavailable, UsageError
 from phalanx.experiments.figure import Figure
 from phalanx.experiments.table import EachCase
 from phalanx.experiments.version import version
+from phalanx.sim.signals import handled_by
 
 SWEEP_HINT = "pip install 'phalanx-swarm[sweep]'"
 CONNECT_S = 15.0
@@ -162,17 +164,18 @@ def _check(scheduler: str | None, workers: int | None) -> None:
 
 @contextlib.contextmanager
 def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, Any]]:
-    """Dask's own module, and a client of it."""
+    """Dask's own module, and a client of it. SIGTERM ends it as Ctrl-C does: dask has processes and locks to clear."""
     _check(scheduler, workers)
-    if scheduler is None:
-        get_ready()
-    try:
-        dask: Any = import_module("distributed")
-    except ImportError as error:
-        raise Unavailable("dask.distributed is not installed", SWEEP_HINT) from error
-    # It logs what we tell in a line, or mend.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(handled_by(signal.default_int_handler, signal.SIGTERM))
+        if scheduler is None:
+            get_ready()
+        try:
+            dask: Any = import_module("distributed")
+        except ImportError as error:
+            raise Unavailable("dask.distributed is not installed", SWEEP_HINT) from error
+        # It logs what we tell in a line, or mend.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         stack.enter_context(warnings.catch_warnings())
         warnings.filterwarnings(
             "ignore", "(?s)(Creating scratch|Port [0-9]+ is already)"
