@@ -9,17 +9,19 @@ import ipaddress
 import json
 import os
 import re
+import select
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from conftest import eventually
 from ordered import MISSION, PUBLIC, order, wheels_order
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.nodes import seal_mission_key
@@ -27,6 +29,7 @@ from phalanx.cli.reproduce import _write
 from phalanx.cli.robot import status
 from phalanx.config import BtiConfig
 from phalanx.daemon import kept_log, rehearsal, signers
+from phalanx.daemon import life as life_module
 from phalanx.daemon import run as daemon_run
 from phalanx.daemon.driver import Driver, OwnDriver
 from phalanx.daemon.evidence import Kept
@@ -44,7 +47,7 @@ from phalanx.experiments.table import Head, TableFile
 from phalanx.io import serial_line, udp_radio
 from phalanx.io.mission_key import issued, read_board, read_mission_key
 from phalanx.io.serial_line import open_line
-from phalanx.io.udp_radio import LEAST_WAITING, MOST_WAITING, UdpRadio, parsed
+from phalanx.io.udp_radio import LEAST_WAITING, Allowance, UdpRadio, parsed
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.python_controller import OwnMistake
 from phalanx.sim.audited.setup import limits_of
@@ -386,17 +389,27 @@ def test_an_ipv6_group_is_heard_and_spoken_to_from_the_robots_own_address():
         probe.bind((ours, 0))
         port = probe.getsockname()[1]
         UdpRadio(f"[fd00:dead::1]:{port}", [f"[{ours}]:{port}"], f"[ff15::4410]:{port}")
-    group, heard = f"[ff15::4410]:{port}", []
+    group = f"[ff15::4410]:{port}"
     radio = UdpRadio(f"[{ours}]:{port}", [f"[{ours}]:{port}"], group)
     try:
         with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as stranger:
             stranger.sendto(b"stranger", ("ff15::4410", port))
             radio.send(b"ours")  # it is its own peer here, for want of a second address
             time.sleep(0.1)
-            radio.read(heard.append)
+            heard = heard_by(radio)
+            refused = radio.refused
     finally:
         radio.close()
-    assert (heard, radio.refused["foreign"]) == ([b"ours"], 1)
+    assert (heard, refused["foreign"]) == ([b"ours"], 1)
+
+
+def heard_by(radio: UdpRadio) -> list[bytes]:
+    """All that waits; a look that finds nothing may have dropped something."""
+    heard = []
+    while select.select([radio], [], [], 0.05)[0]:
+        if frame := radio.take():
+            heard.append(frame)
+    return heard
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
@@ -411,13 +424,12 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
             port = probe.getsockname()[1]
         radio = UdpRadio(f"{shown}:{port}", [f"{shown}:{peer.getsockname()[1]}"])
         try:
-            heard: list[bytes] = []
             stranger.sendto(b"\x01", (host, port))
             for frame in (bytes(FRAME_MAX + 1), b"", b"\x02" * FRAME_MAX, b"\x03"):
                 peer.sendto(frame, (host, port))
-            radio.read(heard.append)
+            heard = heard_by(radio)
             assert heard == [b"\x02" * FRAME_MAX, b"\x03"]
-            assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1, "waiting": 0}
+            assert radio.refused == {"foreign": 1, "too_large": 1, "empty": 1, "too_many": 0, "waiting": 0}
             radio.send(b"\x04")
             peer.settimeout(10)
             assert peer.recvfrom(10)[0] == b"\x04"
@@ -425,36 +437,64 @@ def test_a_radio_hears_its_peers_alone_and_nothing_too_long(host):
             radio.close()
 
 
-@pytest.mark.parametrize("others", [1, 63])
-async def test_who_floods_a_radio_waits_for_itself_and_holds_up_another_by_one_frame(others):
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as it,
-    ):
-        for each in (flood, it):
+@contextlib.contextmanager
+def a_radio_and_its_peers(silent: int, may: Allowance) -> Iterator[tuple[UdpRadio, Callable[..., None], list[Any]]]:
+    """A radio, what says something to it so often, and two of its peers' sockets, and a stranger's."""
+    with contextlib.ExitStack() as stack:
+        made = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(4)]
+        for each in made:
             each.bind(("127.0.0.1", 0))
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            here = probe.getsockname()
-        silent = [f"127.0.0.2:{4410 + k}" for k in range(others - 1)]
-        peers = [f"127.0.0.1:{each.getsockname()[1]}" for each in (flood, it)]
-        radio, came = UdpRadio(f"127.0.0.1:{here[1]}", [*peers, *silent]), asyncio.Event()
-        try:
-            radio.listen(came.set)
-            for k in range(600):
-                flood.sendto(b"flood", here)
-                if k % 100 == 99:
-                    await asyncio.wait_for(came.wait(), 10)
-                    await asyncio.sleep(0.01)
-            for word in (b"one", b"two"):
-                it.sendto(word, here)
-            await eventually(lambda: len(radio._waiting) == 2)
-            assert [radio.take() for _ in range(4)] == [b"flood", b"one", b"flood", b"two"]
-            waited = 2 + len(list(iter(radio.take, b"")))
-            assert waited == max(LEAST_WAITING, MOST_WAITING // (others + 1))
-            assert radio.refused["waiting"] == 600 - waited
-        finally:
-            radio.close()
+        here = made[3].getsockname()
+        made.pop().close()
+        peers = [f"127.0.0.1:{each.getsockname()[1]}" for each in made[:2]]
+        peers += [f"127.0.0.2:{4410 + k}" for k in range(silent)]
+        radio = stack.enter_context(contextlib.closing(UdpRadio(f"127.0.0.1:{here[1]}", peers, may=may)))
+
+        def say(who: socket.socket, words: bytes, times: int = 1) -> None:
+            for _ in range(times):
+                who.sendto(words, here)
+
+        yield radio, say, made
+
+
+@pytest.mark.parametrize("silent", [0, 62])
+def test_who_floods_a_radio_waits_for_itself_and_holds_up_another_by_one_frame(silent):
+    with a_radio_and_its_peers(silent, Allowance()) as (radio, say, (flood, it, stranger)):
+        say(flood, b"flood", 3000)
+        say(stranger, b"stranger", 700)
+        for word in (b"one", b"two"):
+            say(it, word)
+        assert [radio.take() for _ in range(4)] == [b"flood", b"one", b"flood", b"two"]
+        waited = 2 + len(heard_by(radio))
+        assert LEAST_WAITING <= waited < 3000
+        assert radio.refused["waiting"] == 3000 - waited
+        assert radio.refused["foreign"] == 700
+
+
+def test_of_each_peer_as_many_frames_are_read_as_its_a_node_lets_through(monkeypatch):
+    now_s = [1000.0]
+    monkeypatch.setattr(udp_radio.time, "monotonic", lambda: now_s[0])
+    state, audit = b"\x01" + bytes(26), b"\x80" + bytes(26)
+    may = Allowance(frames_per_s=40, send_us_per_s=300, send_capacity_us=400, fixed_us=73, ns_per_byte=1000)
+    with a_radio_and_its_peers(0, may) as (radio, say, (flood, it, _)):
+        say(flood, state, 20)
+        assert heard_by(radio) == [state] * 4, "each takes 100 us"
+        assert radio.refused["too_many"] == 16
+        say(flood, audit, 100)
+        say(it, state)
+        assert sorted(heard_by(radio)) == [state, *[audit] * 20], "of 40 a second"
+        now_s[0] += 0.5
+        assert heard_by(radio) == [], "who has had its allowance wakes nobody"
+        assert radio.take() == audit
+        assert heard_by(radio) == [audit] * 19
+        now_s[0] += 60
+        assert radio.take() == audit
+        assert len(heard_by(radio)) == 39
+
+
+def test_a_second_radio_at_the_same_address_is_refused():
+    with a_radio_and_its_peers(0, Allowance()) as (radio, _, (peer, *_)), pytest.raises(Unavailable, match="in use"):
+        UdpRadio("{}:{}".format(*radio._here), ["{}:{}".format(*peer.getsockname())])
 
 
 def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_strangers():
@@ -468,10 +508,7 @@ def test_radios_of_a_multicast_group_hear_each_other_and_not_themselves_nor_stra
     try:
         for radio, frame in ((one, b"one"), (two, b"two"), (stranger, b"stranger")):
             radio.send(frame)
-        heard: dict[str, list[bytes]] = {"one": [], "two": []}
-        one.read(heard["one"].append)
-        two.read(heard["two"].append)
-        assert heard == {"one": [b"two"], "two": [b"one"]}
+        assert (heard_by(one), heard_by(two)) == ([b"two"], [b"one"])
         assert one.refused["foreign"] == two.refused["foreign"] == 2
     finally:
         for radio in (one, two, stranger):
@@ -587,6 +624,22 @@ def test_a_late_reading_says_what_took_the_time_and_the_latest_is_told(monkeypat
         clock.ms = 1750 + 101
         life._turn()  # no later than the last
         assert len(caplog.messages) == 2
+
+
+async def test_in_safe_mode_a_robot_reads_no_frame_any_more(monkeypatch):
+    with lived(monkeypatch, waits=False) as (life, _, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
+        life._radio, life._hardware, life.id = radio, SimpleNamespace(stop=lambda: None), 1
+        life.fleet, life.runtime.in_safe_mode = None, False
+        monkeypatch.setattr(life_module, "why_stopped", lambda *_: "so")
+        loop = asyncio.get_running_loop()
+
+        async def until_stopped(_: object) -> None:
+            assert loop.remove_reader(radio), "it listens"
+            loop.add_reader(radio, life._came.set)
+
+        monkeypatch.setattr(life, "_until_stopped", until_stopped)
+        await life.live(None)
+        assert (life.why_stopped, loop.remove_reader(radio)) == ("so", False)
 
 
 def numbers_of(lateness) -> dict[str, int]:

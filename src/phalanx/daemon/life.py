@@ -10,6 +10,7 @@ import asyncio
 import logging
 import time
 from collections import defaultdict, deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,8 +139,20 @@ class Life:
 
         Raises: Unavailable: its nodes or its sensors are gone: its nodes stop the motors, whatever becomes of us.
         """
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._radio, self._came.set)
+        try:
+            await self._until_stopped(kept)
+        finally:
+            loop.remove_reader(
+                self._radio
+            )  # in Safe Mode too: nothing is read, and the system drops what finds no room
+        self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
+        log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
+        self._hardware.stop()
+
+    async def _until_stopped(self, kept: KeptLog) -> None:
         assert self.runtime
-        self._radio.listen(self._came.set)
         while not self.runtime.in_safe_mode:
             wait_ms = self._turn()
             elsewhere.raise_failed()
@@ -153,9 +166,6 @@ class Life:
                     await self._came.wait()
             except TimeoutError:
                 pass
-        self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
-        log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
-        self._hardware.stop()
 
     def advised(self) -> None:
         """There is new advice: the next reading may be as early as auditors allow."""
@@ -247,7 +257,7 @@ class Life:
         return self._clock.now_ms()
 
     @property
-    def frames_refused(self) -> dict[str, int]:
+    def frames_refused(self) -> Mapping[str, int]:
         """Frames that came and were not taken, by reason: by the radio, and where it is sealed by the a-node."""
         return self._radio.refused
 
@@ -278,10 +288,9 @@ class Life:
         return max(self.cnode.first_deviation_ms, began_ms) if self.now_ms >= began_ms else None
 
     def close(self) -> None:
-        """Radio and driver are closed, and kernels know its nodes no longer."""
+        """The driver is closed, and kernels know its nodes no longer."""
         self._lateness.close()
         if self._far:
             self._far.close()
-        self._radio.close()
         self._hardware.close()
         elsewhere.forget(self._rows)

@@ -6,7 +6,7 @@ The c-node above is honest, and its log is true: no audit sees any of this. Sour
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from phalanx.errors import UsageError, did_you_mean
@@ -21,7 +21,7 @@ AT_ID = STATE.at("id")
 
 @dataclass(frozen=True, slots=True)
 class OnAir:
-    """Which robot's radio does what, and from when on, seconds since it began to listen."""
+    """Which robot's radio does what, and from when on, seconds since it was first asked what it hears."""
 
     name: str
     robot: int = 1
@@ -47,7 +47,7 @@ class HostileRadio:
         self._began_s = 0.0
 
     @property
-    def refused(self) -> dict[str, int]:
+    def refused(self) -> Mapping[str, int]:
         """See `Radio`."""
         return self._radio.refused
 
@@ -61,25 +61,22 @@ class HostileRadio:
             self._radio.send(frame)
             self._more(frame)
 
-    def listen(self, wake: Callable[[], object]) -> None:
-        """See `Radio`."""
-        self._began_s = asyncio.get_running_loop().time()
-        self._radio.listen(wake)
-
     def take(self) -> bytes:
         """See `Radio`."""
-        frame = self._radio.take()
-        if frame and self._lies and self._attack.name == "replay":
+        lies, frame = self._lies, self._radio.take()
+        if frame and lies and self._attack.name == "replay":
             self._more(frame)
         return frame
 
-    def close(self) -> None:
+    def fileno(self) -> int:
         """See `Radio`."""
-        self._radio.close()
+        return self._radio.fileno()
 
     @property
     def _lies(self) -> bool:
-        return (asyncio.get_running_loop().time() - self._began_s) * self._speed >= self._attack.at_s
+        now_s = asyncio.get_running_loop().time()
+        self._began_s = self._began_s or now_s
+        return (now_s - self._began_s) * self._speed >= self._attack.at_s
 
     def _later(self, after_s: float, frame: bytes) -> None:
         asyncio.get_running_loop().call_later(after_s / self._speed, self._radio.send, frame)

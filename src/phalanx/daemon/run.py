@@ -24,6 +24,7 @@ from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.run import MakeController, driving, on_stage, with_room
 from phalanx.sim.scenarios.scenario import WHEELS, Scenario, for_robots
 
+from .allowance import may_say
 from .driver import Base, make_driver
 from .far_planner import FarPlanner, is_far
 from .kept_log import KeptLog
@@ -118,8 +119,10 @@ async def run_robot(
             log.warning("robot %d: its trusted nodes are a process, which protects from nobody here", said.robot)
         sealed = give_keys(node, settings, limits)
         kept = stack.enter_context(KeptLog(settings.log_file))
-        radio: Radio = UdpRadio(said.radio.here, said.radio.peers, said.radio.group)
-        stack.callback(radio.close)
+        may = may_say(scenario, len(said.radio.peers), sealed=said.radio.sealed)
+        radio: Radio = stack.enter_context(
+            contextlib.closing(UdpRadio(said.radio.here, said.radio.peers, said.radio.group, may))
+        )
         if on_air:
             log.warning("robot %d rehearses an attack on the air: %s", said.robot, on_air.name)
             radio = HostileRadio(radio, on_air, said.clock_speed)

@@ -6,7 +6,6 @@ Nothing here is trusted: the a-node makes the seals and looks at them. Source: d
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -69,10 +68,6 @@ class SealedAir:
         """See `Radio`; with the seal that the a-node made for it."""
         self._radio.send(frame + _seal(self._going, frame))
 
-    def listen(self, wake: Callable[[], object]) -> None:
-        """See `Radio`."""
-        self._radio.listen(wake)
-
     def take(self) -> bytes:
         """See `Radio`: without its seal, which is kept until the a-node is asked."""
         while sealed := self._radio.take():
@@ -82,9 +77,9 @@ class SealedAir:
             self._refused["short"] += 1
         return b""
 
-    def close(self) -> None:
+    def fileno(self) -> int:
         """See `Radio`."""
-        self._radio.close()
+        return self._radio.fileno()
 
 
 def _seal(waiting: deque[tuple[bytes, bytes]], frame: bytes) -> bytes:

@@ -37,6 +37,7 @@ from phalanx.wire.table import (
     WHEELS_STATE,
 )
 
+from .allowance import may_say
 from .gateway_node import GatewayNode
 from .swarm_file import SwarmSettings
 
@@ -96,7 +97,8 @@ class RobotSwarm(Ordered):
             signer.number = first_ms
         # This clock goes on while the machine sleeps: what robots learnt of it stays true.
         self._ahead_s = first_ms / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)
-        self._radio = UdpRadio(self._settings.said.here, self._peers)
+        may = may_say(self._settings.scenario, len(self._peers))
+        self._radio = UdpRadio(self._settings.said.here, self._peers, may=may)
         if own := self._settings.own:
             try:
                 self._node = GatewayNode(own, self._settings.scenario, self._beside("clock"))
@@ -192,10 +194,10 @@ class RobotSwarm(Ordered):
 
     def _listen(self, wait_s: float) -> None:
         """One frame is heard, of each sender in its turn: boards take long for some, and a stop may wait for one."""
-        if not self._radio.gather():
-            select.select([self._radio], [], [], wait_s)
-        elif frame := self._radio.take():
+        if frame := self._radio.take():
             self._hear(frame)
+        else:
+            select.select([self._radio], [], [], wait_s)
 
     def _hear(self, frame: bytes) -> None:
         if self._node and not (frame := self._node.open(frame)):
