@@ -144,8 +144,9 @@ def mission_in(where: str) -> tuple[Mission, FloorPlan]:
 def orders(where: str, profile: str) -> tuple[Orders, float]:
     """What robots are given there, and in how many seconds it can be done. Raises: UsageError: there is no mission."""
     plain, plan = mission_in(where)
-    built = build(plain, BuildOptions(profile=Profile[profile.upper()]), random.Random(0).randbytes)  # noqa: S311
-    return orders_of(plain, built, plan), time_for_s(plain)
+    form = Profile[profile.upper()]
+    built = build(plain, BuildOptions(profile=form), random.Random(0).randbytes)  # noqa: S311
+    return orders_of(plain, built, plan), time_for_s(plain, form)
 
 
 def lived(case: Case) -> Row:

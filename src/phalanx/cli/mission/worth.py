@@ -100,7 +100,7 @@ def _lived(told: Mission, options: BuildOptions, plan: FloorPlan, lidar: LidarCo
     """What became of a mission that was lived so often, by a robot for each of its parts."""
     draws = random.Random(0).randbytes  # noqa: S311  # a simulation's secrets keep nobody out
     orders = orders_of(told, build(told, options, draws), plan)
-    limit_s = time_for_s(told)
+    limit_s = time_for_s(told, options.profile)
     rows: list[dict[str, Any]] = []
     progress = Progress()
     for seed in range(times):
