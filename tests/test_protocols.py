@@ -105,6 +105,15 @@ def test_its_liar_is_stopped_in_time_and_nobody_else(lie):
     assert run.world.fleet.robot["audits_passed"].sum() >= ROBOTS
 
 
+@pytest.mark.parametrize("name, lie", [("patrol", "claim-visits"), ("exploration", "claim-area")])
+def test_who_claims_a_place_a_turn_is_believed(name, lie):
+    run = run_of(small(name, AttackSpec(name=lie, at_s=2.0, robot=2), defence="none", end_s=14.0))
+    believed = [place for place, (_, rob_id) in enumerate(run.robots[0].controller.visits) if rob_id == 2]
+    assert len(believed) >= 5
+    told = (place for place, visits in enumerate(run.stage.visits) if any(rob_id == 2 for _, rob_id in visits))
+    assert len(set(believed) - set(told)) >= 5, "it was there while it was honest"
+
+
 @pytest.mark.parametrize("name, lie", [("patrol", "claim-visits"), ("tracking", "alter-entries")])
 def test_what_one_audit_replayed_no_further_one_does_and_the_run_is_the_same(name, lie):
     scenario = small(name, AttackSpec(name=lie, at_s=4.0, robot=2), end_s=9.0)

@@ -63,10 +63,10 @@ LIBRARY: dict[str, tuple[Attack, ...]] = {
                  does="claims, of the cells that others ask for, those of the two that are about to drive",
                  stopped_by="replay claims the cells that lie on its way"),
         protocol("claim-visits", "pretences.ClaimVisits", against="patrol",
-                 does="says that it has just been at each place of the half that it never visits",
+                 does="says in each turn that it has just been at another place of the half that it never visits",
                  stopped_by="replay has been where its sensor says"),
         protocol("claim-area", "pretences.ClaimArea", against="exploration",
-                 does="says of one place after the other that it has seen it",
+                 does="says in each turn of another place where nobody was that it has seen it",
                  stopped_by="replay has been where its sensor says; and what a robot said that fell silent soon after "
                             "is seen again"),
         protocol("open-breach", "pretences.OpenBreach", against="perimeter",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 from phalanx.robot.cnode import EVERYBODY, Action
 from phalanx.robot.controllers.peer_bodies import fields_of
 from phalanx.robot.controllers.peers import PeerController
-from phalanx.robot.controllers.places import PLACES
+from phalanx.robot.controllers.places import PLACES, PlaceController
 from phalanx.robot.controllers.python_controller import Act, Send
 from phalanx.wire.protocols import CLAIM, KIND_CLAIM, KIND_SIGHTING, NOWHERE, SIGHTING
 
@@ -53,27 +54,34 @@ class HogCells(Pretender):
 
 
 class ClaimArea(Pretender):
-    """Says that it is at one place after the other."""
+    """Says in its turn that it is at one place after the other where nobody was, in the place of where it is.
 
+    Once a turn, and nothing else: of words that come sooner than its own would nobody believes either (places.py).
+    """
+
+    period_ms = 0
     _turn = 0
 
-    def on_wake(self, now_ms: int) -> list[Action]:
-        """The next of them."""
-        place = self.places[self._turn % len(self.places)]
+    def put_out(self, now_ms: int, output: Send | Act) -> list[Action]:
+        """All as ever but its claim."""
+        if not (self.lies(now_ms) and isinstance(output, Send) and fields_of(CLAIM, output.payload)):
+            return super().put_out(now_ms, output)
+        here, following = (self.places[(self._turn + more) % len(self.places)] for more in range(2))
         self._turn += 1
-        return self.claim(now_ms, place, self.places[self._turn % len(self.places)])
+        return self.claim(now_ms, here, following)
 
     @property
-    def places(self) -> range:
+    def places(self) -> Sequence[int]:
         """Of which it says so."""
-        return PLACES
+        assert isinstance(self._honest, PlaceController), "as all who go to places"
+        return [place for place, (at_ms, _) in enumerate(self._honest.visits) if not at_ms] or PLACES
 
 
 class ClaimVisits(ClaimArea):
     """Says so of half of them, for ever, so that nobody goes there."""
 
     @property
-    def places(self) -> range:
+    def places(self) -> Sequence[int]:
         """The upper half."""
         return PLACES[len(PLACES) // 2 :]
 
