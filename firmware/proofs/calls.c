@@ -6,7 +6,7 @@
 #include "proofs.h"
 
 enum { MAKE, POWER_UP, LOAD_MASTER, LOAD_MISSION, RECV, SEND, ACTUATE, TOKEN_REQUEST, ISSUE_TOKEN, CHECK_TOKEN,
-       INSTALL_TOKEN, CHECK, SEALED_SEND, SEALED_RECV, S_MAKE, S_POWER_UP, S_LOAD_MASTER, S_LOAD_MISSION, S_POLL, S_MAKE_AUTH, S_CHECK_AUTH };
+       INSTALL_TOKEN, CHECK, MAKE_SEALED, SEALED_SEND, SEALED_RECV, S_MAKE, S_POWER_UP, S_LOAD_MASTER, S_LOAD_MISSION, S_POLL, S_MAKE_AUTH, S_CHECK_AUTH };
 
 #define OF_SNODE (CALL >= S_MAKE)
 #define SEALED (CALL == SEALED_SEND || CALL == SEALED_RECV)
@@ -150,6 +150,9 @@ static answer call(phx_anode *a, phx_snode *s, phx_seals *seals, const words *w,
     case CHECK:
         got.result = phx_anode_check(a, w->now);
         break;
+    case MAKE_SEALED:
+        got.result = phx_sealed_make(a);
+        break;
     case SEALED_SEND:
         got.result = phx_sealed_send(seals, a, w->now, w->frame, w->len, entry);
         break;
@@ -235,6 +238,7 @@ void prove(void)
                "a key comes by a load with a higher number only");
         always(!(node->has_key && !was.has_key) || !was.was_keyed || RESETS, "and once in a power-up");
         always(!was.flash.has_master || node->flash.robot_id == was.flash.robot_id, "a robot keeps its id");
+        always(!was.flash.has_master || node->flash.sealed == was.flash.sealed, "and its radio is sealed or not for good");
     }
     always(!(FORWARDS || MACS) || (was.has_key && !was.safe) || got.result < 0, "without a key nothing is forwarded or made");
     always(!(FORWARDS && got.result < 0) || entry[at] == old, "what is refused is not written");
