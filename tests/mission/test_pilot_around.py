@@ -294,6 +294,18 @@ def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_s
     assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]
 
 
+@pytest.mark.parametrize(("start", "bent"), [((7.1, 2.2), 0.05), ((7.3, 1.6), -0.05), ((7.8, 2.5), -0.05)])
+def test_around_the_end_of_a_long_shelf_it_waits_once_and_not_at_every_step(start, bent):
+    """Its line leads from one corner of the shelf to the other at the far end, through the shelf."""
+    shelves = [(x, 2.0, x + 1, 11.9) for x in (2.2, 5.8, 9.4)]
+    faces: list[Wall] = [
+        face for x, y, u, v in shelves for face in ((x, y, u, y), (u, y, u, v), (u, v, x, v), (x, v, x, y))
+    ]
+    order = Order(Kind.GO, 1, (6.8, 2.0), math.atan2(9.9, -1.0) + bent)
+    told = driven(plan_of(*faces, size=(17.0, 15.0)), order, (*start, 1.57), (6.3, 12.4), 48.0)
+    assert told.end == "there"
+
+
 @pytest.mark.parametrize(("aside", "end"), [(0, "there"), (1, "blocked"), (-1, "there")])
 def test_along_a_face_it_gets_on_the_line_of_its_direction_and_beside_it_where_there_is_room(aside, end):
     """A shelf stands at a wall; from its near corner a way leads along its side to the far one."""

@@ -191,6 +191,12 @@ def looking(for_s: float) -> float:
 
 
 @counting_kernel
+def _rested(waited_s: float, past_s: float) -> float:
+    """What is left of a wait while it gets on: who is stopped again at the next step does not wait all of it again."""
+    return max(0.0, min(waited_s, WAIT_S + LOOK_S) - past_s)
+
+
+@counting_kernel
 def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes) -> tuple[float, float, Stop, Course]:
     """The next command.
 
@@ -215,7 +221,7 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes)
     need = min(look_m, max(0.0, length_m - SHORT_M))
     if length_m > 0.0 and free_way(points, count, along[0] / length_m, along[1] / length_m, MARGIN_M) >= need:
         speed, turn, turning = command(points, count, goal, left_m, turning)
-        return speed, turn, base, Course((NO_STOP, NO_STOP), turning, 0.0)
+        return speed, turn, base, Course((NO_STOP, NO_STOP), turning, _rested(waited_s, past_s))
     sine, cosine = sin_cos(moved[2])
     to_x, to_y, away = 0.0, 0.0, 0.0
     if stop[0] != NO_STOP:
@@ -225,7 +231,7 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes)
     if away < REACHED_M or free_way(points, count, to_x / away, to_y / away, KEEP_M) < away:
         to_x, to_y, waits, is_long = around(cells, base, moved, wanted.beyond, points, count)
         if not is_long:
-            waited_s = 0.0
+            waited_s = _rested(waited_s, past_s)
         elif waited_s <= (WAIT_S + LOOK_S if wanted.looks else WAIT_S):
             free_m = free_way(points, count, goal[0] / left_m, goal[1] / left_m, MARGIN_M) - BEFORE_M
             if free_m <= 0.0 or waited_s > WAIT_S:
