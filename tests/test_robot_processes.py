@@ -68,6 +68,10 @@ class Shove(Liar):
             output = Act(ACCELERATION.encode(id=self.id, t=now_ms, ax_mps2=-1.0, ay_mps2=0.0))
         return super().put_out(now_ms, output)
 
+class Broken(Liar):
+    def put_out(self, now_ms, output):
+        return [][1] if self.lies(now_ms) else super().put_out(now_ms, output)
+
 class North(Planner):
     def advise(self, t_s, position_m, velocity_mps):
         return 0.0, 1.0
@@ -78,7 +82,7 @@ class Still(Driver):
 """
 
 
-def arena(tmp_path, *words, mission=MISSION):
+def arena(tmp_path, *words, mission=MISSION, fails=""):
     path = tmp_path / "mission.yaml"
     path.write_text(mission)
     ended = subprocess.run(
@@ -88,7 +92,8 @@ def arena(tmp_path, *words, mission=MISSION):
         timeout=300,
         check=False,
     )
-    assert ended.returncode == 0, ended.stderr
+    assert ended.returncode == int(bool(fails)), ended.stderr
+    assert fails in ended.stderr
     return json.loads(ended.stdout)
 
 
@@ -191,6 +196,15 @@ def test_controllers_of_one_s_own_audit_each_other_in_an_arena(tmp_path, capsys)
         == 2
     )
     assert "nobody that it could advise" in capsys.readouterr().err
+
+
+def test_an_attack_that_raises_is_told_from_one_that_was_stopped(tmp_path):
+    (tmp_path / "still.py").write_text(STILL)
+    words = ("--robots", "2", "--duration", "1.5", "--attack", f"{tmp_path / 'still.py'}:Broken:robot=2,at=0.1")
+    summary = arena(tmp_path, *words, fails="phalanx: error: robot 2 ended by a mistake, told above, within ")
+    assert [told["failed_s"] is None for told in summary["processes"]] == [True, False]
+    told = summary["processes"][0]
+    assert 0 < told["memory_began_kb"] <= told["memory_kb"]
 
 
 @pytest.mark.long

@@ -144,9 +144,13 @@ def arena(
             stopped = "never in Safe Mode" if at_s is None else f"in Safe Mode at {at_s:.1f} s"
             print_rows({f"{each['attack']}, robot {each['robot']}": stopped})
         if shares:
-            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late"
+            words = f"{100 * max(shares):.1f} % of a core at most, its readings up to {max(late):.0f} ms late, "
+            words += _memory(max((each for each in summary["processes"] if "memory_kb" in each), key=_grown_kb))
             print_rows({"a daemon takes": words})
-    return 0
+    for robot, at_s in sorted(field.failed_s.items()):
+        words = f"robot {robot} ended by a mistake, told above, within {at_s:.0f} s: nobody stopped it"
+        click.echo(f"phalanx: error: {words}", err=True)
+    return int(bool(field.failed_s))
 
 
 def _beside(words: str | None) -> str:
@@ -204,7 +208,16 @@ def _rows(state: dict[str, Any], running: bool) -> dict[str, str]:
         "took at most": ", ".join(f"{what} {took:.1f} ms" for what, took in longest.items()),
         "latest": str(state["why_late"]) or "no reading by more than half of what is allowed",
         "of a core": f"{100 * state['core_share']:.1f} %",
+        "in memory": _memory(state),
     }
+
+
+def _grown_kb(told: dict[str, Any]) -> int:
+    return int(told["memory_kb"]) - int(told["memory_began_kb"])
+
+
+def _memory(told: dict[str, Any]) -> str:
+    return f"{told['memory_kb'] / 1000:.1f} MB of memory, {_grown_kb(told) / 1000:.1f} MB more than at its beginning"
 
 
 def _is(state: dict[str, Any], running: bool) -> str:

@@ -148,12 +148,16 @@ class Arena:
                 self.field.advance(now_s)
                 if now_s >= next_step_s:
                     next_step_s += 1.0
+                    robots.ended()
+                    self._hear_of_failed(robots, now_s)
                     on_step(self.field)
                 if recording:
                     recording.write(self.field, [])
                 await asyncio.sleep(TURN_S)
             self.field.advance(duration_s)
             self.look()
+            robots.ended()
+            self._hear_of_failed(robots, duration_s)
             on_step(self.field)
             self._over = True
             robots.end()
@@ -167,6 +171,10 @@ class Arena:
         """Nobody can come any more."""
         self._ether.close()
         self.places.close()
+
+    def _hear_of_failed(self, robots: Robots, now_s: float) -> None:
+        for rob_id in robots.failed:
+            self.field.failed_s.setdefault(rob_id, now_s)
 
     def _spawn(self, job: Coroutine[None, None, None]) -> None:
         self._tasks.add(asyncio.ensure_future(job))
@@ -260,14 +268,18 @@ class Robots:
     """A process for each robot of an arena; all are gone when the context is left.
 
     They are forked, so that what runs is compiled and in memory once: nothing else of this process may have threads.
+
+    Attributes:
+        failed: robots whose process ended by a mistake, which it has told; not those that somebody killed.
     """
 
     def __init__(self, arena: Arena) -> None:
         self._arena = arena
-        self._living: list[int] = []
+        self._living: dict[int, int] = {}  # the robot of each process
+        self.failed: list[int] = []
 
     def __enter__(self) -> Self:
-        self._living = [_forked(each, self._arena) for each in self._arena.places.robots]
+        self._living = {_forked(each, self._arena): each.said.robot for each in self._arena.places.robots}
         return self
 
     def end(self) -> None:
@@ -277,9 +289,11 @@ class Robots:
 
     def ended(self) -> bool:
         """Whether one of them has ended."""
-        before = len(self._living)
-        self._living = [pid for pid in self._living if not os.waitpid(pid, os.WNOHANG)[0]]
-        return len(self._living) < before
+        gone = {pid: status for pid in self._living for found, status in [os.waitpid(pid, os.WNOHANG)] if found}
+        self.failed += [self._living.pop(pid) for pid, status in gone.items() if os.waitstatus_to_exitcode(status) > 0]
+        for pid in gone:
+            self._living.pop(pid, None)
+        return bool(gone)
 
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None

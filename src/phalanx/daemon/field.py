@@ -24,7 +24,11 @@ STOP = b"\0"  # what motors are told by trusted nodes; commands begin with anoth
 
 
 class Field(Run):
-    """A scenario whose robots are elsewhere; robots by their index."""
+    """A scenario whose robots are elsewhere; robots by their index.
+
+    Attributes:
+        failed_s: when the process of a robot, by its id, had ended by a mistake: nobody stopped that one.
+    """
 
     has_station = True
 
@@ -35,6 +39,7 @@ class Field(Run):
         self._moving = np.zeros(scenario.robots, bool)
         self._states: dict[int, Mapping[str, Any]] = {}
         self._on_air: dict[int, str] = {}
+        self.failed_s: dict[int, float] = {}
         # All is called once before robots count on an answer in time: the first call of each may compile.
         self.advance(0.0)
         self.sensed(0, 0)
@@ -128,9 +133,9 @@ class Field(Run):
         return {"robot": rob_id, "attack": name, "safe_mode_s": None if safe_us < 0 else safe_us / 1e6}
 
     def _process(self, i: int) -> dict[str, Any]:
-        told = self._states.get(i)
+        told, failed = self._states.get(i), {"failed_s": self.failed_s.get(i + 1)}
         if told is None:
-            return {"robot": i + 1}
+            return {"robot": i + 1} | failed
         names = (
             "pid",
             "lived_s",
@@ -142,5 +147,6 @@ class Field(Run):
             "why_late",
             "frames_refused",
             "memory_kb",
+            "memory_began_kb",
         )
-        return {"robot": i + 1} | {name: told[name] for name in names}
+        return {"robot": i + 1} | failed | {name: told[name] for name in names}

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import resource
 import time
 from collections import defaultdict, deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -55,6 +57,12 @@ class Ended:
         self.times, self.last_ms = self.times + 1, now_ms
 
 
+def memory_kb() -> int:
+    """What this process has in memory, shared or not."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() // 1024
+
+
 class Life:
     """A robot whose trusted nodes are to get, or just got, their mission key.
 
@@ -62,6 +70,7 @@ class Life:
         longest_ms: how long something took at most, by what it was; `late` is by how much a reading came late.
         why_late: the reading that came latest, if that was more than δ / 2, and what took the time; "" for none.
         waits_for_advice: new advice is told by `advised`, and is waited for.
+        memory_began_kb: what the process had in memory when its mission key was loaded.
         began_ms: when its mission key was loaded, of its nodes' clock; what its c-node says of that may be a lie.
         why_stopped: why it is in Safe Mode; "" while it is not.
         given, refused: audits of ours that ended, by auditee; refusals by reason as well.
@@ -110,7 +119,7 @@ class Life:
         self._lateness, self.why_late = Lateness(), ""
         self._came = asyncio.Event()
         self._cpu_s = self._began_s = 0.0
-        self.began_ms = 0
+        self.began_ms = self.memory_began_kb = 0
         self.longest_ms = {"late": 0.0, "reading": 0.0, "frame": 0.0, "audit": 0.0, "check": 0.0}
         self.why_stopped = ""
         self.given: defaultdict[int, Ended] = defaultdict(Ended)
@@ -124,6 +133,7 @@ class Life:
         self.cnode = self._as_it_is(now_ms)
         self.runtime = Runtime(self.cnode, self.scenario.bti, now_ms)
         self.began_ms = now_ms
+        self.memory_began_kb = memory_kb()
         self._began_s, self._cpu_s = time.monotonic(), time.process_time()
 
     def _as_it_is(self, now_ms: int) -> CNode:

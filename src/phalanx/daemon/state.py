@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import resource
 import time
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from phalanx.errors import PhalanxError, UsageError
 from phalanx.io.private_file import write_whole
 from phalanx.sim.audited.watch import vouchers
 
-from .life import Ended, Life
+from .life import Ended, Life, memory_kb
 
 EVERY_S = 1.0
 MOST_BYTES = 1 << 20
@@ -57,7 +56,8 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
         "advice": life.advice,
         "longest_ms": {what: round(took, 3) for what, took in life.longest_ms.items()},
         "why_late": life.why_late,
-        "memory_kb": _memory_kb(),
+        "memory_kb": memory_kb(),
+        "memory_began_kb": life.memory_began_kb,
         "core_share": round(life.core_share, 4),
         "attack": life.attack.name if life.attack else None,
         "first_deviation_s": _since(life.first_deviation_ms, life.began_ms),
@@ -66,12 +66,6 @@ def state_of(life: Life, mission: int) -> dict[str, Any]:
 
 def _ended(audits: Ended, now_ms: int) -> dict[str, Any]:
     return {"times": audits.times, "last_s_ago": (now_ms - audits.last_ms) / 1000}
-
-
-def _memory_kb() -> int:
-    """What this process has in memory, shared or not."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() // 1024
 
 
 def _since(at_ms: int | None, began_ms: int) -> float | None:
