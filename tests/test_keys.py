@@ -211,6 +211,23 @@ class TestCommands:
         assert json.loads(listed)["missions"] == 1
         assert raw[2:].hex() not in listed + out.read_text()
 
+    @pytest.mark.parametrize("who", ["orders", "stops", "advice"])
+    def test_a_mission_that_names_keys_which_are_replaced_is_not_signed(self, ring, tmp_path, said, capsys, who):
+        mission, out = tmp_path / "mission.yaml", tmp_path / "mission.json"
+        words = ("--rotate", "--mission", mission, "--out", out, *said)
+        assert phalanx(capsys, "provision", ring, 7, "--out", tmp_path / "7.bin", *said)[0] == 0
+        listed = json.loads(phalanx(capsys, "list", ring, "--json", *said)[1])
+        public = listed["signers"][who]
+        names = {"orders": f"gateway_key: {public}", "stops": f"operator_key: {public}"}
+        names["advice"] = f"guard: {{adviser_key: {public}}}"
+        mission.write_text(f"robots: 2\nbti: {{f_max: 1}}\n{names[who]}\n")
+        code, _, err = phalanx(capsys, "issue", ring, *words)
+        assert (code, f"names the key that signs {who}, which --rotate replaces" in err) == (2, True)
+        assert not out.exists()
+        after = json.loads(phalanx(capsys, "list", ring, "--json", *said)[1])
+        assert (after["signers"], after["missions"]) == (listed["signers"], listed["missions"])
+        assert phalanx(capsys, "issue", ring, *words[1:])[0] == 0
+
     def test_a_signing_key_signs_a_mission_and_the_public_one_checks_it(self, ring, tmp_path, said, capsys):
         pem, public, made = (tmp_path / name for name in ("sign.pem", "sign.pub", "office.phxm"))
         assert phalanx(capsys, "export", ring, "missions", "--out", pem, *said)[0] == 0

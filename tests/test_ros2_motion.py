@@ -125,7 +125,7 @@ class TestTrack:
         track = Track(Place(x_m=0.5))
         assert track.at(0.0) is None
         for k in range(9):  # on the spot, twice round
-            track.add(k, Place(x_m=7.0, y_m=-3.0, yaw_rad=1.0 + k * math.pi / 2))
+            track.add(k, Place(x_m=7.0, y_m=-3.0, yaw_rad=1.0 + k * math.pi / 2), k)
         there = track.at(8.0)
         assert (there.x_m, there.y_m, there.yaw_rad) == pytest.approx((0.0, 0.0, 4 * math.pi))
         half = track.at(0.5)
@@ -136,9 +136,16 @@ class TestTrack:
     def test_what_is_no_later_than_the_last_is_left_out(self):
         track = Track(Place())
         for t_s, x_m in ((1.0, 0.0), (2.0, 1.0), (2.0, 5.0), (1.5, 9.0)):
-            track.add(t_s, Place(x_m=x_m))
+            assert track.add(t_s, Place(x_m=x_m), 3.0)
         assert track.travelled_m == 1.0
         assert track.at(1.75).x_m == pytest.approx(0.75)
+
+    def test_what_is_dated_ahead_makes_nothing_that_comes_later_too_late(self):
+        track = Track(Place())
+        assert not track.add(1e6, Place(x_m=5.0), 1.5), "before the first, too"
+        for t_s, x_m, is_now in ((1.0, 0.0, True), (1e6, 5.0, False), (2.0, 1.0, True)):
+            assert track.add(t_s, Place(x_m=x_m), t_s + 0.5 if is_now else 2.5) is is_now
+        assert (track.newest_s, track.travelled_m) == (2.0, 1.0)
 
 
 @pytest.mark.parametrize("words", ["", "1, 2", "1, 2, x", "nan, 0, 0", "1, 2, 3, 4"])

@@ -11,10 +11,11 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
 from phalanx.daemon.signed_mission import sign_mission
 from phalanx.errors import UsageError
-from phalanx.io.keyring import Robot, create, opened, pem, read_sealed
+from phalanx.io.keyring import Keys, Robot, create, opened, pem, read_sealed
 from phalanx.io.mission_key import issued
 from phalanx.io.private_file import write_private
 from phalanx.sim.scenarios.file import find_scenario
+from phalanx.sim.scenarios.scenario import Scenario
 from phalanx.wire.table import BOARD
 
 from .login import first_line
@@ -44,6 +45,8 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
     _not_there(out)
     scenario = find_scenario(mission) if mission else None
     with opened(file, passphrase_of(file, passphrase_file)) as keys:
+        if rotate and scenario:
+            _not_replaced(keys, scenario)
         number, sealed = keys.issue()
         if rotate:
             for who in ("orders", "stops", "advice"):
@@ -52,6 +55,17 @@ def issue(file: Path, out: Path, rotate: bool, mission: str | None, passphrase_f
         signed = sign_mission(scenario, number, keys.signer("missions")).told if scenario else {}
     write_private(out, issued(number, sealed, signers, signed))
     talk(f"{out} holds the key of mission {number}, sealed for {len(sealed)} robots")
+
+
+def _not_replaced(keys: Keys, scenario: Scenario) -> None:
+    """Nothing, if the mission names no key that is to be replaced. Raises: UsageError: robots would obey nobody."""
+    named = {"orders": scenario.gateway_key, "stops": scenario.operator_key, "advice": scenario.guard.adviser_key}
+    for who, key in named.items():
+        if key and key.lower() == keys.public(who):
+            raise UsageError(
+                f"the mission names the key that signs {who}, which --rotate replaces",
+                "rotate without --mission, name the new keys of phalanx keys list in it, and issue again with it",
+            )
 
 
 def retire(file: Path, robot: int, passphrase_file: Path | None) -> None:

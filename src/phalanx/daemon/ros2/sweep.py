@@ -102,13 +102,18 @@ class Track:
         self._places: list[Place] = []
         self.travelled_m = 0.0
 
-    def add(self, t_s: float, base: Place) -> None:
-        """Odometry said this of that moment; one that is no later than the last is left out."""
+    def add(self, t_s: float, base: Place, latest_s: float) -> bool:
+        """Odometry said this of that moment; one that is no later than the last is left out.
+
+        And so is what is dated after `latest_s`, or all that comes until then would be too late; False says so.
+        """
+        if t_s > latest_s:
+            return False
         there = base.of(self._eye)
         if not self._times:
             self._began = there
         elif t_s <= self._times[-1]:
-            return
+            return True
         here = self._began.sees(there)
         if self._places:
             last = self._places[-1]
@@ -122,6 +127,7 @@ class Track:
         self._times.append(t_s)
         self._places.append(here)
         del self._times[:-KEPT], self._places[:-KEPT]
+        return True
 
     @property
     def newest_s(self) -> float:

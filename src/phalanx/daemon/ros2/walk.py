@@ -155,7 +155,7 @@ class RosWalk:
             self._beams = beams_of(
                 len(scan.ranges), scan.angle_min, scan.angle_increment, limits, self._said["range_noise"], self._mounted
             )
-        self._hear(self._beams)
+        self._hear(self._beams, t_s)
         if self._track and t_s > self._track.newest_s + self._said["source_timeout"]:
             self._strange = f"nothing new comes on {self._odometries.topic}"
             return False
@@ -182,7 +182,7 @@ class RosWalk:
         missions = Missions({errand.robot: given}, self._sensors, audited=False)
         return ObservedController(errand.robot, missions, Walker(errand.mission, errand.key))
 
-    def _hear(self, beams: Beams) -> None:
+    def _hear(self, beams: Beams, scanned_s: float) -> None:
         """Odometry that came since."""
         said = self._said
         for message in self._odometries.take_all():
@@ -197,7 +197,9 @@ class RosWalk:
                 continue
             if self._track is None:
                 self._track = Track(beams.eye)
-            self._track.add(_seconds(message.header.stamp), base)
+            t_s = _seconds(message.header.stamp)
+            if not self._track.add(t_s, base, scanned_s + said["source_timeout"]):
+                self._strange = f"odometry is dated {t_s - scanned_s:.1f} s ahead of scans"
 
     def _obey(
         self,
