@@ -109,6 +109,32 @@ def test_a_reading_that_is_dated_ahead_is_not_signed_whoever_sends_it_from_there
     assert this.answer("a", "h", reading(t_ms=60_500)), "one that is late is old, and no harm"
 
 
+def test_who_speaks_first_from_elsewhere_keeps_no_robot_whose_address_is_known_from_its_advice():
+    this = Adviser(Notes, (5.0, 5.0), 3, AdviceSigner(KEY, 1), lambda: 0.0, {1: "10.0.0.1"})
+    assert this.answer("a", "10.0.0.9", reading(1, 7000)) == b""
+    assert this.answer("b", "10.0.0.1", reading(1, 7000))
+    assert this.answer("a", "10.0.0.9", reading(2, 7000)), "the others are where they speak first"
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (("udp:127.0.0.1:1", "--robot", "1"), "--robot 1"),
+        (("udp:127.0.0.1:1", "--robot", "1=host"), "--robot 1=host"),
+        (("udp:127.0.0.1:1", "--robot", "4=127.0.0.1"), "robots are 1 to 3"),
+        (("unix:advice", "--robot", "1=127.0.0.1"), "--robot beside unix:advice"),
+    ],
+)
+def test_a_robots_address_that_is_none_is_told(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mission.yaml").write_text("robots: 3\ncontroller: guard\nbti: {f_max: 1}\n")
+    (tmp_path / "p.py").write_text(
+        "from phalanx.robot import Planner\nclass P(Planner):\n    def advise(self, *_):\n        return 0.0, 0.0\n"
+    )
+    assert run_command(["robot", "advise", "mission.yaml", "p.py:P", *words]) == 2
+    assert told in capsys.readouterr().err
+
+
 # --- the robot's side -----------------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import json
 import tempfile
 import time
@@ -63,7 +64,9 @@ def ros2(robot: Path, namespace: str, ros: tuple[str, ...]) -> int:
     return 0
 
 
-def advise(mission: Path, planner: str, where: str, sign: Path | None, issued: Path | None) -> int:
+def advise(
+    mission: Path, planner: str, where: str, sign: Path | None, issued: Path | None, robots_at: tuple[str, ...]
+) -> int:
     """A planner for robots of the mission, until Ctrl-C or SIGTERM."""
     scenario = find_scenario(str(mission))
     if scenario.controller != GUARD:
@@ -79,11 +82,26 @@ def advise(mission: Path, planner: str, where: str, sign: Path | None, issued: P
         )
     make = find_planner(planner)
     assert make, "as it is named"
-    adviser = Adviser(make, scenario.goal_m, scenario.robots, signer, lambda: time.monotonic() * 1000)
+    at = dict(_robot_at(words, scenario.robots) for words in robots_at)
+    if at and not where.startswith("udp:"):
+        raise UsageError(f"--robot beside {where}", "udp:ADDRESS:PORT: at a path nobody has an address")
+    adviser = Adviser(make, scenario.goal_m, scenario.robots, signer, lambda: time.monotonic() * 1000, at)
     with mistakes_in(planner):
         words = f"advises robots of {scenario.name} at {where}{', signed' if signer else ''}"
         run_until_stopped(advise_at(where, adviser, lambda: talk(words)))
     return 0
+
+
+def _robot_at(words: str, robots: int) -> tuple[int, str]:
+    """The robot and its address. Raises: UsageError: there is none such."""
+    said, _, address = words.partition("=")
+    try:
+        robot, at = int(said), str(ipaddress.ip_address(address))
+    except ValueError as error:
+        raise UsageError(f"--robot {words}", "NUMBER=ADDRESS, as 3=192.168.1.3") from error
+    if not 1 <= robot <= robots:
+        raise UsageError(f"--robot {words}", f"robots are 1 to {robots}")
+    return robot, at
 
 
 def provision(robot: Path, keys: Path, passphrase_file: Path | None) -> None:

@@ -8,7 +8,8 @@ all its readings ahead by the same time is indistinguishable from one with anoth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
+from types import MappingProxyType
 
 from phalanx.wire.table import KIND_SENSOR, KIND_STATE, SENSOR, STATE
 
@@ -28,6 +29,7 @@ class Adviser:
         make: for a robot's id and `goal_m`.
         signer: signs what planners wish; None for advice that anybody may give.
         clock_ms: this side's, which goes on.
+        at: where robots are whose place is known, by their ids; the others are where they speak first.
     """
 
     def __init__(
@@ -37,9 +39,10 @@ class Adviser:
         robots: int,
         signer: AdviceSigner | None,
         clock_ms: Callable[[], float],
+        at: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         self._make, self._goal_m, self._robots = make, goal_m, robots
-        self._signer, self._clock_ms = signer, clock_ms
+        self._signer, self._clock_ms, self._at = signer, clock_ms, at
         self._planners: dict[int, Planner] = {}
         self._speaks: dict[Hashable, int] = {}  # who was the last to send a robot's readings, and of which
         self._latest_ms: dict[int, int] = {}
@@ -60,7 +63,9 @@ class Adviser:
         if len(said) != SENSOR.size or said[0] != KIND_SENSOR or not _makes_sense(said):
             return b""
         _, robot, t_ms, *_ = SENSOR.form.unpack(said)
-        if not 1 <= robot <= self._robots or (self._signer and not self._is_its_time(robot, host, t_ms)):
+        if not 1 <= robot <= self._robots or self._at.get(robot, host) != host:
+            return b""
+        if self._signer and not self._is_its_time(robot, host, t_ms):
             return b""
         if robot not in self._planners:
             self._planners[robot] = self._make(robot, self._goal_m)

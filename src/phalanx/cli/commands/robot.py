@@ -42,6 +42,13 @@ def ros2() -> None:
 @click.argument("where", metavar="unix:PATH|udp:ADDRESS:PORT")
 @option("--sign", type=FILE, metavar="ADVICE.pem", help="The key that the mission's adviser_key checks.")
 @option("--key", "issued", type=FILE, metavar="MISSION.json", help="The mission's key as it was issued, with --sign.")
+@option(
+    "--robot",
+    "robots_at",
+    multiple=True,
+    metavar="N=ADDRESS",
+    help="From which address robot N asks, over UDP: from no other it is answered; again for another.",
+)
 @runs("robot", "advise")
 def advise() -> None:
     """Run a planner as a process of its own, for robots whose file says planner: and where it listens."""
