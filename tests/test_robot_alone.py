@@ -39,6 +39,7 @@ from phalanx.daemon.life import Life
 from phalanx.daemon.run import mission_of, provision
 from phalanx.daemon.settings import RobotFile, read_robot, robot_schema
 from phalanx.daemon.signers import NOBODY, signed_in
+from phalanx.daemon.state import told as told_by
 from phalanx.daemon.trusted import check_may_have_key, give_keys, open_nodes
 from phalanx.daemon.why_stopped import why_stopped
 from phalanx.errors import Unavailable, UsageError
@@ -686,3 +687,9 @@ def test_who_has_no_processor_says_that_others_had_it():
         other.kill()
         other.communicate()
         lateness.close()
+
+
+def test_a_pipe_in_place_of_what_a_robot_tells_keeps_nobody_waiting(tmp_path):
+    os.mkfifo(tmp_path / "robot-1.json")
+    with pytest.raises(UsageError, match="no robot has told of itself"):
+        told_by(tmp_path / "robot-1.json")

@@ -80,6 +80,8 @@ def tell(path: Path, state: dict[str, Any]) -> None:
 def told(path: Path) -> dict[str, Any]:
     """What a robot told last. Raises: UsageError: it never told anything there."""
     try:
+        if not path.is_file():  # a pipe would keep us, and all robots of an arena, waiting for who never writes
+            raise UsageError(f"{path} is no file")
         state: dict[str, Any] = json.loads(read_at_most(path, MOST_BYTES, HINT))
         float(state["told_s"])
         if type(state["pid"]) is not int or not 0 < state["pid"] < 1 << 31:
