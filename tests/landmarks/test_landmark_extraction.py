@@ -82,6 +82,18 @@ class TestDoorways:
         assert len(doors) > 3
         assert max(away(door, 9, 12) for door in doors) < 0.05
 
+    def test_between_long_shelves_what_the_nearer_hides_is_no_thickness(self):
+        """The side of the farther one is seen for half a metre, and is 9 m long."""
+        shelves = [face for x in (-1, 2) for face in ((x, 0, x + 1, 0), (x + 1, 0, x + 1, 9), (x, 0, x, 9))]
+        doors = [
+            door
+            for k, height in product(range(10), (0.5, 0.6, 0.8, 1.2))
+            for door in seen(
+                [*shelves, (-9, -5, 9, -5), (-9, 9, 9, 9)], (-2.0, -height, 0.3), "doorway", noise=0.01, seed=k
+            )
+        ]
+        assert max((away(door, 1, 0) for door in doors), default=0.0) < 0.05
+
     def test_a_wall_seen_too_flat_gives_no_jamb(self):
         walls = [(2, 0, 5, 0), (6.5, 0, 12, 0), (0, 8, 20, 8)]
         assert seen(walls, (3, -3, 1.0), "doorway")

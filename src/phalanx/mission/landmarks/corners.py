@@ -67,7 +67,7 @@ def _outermost(v: View, walls: Floats, w: int, at: int, step: int, line_m: float
 
 
 @counting_kernel
-def _next_beam(v: View, beam: int, step: int) -> int:
+def next_beam(v: View, beam: int, step: int) -> int:
     """The next beam that says something, or -1."""
     n = len(v.ranges)
     for _ in range(1 + SILENT_BEAMS):
@@ -91,7 +91,7 @@ def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: in
     if 0 <= k < len(v.x) and not v.new_run[max(j, k)]:
         return _off_line(v, k, walls, w) < -limits.line_m
     # A single point between two surfaces may be half of each: it counts only before something farther away.
-    there = _next_beam(v, v.beam[j], step)
+    there = next_beam(v, v.beam[j], step)
     return there >= 0 and bool(v.ranges[there] > v.ranges[v.beam[j]] + limits.jump_m)
 
 
@@ -127,7 +127,7 @@ def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) ->
         along = ax * (x[i] - walls[w, X]) + ay * (y[i] - walls[w, Y])
         return True, walls[w, X] + along * ax, walls[w, Y] + along * ay, float(v.beam[i]) + 0.5 * step
     here = v.beam[i]
-    there = _next_beam(v, here, step)
+    there = next_beam(v, here, step)
     if there < 0:
         return nothing
     # Where the next beam would meet this wall if it went on.

@@ -12,7 +12,7 @@ import numpy as np
 
 from phalanx.kernel import counting_kernel
 
-from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y
+from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, next_beam
 from .view import Limits, View
 from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, Bools, Floats, Ints
 
@@ -20,6 +20,7 @@ Pair = tuple[float, float]
 
 # Hits so near to a jamb are the jamb's: its inner face, or its edge with the sensor's noise.
 JAMB_M = 0.1
+HIDDEN = -1.0
 # Jambs are found to within so much: a door exactly as narrow as the limit is one.
 WIDTH_SLACK_M = 0.05
 # Columns of an array of doorways: middle, a unit vector along the wall, distance of the jambs, thickness of the wall.
@@ -60,7 +61,10 @@ def _is_open(v: View, from_beam: int, to_beam: int, a: Pair, b: Pair, clear_m: f
 
 @counting_kernel
 def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: float) -> float:
-    """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none."""
+    """How deep the jamb's face goes that begins at point i, straight behind the jamb; 0 if there is none.
+
+    HIDDEN if something before it hides its end: how thick the wall is cannot be told.
+    """
     (jamb_x, jamb_y), (along_x, along_y) = jamb, along
     robot = jamb_x * along_y - jamb_y * along_x
     deepest = 0.0
@@ -76,6 +80,11 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
             # A wall that begins at the jamb: how thick the other one is cannot be seen.
             return 0.0
         deepest = max(deepest, off)
+    if deepest > JAMB_M:
+        beam = int(v.beam[i])
+        there = next_beam(v, beam, step)
+        if there < 0 or v.ranges[there] < v.ranges[beam]:
+            return HIDDEN
     return deepest
 
 
@@ -137,10 +146,13 @@ def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tupl
             last = _point_at(v.beam, corners[i, BEAM]) - 1
             first_after = _point_at(v.beam, corners[j, BEAM])
             along = (along_x, along_y)
-            depth = max(
-                _depth_behind(v, last, 1, (ax, ay), along, depth_max_m) if last >= 0 else 0.0,
-                _depth_behind(v, first_after, -1, (bx, by), along, depth_max_m) if first_after < len(v.beam) else 0.0,
-            )
+            near = _depth_behind(v, last, 1, (ax, ay), along, depth_max_m) if last >= 0 else 0.0
+            far = _depth_behind(v, first_after, -1, (bx, by), along, depth_max_m) if first_after < len(v.beam) else 0.0
+            is_jamb[i] = True
+            is_jamb[j] = True
+            if min(near, far) == HIDDEN:
+                break
+            depth = max(near, far)
             # Away from the robot, to the middle of the wall.
             side = 0.5 * depth if middle_x * along_y - middle_y * along_x >= 0.0 else -0.5 * depth
             doors[found, DOOR_X] = middle_x + side * along_y
@@ -148,8 +160,6 @@ def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tupl
             doors[found, DOOR_ALONG_X], doors[found, DOOR_ALONG_Y] = along_x, along_y
             doors[found, WIDTH], doors[found, DEPTH] = width, depth
             found += 1
-            is_jamb[i] = True
-            is_jamb[j] = True
             break
     return doors[:found], is_jamb
 
