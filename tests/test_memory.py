@@ -6,6 +6,7 @@ import itertools
 import mmap
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx import pages
+from phalanx.bti import log
+from phalanx.bti.fleet import ROBOT, SETTINGS, records
 from phalanx.kernel import kernel
 from phalanx.memory import fetch
 from phalanx.pages import sparse
@@ -95,6 +98,34 @@ def test_dense_arrays_are_zeroed_lie_side_by_side_on_lines_and_are_given_back():
     assert resident_bytes() - before > 7 * size * 0.9
     del made, each
     assert resident_bytes() - before < pages.BLOCK_BYTES  # the last one goes when it is full
+
+
+@given(st.lists(st.tuples(st.sampled_from(["append", "mark", "cut"]), st.binary(min_size=1, max_size=9)), max_size=30))
+def test_a_log_in_two_pieces_is_one_of_bytes(told):
+    """Uncompiled: what is compiled is the same (tests/test_plain.py lives whole runs with both)."""
+    settings, robot = records(1, SETTINGS), records(1, ROBOT)
+    settings[0].log_max, robot[0].checkpoint_at = 40, -1
+    f = SimpleNamespace(
+        settings=settings, robot=robot, log=np.zeros((1, 16), np.uint8), log_rest=np.zeros((1, 24), np.uint8)
+    )
+    right = b""
+    for what, raw in told:
+        if what == "cut" and right:
+            robot[0].checkpoint_at = raw[0] % len(right)
+            right = right[robot[0].checkpoint_at + 1 :]
+            log.truncate.py_func(f, 0)
+        elif what == "mark" and len(right) < 40:
+            right += raw[:1]
+            log.mark.py_func(f, 0, raw[0])
+        elif what == "append" and len(right) + len(raw) <= 40:
+            right += raw
+            log.write.py_func(f, 0, int(robot[0].log_len), fields.row(raw), len(raw))
+            robot[0].log_len += len(raw)
+        assert log.logged(f, 0) == right
+        assert log.logged(f, 0, len(right) // 2, len(right)) == right[len(right) // 2 :]
+        shown = np.zeros(50, np.uint8)
+        log.read.py_func(f, 0, len(right), shown, 3)
+        assert shown[3 : 3 + len(right)].tobytes() == right
 
 
 def test_a_small_array_and_one_with_values():
