@@ -294,7 +294,7 @@ def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_s
     assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]
 
 
-@pytest.mark.parametrize(("start", "bent"), [((7.1, 2.2), 0.05), ((7.3, 1.6), -0.05), ((7.8, 2.5), -0.05)])
+@pytest.mark.parametrize(("start", "bent"), [((7.1, 2.2), -0.05), ((7.3, 1.6), -0.05), ((7.8, 2.5), -0.05)])
 def test_around_the_end_of_a_long_shelf_it_waits_once_and_not_at_every_step(start, bent):
     """Its line leads from one corner of the shelf to the other at the far end, through the shelf."""
     shelves = [(x, 2.0, x + 1, 11.9) for x in (2.2, 5.8, 9.4)]
@@ -306,13 +306,13 @@ def test_around_the_end_of_a_long_shelf_it_waits_once_and_not_at_every_step(star
     assert told.end == "there"
 
 
-@pytest.mark.parametrize(("aside", "end"), [(0, "there"), (1, "blocked"), (-1, "there")])
-def test_along_a_face_it_gets_on_the_line_of_its_direction_and_beside_it_where_there_is_room(aside, end):
-    """A shelf stands at a wall; from its near corner a way leads along its side to the far one."""
+@pytest.mark.parametrize("aside", [0, 1, -1])
+def test_along_a_face_it_gets_on_the_line_of_its_direction_and_beside_it(aside):
+    """A shelf stands at a wall; from its near corner a way leads along its side to the far one, or through the shelf."""
     plan, corner = plan_of(*square(9, 0.1, 1.5)), (9.0, 1.6)
     order = Order(Kind.GO, 1, corner, -math.pi / 2, aside=aside)
     told = driven(plan, order, (9.1, 2.0, -math.pi / 2), (8.4, 0.5), 60.0)
-    assert told.end == end
+    assert told.end == "there"
 
 
 def test_who_stands_too_near_to_a_thing_may_leave_to_where_it_is_no_nearer_and_not_past_it():

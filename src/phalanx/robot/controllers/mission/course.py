@@ -42,6 +42,7 @@ REACHED_M = 0.3
 # Before a way around that leads so far aside (cosine), or is so much longer, it waits: people walk on.
 ASIDE, LONGER, WAIT_S = 0.7, 100, 2.0
 LOOK_S = 3.0  # and who does not know what it looks for looks around, once
+FORGETS = 5.0  # so much faster than it waited a robot that gets on forgets that it did
 BEFORE_M = 0.5  # there it waits: what it looks for may be in the wall, or it is a person
 AHEAD_STEPS = 13  # cells of the way that are looked at for a stop
 CM_PER_M = 100.0
@@ -193,7 +194,7 @@ def looking(for_s: float) -> float:
 @counting_kernel
 def _rested(waited_s: float, past_s: float) -> float:
     """What is left of a wait while it gets on: who is stopped again at the next step does not wait all of it again."""
-    return max(0.0, min(waited_s, WAIT_S + LOOK_S) - past_s)
+    return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * past_s)
 
 
 @counting_kernel
