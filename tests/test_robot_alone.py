@@ -302,6 +302,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         "frames_refused": {},
     }
     told, state["core_share"] = tmp_path / "robot-3.json", 0.1
+    state |= {"memory_kb": 109_500, "memory_began_kb": 108_500}
     told.write_text(json.dumps(state | {"log_bytes": 1, "log_bytes_max": 2}))
     assert status(tmp_path / "robot.yaml", as_json=False) == 0
     shown = capsys.readouterr().out
@@ -310,6 +311,7 @@ def test_a_state_that_somebody_wrote_commands_no_terminal_and_makes_no_traceback
         "2 (1.5 s old, for 3.5 s more)",
         "2: 5 times, 1.2 s ago",
         "output wrong, 1 times, 9.0 s ago",
+        "109.5 MB of memory, 1.0 MB more than at its beginning",
     ):
         assert words in shown
     for more in ({}, {"pid": 1.5}, {"pid": 1 << 40}):
