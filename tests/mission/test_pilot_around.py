@@ -328,3 +328,12 @@ def test_who_stands_too_near_to_a_thing_may_leave_to_where_it_is_no_nearer_and_n
     assert costs(1, 0) == costs(0, 1) == TOUCHING
     assert costs(1, -1) < TOUCHING
     assert costs(0, -1) < TOUCHING
+
+
+def test_who_stands_at_a_known_place_and_does_not_see_it_goes_on_beyond():
+    """The doorway between two shelves is told from outside alone."""
+    order = Order(Kind.GO, 1, (4.0, 5.0), 0.0, toward_m=(9.0, 5.0))
+    told = driven(plan_of(), order, (4.0, 5.0, 0.0), (11.0, 5.0), 40.0, within_m=0.3)
+    assert told.end == "there"
+    told = driven(plan_of(), order, (4.0, 5.0, 0.0), (13.0, 5.0), 60.0, within_m=0.3)
+    assert (told.end, round(told.pose[0])) == ("blocked", 11), "no farther, and not for ever"

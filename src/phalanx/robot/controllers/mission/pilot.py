@@ -24,6 +24,8 @@ from .surroundings import FADE_S, FRESH, SIDE, Pose, Sectors, Seen, Stop, sight
 
 # In a doorway itself a robot does not see it: it arrives a little before, and slowly, four commands a second.
 ARRIVE_M, NEAR_M = 0.25, 0.9
+# Between two shelves a doorway is seen from outside alone: who stood at a known place and saw nothing goes on so far.
+PAST_M = 2.0
 # Who waits for something at a place has to stand in its cell, which may end so near: beside it nothing is searched for.
 AT_M = 0.2
 CARROT_M = 1.5
@@ -185,7 +187,7 @@ def _homeward(leg: Leg, place: Point, pose: Pose, now: Reading, sectors: Sectors
 def _onward(order: Order, pose: Pose, line_m: float) -> tuple[Point, Point, float]:
     """(where to go from the order's place on, what lies beyond, metres that are left)."""
     if order.toward_m is not None:
-        there = _local(pose, order.toward_m)
+        there = _past(order, pose, order.toward_m)
         return there, there, _length(there)
     assert order.direction_rad is not None, "an order to go has a direction or a place"
     x0, y0 = order.place_m or pose[:2]
@@ -194,6 +196,18 @@ def _onward(order: Order, pose: Pose, line_m: float) -> tuple[Point, Point, floa
     near, far = max(done_m, 0.0) + CARROT_M, max(done_m, 0.0) + BEYOND_M
     onward = _local(pose, (x0 + near * along_x, y0 + near * along_y))
     return onward, _local(pose, (x0 + far * along_x, y0 + far * along_y)), line_m - done_m
+
+
+def _past(order: Order, pose: Pose, there_m: Point) -> Point:
+    """Where to go, robot frame: to a known place, and on in the same direction if it was not seen from there."""
+    there = _local(pose, there_m)
+    x0, y0 = order.place_m or pose[:2]
+    dx, dy = there_m[0] - x0, there_m[1] - y0
+    way_m = _length((dx, dy))
+    is_before = (pose[0] - there_m[0]) * dx + (pose[1] - there_m[1]) * dy < 0.0
+    if way_m < NEAR_M or (is_before and _length(there) > ARRIVE_M):
+        return there
+    return _local(pose, (there_m[0] + PAST_M * dx / way_m, there_m[1] + PAST_M * dy / way_m))
 
 
 def _local(pose: Pose, point: Point) -> Point:
