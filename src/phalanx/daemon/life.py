@@ -154,9 +154,8 @@ class Life:
         try:
             await self._until_stopped(kept)
         finally:
-            loop.remove_reader(
-                self._radio
-            )  # in Safe Mode too: nothing is read, and the system drops what finds no room
+            # In Safe Mode too: nothing is read, and the system drops what finds no room.
+            loop.remove_reader(self._radio)
         self.why_stopped = why_stopped(self.fleet, self._clock.now_ms(), self.longest_ms["late"])
         log.error("robot %d is in Safe Mode: %s", self.id, self.why_stopped)
         self._hardware.stop()

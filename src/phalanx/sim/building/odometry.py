@@ -14,6 +14,7 @@ import numpy as np
 from phalanx.config.parameter import check_limits, within
 from phalanx.errors import UsageError, did_you_mean
 from phalanx.kernel import kernel
+from phalanx.mission.angles import wrap
 
 Pose = tuple[float, float, float]
 
@@ -116,7 +117,4 @@ def along_arc(pose: Pose, way_m: float, turn_rad: float) -> Pose:
     x, y, heading = pose
     half = 0.5 * turn_rad
     chord = way_m * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-    after = heading + turn_rad
-    while abs(after) > math.pi:  # a wheel turns by less than that in a step
-        after -= math.tau if after > 0.0 else -math.tau
-    return x + chord * math.cos(heading + half), y + chord * math.sin(heading + half), after
+    return x + chord * math.cos(heading + half), y + chord * math.sin(heading + half), wrap(heading + turn_rad)
