@@ -12,6 +12,7 @@ from landmark_world import NOBODY, ROOM
 
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
+from phalanx.mission.angles import wrap
 from phalanx.mission.landmarks import FloorPlan, WallCode, raycast
 from phalanx.mission.landmarks.codepose import Intrinsics
 from phalanx.mission.landmarks.lidar import Lidar
@@ -138,7 +139,8 @@ class TestOdometry:
         assert odometry.travelled_m == pytest.approx(20)
 
     def test_an_arc_ends_where_its_circle_says(self):
-        assert np.allclose(along_arc((1, 2, 0), math.pi, math.pi), (1, 4, math.pi))
+        assert np.allclose(along_arc((1, 2, 0), math.pi, math.pi), (1, 4, wrap(math.pi)))
+        assert np.allclose(along_arc((1, 2, 0), math.pi / 2, math.pi / 2), (2, 3, math.pi / 2))
         assert np.allclose(along_arc((0, 0, 1), 2, 0), (2 * math.cos(1), 2 * math.sin(1), 1))
 
     def test_stages_factor_is_drawn_once_within_half_a_sigma(self):
