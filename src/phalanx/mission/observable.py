@@ -8,9 +8,10 @@ counted from an offset that the compiler chose, so that what was encoded lies in
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,40 @@ class Landmark:
             abs(self.x_m) < VALUE_MAX and abs(self.y_m) < VALUE_MAX and abs(turn) < VALUE_MAX and abs(area) < VALUE_MAX
         ):
             raise UsageError(f"a {self.type} at {self.x_m}, {self.y_m}", "metres and radians, below a million")
+
+
+class InSight(Sequence[Landmark]):
+    """What a scan shows, as kernels have it; landmarks are made of it when somebody asks for one.
+
+    Args:
+        rows: (k, 5) as `rows_of` has them; none has a text.
+    """
+
+    def __init__(self, rows: NDArray[np.float64]) -> None:
+        self.rows = rows
+
+    @cached_property
+    def told(self) -> tuple[Landmark, ...]:
+        """All of them; the same objects each time."""
+        return tuple(
+            Landmark(LANDMARK_TYPES[int(kind)], x, y, number_or_none(turn), number_or_none(area))
+            for kind, x, y, turn, area in self.rows.tolist()
+        )
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[Landmark]:
+        return iter(self.told)
+
+    @overload
+    def __getitem__(self, i: int) -> Landmark: ...
+
+    @overload
+    def __getitem__(self, i: slice) -> tuple[Landmark, ...]: ...
+
+    def __getitem__(self, i: int | slice) -> Landmark | tuple[Landmark, ...]:
+        return self.told[i]
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +192,7 @@ class Experience:
     y_m: float
     heading_rad: float
     travelled_m: float = 0.0
-    landmarks: tuple[Landmark, ...] = ()
+    landmarks: Sequence[Landmark] = ()
     sensors: tuple[bytes, ...] = ()
     actions: tuple[Action, ...] = ()
     messages: tuple[bytes, ...] = ()
@@ -212,6 +247,8 @@ def cell_of(coding: CodingConfig, offset: Offset, x_m: float, y_m: float, thing:
 
 def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
     """(k, 5) kind, x, y, orientation and area of landmarks, NaN where there is none: as kernels take them."""
+    if isinstance(landmarks, InSight):
+        return landmarks.rows
     rows = [(_KINDS[it.type], it.x_m, it.y_m, it.orientation_rad, it.area_m2) for it in landmarks]
     return np.array(rows, np.float64).reshape(-1, 5)
 
@@ -219,6 +256,11 @@ def rows_of(landmarks: Sequence[Landmark]) -> NDArray[np.float64]:
 def number_or_nan(value: float | None) -> float:
     """What kernels take instead of None."""
     return math.nan if value is None else float(value)
+
+
+def number_or_none(value: float) -> float | None:
+    """What stands for what kernels gave."""
+    return None if math.isnan(value) else value
 
 
 def steps_of(coding: CodingConfig) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
-from phalanx.mission.observable import Landmark
+from phalanx.mission.observable import InSight, Landmark
 
 from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
 from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
@@ -47,18 +47,7 @@ class Features:
         another one is seen. A convex corner has the direction halfway between its walls' normals.
         """
         pose = float(x_m), float(y_m), float(heading_rad)
-        return _landmarks(_placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose))
-
-
-def _landmarks(rows: Floats) -> tuple[Landmark, ...]:
-    return tuple(
-        Landmark(_TYPES[int(kind)], x, y, None if kind == _ROOM else turn, area if kind == _ROOM else None)
-        for kind, x, y, turn, area in rows.tolist()
-    )
-
-
-_TYPES = ("doorway", "corner_convex", "concave_left", "concave_right", "room")
-_ROOM = 4
+        return InSight(_placed(self.walls, self.corners, self.is_jamb, self.doorways, self.rooms, *pose)).told
 
 
 def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features:
@@ -66,11 +55,9 @@ def extract(scan: LaserScan, config: ExtractionConfig | None = None) -> Features
     return Features(*_extract(*_swept(scan, config or ExtractionConfig())))
 
 
-def landmarks_in(
-    scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float
-) -> tuple[Landmark, ...]:
+def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: float, heading_rad: float) -> InSight:
     """As `extract(scan, config).landmarks(x_m, y_m, heading_rad)`, in one call: robots ask ten times a second."""
-    return _landmarks(_sighted(*_swept(scan, config), float(x_m), float(y_m), float(heading_rad)))
+    return InSight(_sighted(*_swept(scan, config), float(x_m), float(y_m), float(heading_rad)))
 
 
 def _swept(
@@ -138,9 +125,9 @@ def _placed(
     y_m: float,
     heading_rad: float,
 ) -> Floats:
-    """(k, 5): type, x, y, orientation and area of each landmark, map frame; doorways first."""
+    """(k, 5): type, x, y, orientation and area of each landmark, as `rows_of` has them, map frame; doorways first."""
     sine, cosine = sin_cos(heading_rad)
-    rows = np.zeros((len(doorways) + 2 * len(corners) + len(rooms), 5))
+    rows = np.full((len(doorways) + 2 * len(corners) + len(rooms), 5), np.nan)
     found = 0
     for i in range(len(doorways)):
         rows[found, 0] = 0.0

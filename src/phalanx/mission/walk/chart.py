@@ -5,7 +5,7 @@ A robot asks ten times a second, of every thing in sight and every node that it 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,16 +29,17 @@ class Chart:
     Attributes:
         landmarks: where they truly are.
         nodes: of each, the node that it belongs to; none of those that belong to no mission.
+        rows: (n, 5) as `rows_of` has them, but for the number of the text instead of the area.
     """
 
     def __init__(self, landmarks: Iterable[Landmark], nodes: Iterable[int] = ()) -> None:
         self.landmarks, self.nodes = tuple(landmarks), tuple(nodes)
         told = dict.fromkeys(known.text for known in self.landmarks if known.text is not None)
         self._texts: dict[str | None, int] = {None: NO_TEXT} | {text: i for i, text in enumerate(told)}
-        self._rows = self._of(self.landmarks)
+        self.rows = self._of(self.landmarks)
 
-    def _of(self, landmarks: tuple[Landmark, ...]) -> Floats:
-        rows = rows_of(landmarks)
+    def _of(self, landmarks: Sequence[Landmark]) -> Floats:
+        rows = rows_of(landmarks).copy()
         rows[:, TEXT] = [self._texts.get(each.text, OTHER_TEXT) for each in landmarks]
         return rows
 
@@ -47,7 +48,7 @@ class Chart:
         found: list[list[int]] = [[] for _ in seen.landmarks]
         if found and self.landmarks:
             place, spread = (float(seen.x_m), float(seen.y_m)), pose_spread(seen.spread)
-            for i, j in _fitting(self._of(seen.landmarks), self._rows, place, spread, sight, within_m).tolist():
+            for i, j in _fitting(self._of(seen.landmarks), self.rows, place, spread, sight, within_m).tolist():
                 found[i].append(j)
         return found
 
@@ -78,16 +79,31 @@ def _fitting(
     count = 0
     for i in range(len(seen)):
         for j in range(len(known)):
-            dx, dy = known[j, X] - seen[i, X], known[j, Y] - seen[i, Y]
-            # Nearly all end here.
-            if not -within_m <= dx <= within_m or known[j, KIND] != seen[i, KIND] or known[j, TEXT] != seen[i, TEXT]:
-                continue
-            if dx * dx + dy * dy > within_m * within_m:
-                continue
-            turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
-            turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
-            match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
-            if misfit(spread, place[0], place[1], match, sight) <= most_of(turn):
+            if known[j, TEXT] == seen[i, TEXT] and may_mean(seen, i, known, j, place, spread, sight, within_m):
                 pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
     return pairs[:count]
+
+
+@counting_kernel
+def may_mean(
+    seen: Floats,
+    i: int,
+    known: Floats,
+    j: int,
+    place: tuple[float, float],
+    spread: Floats,
+    sight: Sight,
+    within_m: float,
+) -> bool:
+    """Whether a thing seen may be a known one, whatever is written on them."""
+    dx, dy = known[j, X] - seen[i, X], known[j, Y] - seen[i, Y]
+    # Nearly all end here.
+    if not -within_m <= dx <= within_m or known[j, KIND] != seen[i, KIND]:
+        return False
+    if dx * dx + dy * dy > within_m * within_m:
+        return False
+    turn = turn_to(known[j, TURN], seen[i, TURN], _HALF_TURN[int(seen[i, KIND])])
+    turn = np.nan if np.isnan(turn) else wrap_rad_kernel(turn)
+    match = Sighting(seen[i, X], seen[i, Y], known[j, X], known[j, Y], turn)
+    return bool(misfit(spread, place[0], place[1], match, sight) <= most_of(turn))

@@ -14,7 +14,7 @@ from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
-from phalanx.mission.observable import Experience, middle_of
+from phalanx.mission.observable import Experience, InSight, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
@@ -39,14 +39,16 @@ from .fix import (
 )
 from .found import Claim, Found
 from .gate import Gate, Hint, StartKey, join_shares, parse_start_key
+from .glance import NOBODY, Gaze, gaze_of, glance
 from .keyring import Keyring
 from .opening import Known, Opened, open_found
-from .outcome import Reason
+from .outcome import Order, Reason
 from .route import Map
 from .search import Budget
 from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import State
+from .table import Phase
 
 Believed = tuple[Opened | None, Fix | None, Reason]  # why not, if nothing was opened
 
@@ -72,12 +74,18 @@ class _Decoded:
 
     Attributes:
         candidates: nodes that it may try, by its last node and its target.
+        gates: those open to whom `gazes` are made for.
+        gazes: what it looks for at a glance, by its last node and its target; None where a glance does not do.
+        orders: instructions, by its phase, its last node, its target and the round.
     """
 
     def __init__(self, opened: Mapping[int, Known]) -> None:
         placed = [(node.landmark, i) for i, node in opened.items() if node.landmark is not None]
         self.chart = Chart([landmark for landmark, _ in placed], [i for _, i in placed])
         self.candidates: dict[tuple[int | None, int | None], tuple[int, ...]] = {}
+        self.gates: Mapping[tuple[int, int], Gate] = {}
+        self.gazes: dict[tuple[int | None, int | None], Gaze | None] = {}
+        self.orders: dict[tuple[Phase, int | None, int | None, int], Order] = {}
 
 
 class Finder:
@@ -138,6 +146,33 @@ class Finder:
             if (node not in state.opened or node == state.target) and self.map.may_enter(node, state.opened)
         )
 
+    def tries_in_vain(self, state: State, seen: Experience) -> int | None:
+        """How many hashes find nothing, where a glance says so; None where somebody has to look."""
+        if not isinstance(seen.landmarks, InSight):
+            return None
+        known, here = self._decoded(state.opened), (state.at, state.target)
+        if known.gates is not state.keys.gates:
+            known.gates, known.gazes = state.keys.gates, {}
+        if here not in known.gazes:
+            known.gazes[here] = self._gaze(state, known.chart)
+        gaze, most = known.gazes[here], self.config.hash_tries
+        if gaze is None:
+            return None
+        left = glance(gaze, seen.landmarks.rows, seen.x_m, seen.y_m, seen.spread, most)
+        return None if left == NOBODY else most - left
+
+    def _gaze(self, state: State, chart: Chart) -> Gaze | None:
+        nodes, search = self.candidates(state), self._search
+        if self._is_paper:
+            (shapes, *more), others = search.parts(nodes, self._released(state))
+            asked = [(shape, 0) for shape in others]
+        else:
+            shapes, more = search.nothing(), []
+            locks = [lock for node in nodes for lock in self._locks(state, node)]
+            asked = [(lock.hint.shape, self.mission.nodes[lock.node].reach_dm) for lock in locks]
+        # Who searches twice, and for something else in between, has to count tries in that order.
+        return None if more else gaze_of(self.config, chart, state.target, search.steps, shapes, asked)
+
     def look(self, state: State, seen: Experience) -> Find:
         """What the search comes upon."""
         budget, keys = Budget(self.config.hash_tries if self._is_paper else self.config.kdf_tries), state.keys
@@ -154,9 +189,17 @@ class Finder:
             keys = replace(keys, tried=frozenset())  # other gates, other tries
         else:
             keys = keys.remember(failed, self.config.tried_limit)
-        if reason is Reason.NOTHING_SENSED and (budget.used or seen.landmarks or seen.sensors):
-            reason = Reason.BUDGET if budget.left <= 0 else Reason.NO_MATCH
+        if reason is Reason.NOTHING_SENSED:
+            reason = self.nothing(state, seen, budget.used).reason
         return Find(keys, opened, fix, reason, budget.used)
+
+    def nothing(self, state: State, seen: Experience, tries: int) -> Find:
+        """What a search comes to that finds nothing."""
+        reason = Reason.NOTHING_SENSED
+        if tries or seen.landmarks or seen.sensors:
+            most = self.config.hash_tries if self._is_paper else self.config.kdf_tries
+            reason = Reason.BUDGET if tries >= most else Reason.NO_MATCH
+        return Find(state.keys, None, None, reason, tries)
 
     def check(self, state: State, seen: Experience, claim: Claim) -> tuple[Opened, Fix | None]:
         """The node that a robot in this state says it found, opened, with its fix: one hash or one KDF.
@@ -182,6 +225,10 @@ class Finder:
     def chart(self, state: State) -> Chart:
         """The landmarks that were decoded."""
         return self._decoded(state.opened).chart
+
+    def orders(self, state: State) -> dict[tuple[Phase, int | None, int | None, int], Order]:
+        """Instructions that were given to a robot that has decoded so much."""
+        return self._decoded(state.opened).orders
 
     def _unexplained(self, state: State, seen: Experience) -> Experience:
         """What was experienced, without what is too far off, or known to be other nodes' than the target's."""

@@ -86,7 +86,7 @@ class PaperSearch:
     def __init__(self, mission: EncodedMission, config: MissionConfig) -> None:
         self._mission = mission
         self._config = config
-        self._steps = steps_of(mission.header.coding)
+        self.steps = steps_of(mission.header.coding)
         self._among = made_once(self._candidates_of)
         self._targets = lru_cache(TARGETS_LIMIT)(self._targets_of)
         self._searched = Searched()
@@ -134,6 +134,17 @@ class PaperSearch:
         rows = np.array(lanes, np.int64)
         return _Together(shapes, pack(Shapes(np.array(asks), np.array(at), rows, np.array(templates), *searched)))
 
+    def parts(self, nodes: tuple[int, ...], released: bytes) -> tuple[list[Shapes], list[Shape]]:
+        """The shapes of a search that ask for nothing but a place, as kernels take them, packed; and the others."""
+        parts = self._parts(self._among(nodes), released)
+        together = [part.arrays for part in parts if isinstance(part, _Together)]
+        return together or [self.nothing()], [part for part in parts if isinstance(part, Shape)]
+
+    def nothing(self) -> Shapes:
+        """What finds nothing, as kernels take it, packed."""
+        none, searched = np.empty((0, 3), np.int64), (*self._among(()).arrays, *self._searched.known)
+        return pack(Shapes(none, none, none, np.empty((0, 1), np.uint64), *searched))
+
     def _lanes(self, among: _Candidates, shape: Shape, rest: object, previous: bytes | None) -> list[int]:
         return [self._searched.lane((group.aliases, shape, rest, previous), len(RINGS)) for group in among.groups]
 
@@ -172,7 +183,7 @@ class PaperSearch:
         rows, begin = rows_of(seen.landmarks), (0, 0)
         while True:
             s, k, pair, row, left, numbers, after = search_shapes(
-                begin, part.arrays, rows, doubt, self._steps, budget.left
+                begin, part.arrays, rows, doubt, self.steps, budget.left
             )
             budget.spend(budget.left - left)
             if s < 0:
@@ -224,7 +235,7 @@ class PaperSearch:
                 shape.place not in LANDMARK_PLACES,
                 doubt,
                 among.arrays,
-                self._steps,
+                self.steps,
                 self._bins(shape),
                 self._searched.known,
                 batch.lanes,

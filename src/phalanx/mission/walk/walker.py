@@ -27,6 +27,7 @@ from .finding import Find, Finder
 from .fix import Fix, allowed_m, distance_m, pose_doubt_m
 from .found import Claim
 from .gate import StartKey
+from .glance import SIGHT_M
 from .opening import Opened, OpenWay
 from .outcome import Kind, Order, Outcome, Reason
 from .state import State
@@ -36,7 +37,7 @@ from .table import step as next_phase
 __all__ = ["State", "Walker"]
 
 PLANE_M = 5e5  # robots are nearer to the map's origin than this
-SIGHT_M = 1e3
+FAR_M = 1e9  # nor does any drive so far
 # To which side of its line a way is tried the first time, when it was blocked, and when it was again.
 ASIDE = (0, 1, -1)
 # From a face's normal to where nothing is around the end of it.
@@ -72,7 +73,10 @@ class Walker:
         """The next state, and what came of an experience."""
         if (refused := self._refused(state, seen)) is not None:
             return state, refused
-        state, seen = self._begun(state, seen)
+        state = self._begun(state, seen)
+        if (find := self._glance(state, seen)) is not None:
+            return self._walked(state, seen, None, find)
+        seen = self._sane(seen)
         find = self._finder.look(state, seen)
         if find.keys is not state.keys:
             state = replace(state, keys=find.keys)
@@ -84,8 +88,11 @@ class Walker:
         """The state with what was tried in its keyring; the claim that `advance` takes, if any; and tries."""
         if self._refused(state, seen) is not None:
             return state, None, 0
-        begun, seen = self._begun(state, seen)
-        find = self._finder.look(begun, seen)
+        begun = self._begun(state, seen)
+        find = self._glance(begun, seen)
+        if find is None:
+            seen = self._sane(seen)
+            find = self._finder.look(begun, seen)
         state = replace(state, keys=find.keys)
         if find.claim is not None:
             try:
@@ -105,7 +112,7 @@ class Walker:
             if claim:
                 raise Unshown("a claim of a robot that has stopped, or whose clock has")
             return state, refused
-        state, seen = self._begun(state, seen)
+        state, seen = self._begun(state, seen), self._sane(seen)
         if claim:
             return self._decoded(state, seen, *self._finder.check(state, seen, claim), 0)
         nothing = Find(state.keys, None, None, Reason.NOTHING_SENSED, 0)
@@ -146,10 +153,16 @@ class Walker:
             return Outcome(self.order(state), reason=Reason.CLOCK)
         return None
 
-    def _begun(self, state: State, seen: Experience) -> tuple[State, Experience]:
+    def _begun(self, state: State, seen: Experience) -> State:
         since = seen.t_s if state.since_s is None else state.since_s
         heard = self._heard(state, seen.messages)
-        return replace(state, t_s=seen.t_s, since_s=since, heard=heard), self._sane(seen)
+        return replace(state, t_s=seen.t_s, since_s=since, heard=heard)
+
+    def _glance(self, state: State, seen: Experience) -> Find | None:
+        """What a search comes upon, if it is nothing; None where a glance does not tell, or something seems wrong."""
+        is_sane = _is_on_plane(seen) and 0.0 <= seen.travelled_m <= FAR_M
+        tries = self._finder.tries_in_vain(state, seen) if is_sane else None
+        return None if tries is None else self._finder.nothing(state, seen, tries)
 
     def _heard(self, state: State, messages: tuple[bytes, ...]) -> tuple[bytes, ...]:
         if not messages:
@@ -161,10 +174,10 @@ class Walker:
     @staticmethod
     def _sane(seen: Experience) -> Experience:
         """What was experienced, without what no robot can: a pose that is no number, things beyond a kilometre."""
-        if not (abs(seen.x_m) < PLANE_M and abs(seen.y_m) < PLANE_M and abs(seen.heading_rad) < PLANE_M):
+        if not _is_on_plane(seen):
             return replace(seen, x_m=PLANE_M, y_m=PLANE_M, heading_rad=0.0, landmarks=())
         near = tuple(landmark for landmark in seen.landmarks if distance_m(seen, landmark) < SIGHT_M)
-        travelled_m = max(0.0, min(seen.travelled_m, 1e9))
+        travelled_m = max(0.0, min(seen.travelled_m, FAR_M))
         if len(near) == len(seen.landmarks) and travelled_m == seen.travelled_m:
             return seen
         return replace(seen, landmarks=near, travelled_m=travelled_m)
@@ -305,7 +318,13 @@ class Walker:
         return math.sqrt(dx * dx + dy * dy) <= self.config.arrive_m
 
     def order(self, state: State) -> Order:
-        """The instruction in force."""
+        """The instruction in force; the same until something is decoded, given up or reached."""
+        orders, here = self._finder.orders(state), (state.phase, state.at, state.target, state.round)
+        if here not in orders:
+            orders[here] = self._order(state)
+        return orders[here]
+
+    def _order(self, state: State) -> Order:
         if state.phase is Phase.DONE:
             return Order(Kind.DONE)
         if state.phase is Phase.HELD:
@@ -324,6 +343,10 @@ class Walker:
             return Order(Kind.WAIT, state.target, here.place_m)
         aside = ASIDE[state.round % len(ASIDE)] * _free_side(here.landmark, way.direction_rad)
         return Order(Kind.GO, way.target, here.place_m, way.direction_rad, toward, aside=aside)
+
+
+def _is_on_plane(seen: Experience) -> bool:
+    return abs(seen.x_m) < PLANE_M and abs(seen.y_m) < PLANE_M and abs(seen.heading_rad) < PLANE_M
 
 
 def _free_side(corner: Landmark | None, direction_rad: float | None) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,7 +87,7 @@ class ObservedController(MissionController):
         """How uncertain it takes its pose to be."""
         return self.memory.belief.doubt
 
-    def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
+    def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
         """As the robot's."""
         began = working_s()
         found = super().landmarks(scan, pose)

@@ -12,7 +12,7 @@ Source: docs/spec/mission.md (Under audit); docs/adr/0020.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -251,7 +251,7 @@ class MissionController(EvidenceController):
             return self.walker.advance(self.memory.walk, seen, claim)
         return self.walker.step(self.memory.walk, seen)
 
-    def landmarks(self, scan: bytes, pose: Pose) -> tuple[Landmark, ...]:
+    def landmarks(self, scan: bytes, pose: Pose) -> Sequence[Landmark]:
         """What a scan shows."""
         return landmarks_in(self.missions.sensors.scan_of(scan), self._extraction, *pose)
 
@@ -267,13 +267,13 @@ class MissionController(EvidenceController):
         pose = belief.pose
         sensed = parse_sensed(scan[self.missions.sensors.scan_bytes :])
         codes = codes_at(self.missions.eye, pose, sensed.codes)
-        landmarks = (self.landmarks(scan, pose) if scan else ()) + codes
+        landmarks = self.landmarks(scan, pose) if scan else ()
         begun_ms = self.memory.begun_ms or t_ms
         return Experience(
             self.given.begin_s + (t_ms - begun_ms) / MILLI,
             *pose,
             now.travelled_m,
-            landmarks,
+            (*landmarks, *codes) if codes else landmarks,
             sensed.readings,
             actions=self.given.pool,
             messages=self.messages,
