@@ -23,7 +23,8 @@ Pose = tuple[float, float, float]
 X, Y, HEADING, WAY, TURN, CURVE = range(6)
 COUNT = 6
 NUMBERS = COUNT + COUNT * (COUNT + 1) // 2
-# Of a turn beside a wall so much may not have happened.
+# Of the first radian of turns beside a wall so much may not have happened, and of more with the root: turns to and
+# fro slip both ways.
 SLIP = 0.05
 UPPER = tuple((i, j) for i in range(COUNT) for j in range(i, COUNT))
 
@@ -80,9 +81,10 @@ def moved(
     sure[HEADING, HEADING] += (
         wheels.turn_noise * wheels.turn_noise * about + wheels.curve_noise * wheels.curve_noise * far
     )
-    if touches:
-        for i, slip in ((X, far), (Y, far), (HEADING, SLIP * about)):
-            sure[i, i] = (math.sqrt(sure[i, i]) + slip) * (math.sqrt(sure[i, i]) + slip)
+    if touches:  # a way that a wall takes is lost wholly, and always to the same side
+        sure[X, X] = (math.sqrt(sure[X, X]) + far) * (math.sqrt(sure[X, X]) + far)
+        sure[Y, Y] = (math.sqrt(sure[Y, Y]) + far) * (math.sqrt(sure[Y, Y]) + far)
+        sure[HEADING, HEADING] += SLIP * SLIP * about
     return after, sure
 
 
