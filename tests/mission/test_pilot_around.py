@@ -13,9 +13,10 @@ from audited import SENSORS
 from phalanx.cli.mission.files import read_plain
 from phalanx.mission import BuildOptions, Kind, Order, Profile, build, plain_mission
 from phalanx.mission.landmarks import FloorPlan
+from phalanx.robot.controllers.mission.course import NO_STOP, Course, Goal, steer
 from phalanx.robot.controllers.mission.field import TOUCHING, weights
 from phalanx.robot.controllers.mission.pilot import Leg, drive
-from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors
+from phalanx.robot.controllers.mission.surroundings import FADE_S, FRESH, SIDE, Sectors, Seen
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.building.odometry import OdometryNoise
 from phalanx.sim.building.walkers import Walkers
@@ -292,6 +293,26 @@ def test_a_landmark_counts_from_near_where_something_is_done_unless_its_author_s
     plain = plain_mission({"mission": "reach", "nodes": nodes, "ways": [{"from": "start", "to": list(nodes)[1:]}]})
     (one,) = build(plain, BuildOptions(profile=Profile.PAPER), random.Random(0).randbytes)
     assert [node.reach_dm for node in one.mission.nodes] == [0, 0, 0, 10, 10, 10, 25, 0]
+
+
+@pytest.mark.parametrize(("bearing", "is_forgotten"), [(0.0, True), (1.6, False), (-2.5, False)])
+def test_who_turns_on_the_spot_has_not_got_on(bearing, is_forgotten):
+    """In office_30x25 a robot looked around, turned back to its way, forgot that it had looked, and so on for 12 s."""
+    open_floor = np.full(SENSORS.sectors, 255, np.uint8)
+    seen = Seen(np.zeros(SIDE * SIDE, np.uint8), (-24, -24), 0, (0.0, 0.0, 0.0), open_floor, SECTORS.fan)
+    at = 4 * math.cos(bearing), 4 * math.sin(bearing)
+    before = Course((NO_STOP, NO_STOP), 0, 4.0)
+    *_, course = steer(seen, Goal(at, at, True), before, 0.1, np.empty(SIDE * SIDE, np.uint8))
+    assert (course.waited_s < 4.0) == is_forgotten
+    assert course.waited_s >= 3.5
+
+
+@pytest.mark.parametrize("start", [(2.58, 9.34, 2.05), (2.56, 9.4, 2.3)])
+def test_a_speck_that_it_would_touch_is_gone_around(start):
+    """Its cells left a way past the speck, its lidar none: it stood there for a minute, and held."""
+    walls = [(2.0, 8.89, 4.0, 8.89), (2.0, 7.5, 2.0, 8.89), (2.0, 9.94, 4.0, 9.94), (4.0, 8.89, 4.0, 7.5)]
+    plan = plan_of(*walls, *square(2.295, 9.37, 0.025), size=(6.0, 12.0))
+    assert driven(plan, to((1.2, 8.5), start[:2]), start, (1.2, 8.5), 40.0, timeout_s=120.0).end == "there"
 
 
 @pytest.mark.parametrize(("start", "bent"), [((7.1, 2.2), -0.05), ((7.3, 1.6), -0.05), ((7.8, 2.5), -0.05)])

@@ -42,7 +42,7 @@ REACHED_M = 0.3
 # Before a way around that leads so far aside (cosine), or is so much longer, it waits: people walk on.
 ASIDE, LONGER, WAIT_S = 0.7, 100, 2.0
 LOOK_S = 3.0  # and who does not know what it looks for looks around, once
-FORGETS = 5.0  # so much faster than it waited a robot that gets on forgets that it did
+FORGETS = 3.0  # seconds of its waits that a robot forgets with each metre that it gets on
 BEFORE_M = 0.5  # there it waits: what it looks for may be in the wall, or it is a person
 AHEAD_STEPS = 13  # cells of the way that are looked at for a stop
 CM_PER_M = 100.0
@@ -192,9 +192,12 @@ def looking(for_s: float) -> float:
 
 
 @counting_kernel
-def _rested(waited_s: float, past_s: float) -> float:
-    """What is left of a wait while it gets on: who is stopped again at the next step does not wait all of it again."""
-    return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * past_s)
+def _rested(waited_s: float, way_m: float) -> float:
+    """What is left of a wait when it gets on: who is stopped again at the next step does not wait all of it again.
+
+    Who turns on the spot has not got on: looking around and turning back to its way would else follow each other.
+    """
+    return max(0.0, min(waited_s, WAIT_S + LOOK_S) - FORGETS * way_m)
 
 
 @counting_kernel
@@ -222,18 +225,18 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes)
     need = min(look_m, max(0.0, length_m - SHORT_M))
     if length_m > 0.0 and free_way(points, count, along[0] / length_m, along[1] / length_m, MARGIN_M) >= need:
         speed, turn, turning = command(points, count, goal, left_m, turning)
-        return speed, turn, base, Course((NO_STOP, NO_STOP), turning, _rested(waited_s, past_s))
+        return speed, turn, base, Course((NO_STOP, NO_STOP), turning, _rested(waited_s, speed * past_s))
     sine, cosine = sin_cos(moved[2])
     to_x, to_y, away = 0.0, 0.0, 0.0
+    gets_on = False
     if stop[0] != NO_STOP:
         dx, dy = stop[0] / CM_PER_M - moved[0], stop[1] / CM_PER_M - moved[1]
         to_x, to_y = cosine * dx + sine * dy, cosine * dy - sine * dx
         away = math.sqrt(to_x * to_x + to_y * to_y)
     if away < REACHED_M or free_way(points, count, to_x / away, to_y / away, KEEP_M) < away:
         to_x, to_y, waits, is_long = around(cells, base, moved, wanted.beyond, points, count)
-        if not is_long:
-            waited_s = _rested(waited_s, past_s)
-        elif waited_s <= (WAIT_S + LOOK_S if wanted.looks else WAIT_S):
+        gets_on = not is_long
+        if is_long and waited_s <= (WAIT_S + LOOK_S if wanted.looks else WAIT_S):
             free_m = free_way(points, count, goal[0] / left_m, goal[1] / left_m, MARGIN_M) - BEFORE_M
             if free_m <= 0.0 or waited_s > WAIT_S:
                 turn = looking(waited_s - WAIT_S) if waited_s > WAIT_S else 0.0
@@ -247,4 +250,6 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes)
         y = moved[1] + (sine * to_x + cosine * to_y)
         stop = int(x * CM_PER_M + (1 << 30)) - (1 << 30), int(y * CM_PER_M + (1 << 30)) - (1 << 30)
     speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
+    if gets_on:
+        waited_s = _rested(waited_s, speed * past_s)
     return speed, turn, base, Course(stop, turning, waited_s)

@@ -49,7 +49,9 @@ def weight(near: int) -> int:
 
 @counting_kernel
 def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floats, near: Ints, out: Ints) -> None:
-    """Where the robot stands, it stands, and may go on to where nothing is nearer; behind it cells cost more.
+    """Where the robot stands, it stands, and may go on to where nothing is nearer, and nowhere else.
+
+    Behind it cells cost more.
 
     Args:
         here: where it is, in cells from the corner of the first.
@@ -62,10 +64,12 @@ def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floa
             i = (HALF + 1 + dy) * wide + HALF + 1 + dx
             if cells[(HALF + dy) * SIDE + HALF + dx]:
                 continue
-            if max(abs(dx), abs(dy)) <= BESIDE and out[i] > TOUCHING // 5 and near[i] >= own:
+            if max(abs(dx), abs(dy)) <= BESIDE:
                 to_x, to_y = HALF + dx + 0.5 - here[0], HALF + dy + 0.5 - here[1]
-                if not is_nearer(points, here, to_x, to_y):
-                    out[i] = TOUCHING // 5
+                if is_nearer(points, here, to_x, to_y):
+                    out[i] = TOUCHING
+                elif near[i] >= own:
+                    out[i] = min(out[i], TOUCHING // 5)
             if dx * along[0] + dy * along[1] < -0.5:
                 out[i] = max(out[i], ABOUT_COST)
 
