@@ -60,6 +60,24 @@ def alone(landmarks: Iterable[Landmark], others: Iterable[Landmark], least_m: fl
     return [each for each in landmarks if _apart_m(each, tables[each.type, each.text]) >= least_m]
 
 
+def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
+    """The landmarks without those that are the same thing as one before: robots know it by the first name it has."""
+    kept: dict[tuple[str, str | None], list[Landmark]] = {}
+    for each in landmarks:
+        same = kept.setdefault((each.type, each.text), [])
+        if not any(_is_same(each, other) for other in same):
+            same.append(each)
+    return [each for alike in kept.values() for each in alike]
+
+
+def _is_same(one: Landmark, other: Landmark) -> bool:
+    away_m = math.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+    if one.orientation_rad is None or other.orientation_rad is None:
+        return away_m <= SAME_M
+    full = math.pi if one.type in HALF_TURN_TYPES else math.tau
+    return away_m <= SAME_M and abs(math.remainder(one.orientation_rad - other.orientation_rad, full)) <= ALIKE_RAD
+
+
 def _tables(landmarks: Iterable[Landmark]) -> dict[tuple[str, str | None], Rows]:
     """(n, 3) for each kind and text: places and orientations."""
     rows: dict[tuple[str, str | None], list[tuple[float, float, float]]] = {}

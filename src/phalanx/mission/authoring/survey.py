@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -20,7 +20,7 @@ from phalanx.mission.landmarks.sites import Site, landmarks_of, look_alikes_of
 from phalanx.mission.observable import Landmark, Position
 from phalanx.mission.worth.feasible import ways_in_vain
 
-from .apart import alone, told_apart
+from .apart import alone, once, told_apart
 from .free import END_M, STAND_M, Free
 from .sighted import sighted
 
@@ -66,7 +66,7 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     in_sight, beside = sighted(plan, [site for site in landmarks_of(plan) if site.type in SHORT], lidar)
     all_aliases = [alias for each in in_sight for alias in each.site.aliases]
     others = (*look_alikes_of(plan), *beside)
-    told = set(alone(all_aliases, others, APART_M))
+    told = set(once(alone(all_aliases, others, APART_M)))
     sites = [site for site in (each.left(told) for each in in_sight) if site is not None]
     if not sites:
         raise UsageError(f"{plan.name} has no landmarks", "walls with doorways, rooms or free corners; or codes")
@@ -83,11 +83,10 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     ways = _with_far(plan, free, places, named, _joined(near, behind), behind)
     made = partial(_made, Draft(f"explore {plan.name}", coding, plan.bounds, floor_plan=plan.name), start, named)
     mission = told_apart(made(ways), (*all_aliases, *others))
-    outlook, vain = ways_in_vain(mission, plan, lidar)
-    if outlook.infeasible or vain:
-        # What is left is found over what is left: no second look finds more that is dark.
-        ways = _without(outlook.infeasible.keys(), ways - vain, behind | vain)
-        mission = told_apart(made(ways), (*all_aliases, *others))
+    outlook, late, vain = ways_in_vain(mission, plan, lidar)
+    # What is left is found over what is left: no second look finds more that is dark.
+    ways = _without(outlook.infeasible.keys(), ways - late - vain, behind - vain | late, vain)
+    mission = told_apart(made(ways, outlook.order), (*all_aliases, *others))
     reached = _reached(START, ways)
     if len(reached) == 1:
         why = next((f": {name} {whys[0]}" for name, whys in sorted(outlook.infeasible.items())), "")
@@ -105,13 +104,18 @@ def _made(
     start: tuple[float, float],
     named: dict[str, Site],
     ways: set[tuple[str, str]],
+    order: Sequence[str] = (),
 ) -> Mission:
-    """The mission of the ways that lead on from the start, and of the places between them."""
+    """The mission of the ways that lead on from the start, and of the places between them.
+
+    Args:
+        order: of the places. Of two that seem equally near robots try the first.
+    """
     draft, kept = replace(draft, nodes=[], ways=[]), _reached(START, ways)
     draft.node(START, Position(*start), start=True)
-    for name, site in named.items():
-        if name in kept:
-            draft.node(name, *site.aliases, width_m=site.width_m or None)
+    for name in order or named:
+        if name in kept and name != START:
+            draft.node(name, *named[name].aliases, width_m=named[name].width_m or None)
     for source, target in sorted(ways):
         if source in kept and target in kept:
             draft.way(source, target)
@@ -197,19 +201,21 @@ def _ways(
     return ways, behind
 
 
-def _joined(ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The ways, and of those that come from behind what leads to where no others do, or back from there."""
-    reached = _reached(START, ways)
-    while more := {(a, b) for a, b in behind if a in reached and b not in reached}:
-        ways = ways | more
+def _joined(ways: set[tuple[str, str]], *spare: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """The ways, and of the spare ones, the first set first, what leads to where no others do; or back from there."""
+
+    def new(spare: set[tuple[str, str]]) -> set[tuple[str, str]]:
         reached = _reached(START, ways)
+        return {(a, b) for a, b in spare if a in reached and b not in reached}
+
+    while more := next(filter(None, map(new, spare)), None):
+        ways = ways | more
     return ways | {(b, a) for a, b in ways if (b, a) not in ways and a not in _reached(b, ways)}
 
 
-def _without(dark: Collection[str], ways: set[tuple[str, str]], behind: set[tuple[str, str]]) -> set[tuple[str, str]]:
-    """The ways without those to and from what is dark: to whatever is left on them from the start, one leads back."""
-    left, others = ({(a, b) for a, b in each if a not in dark and b not in dark} for each in (ways, behind))
-    return _joined(left, others)
+def _without(dark: Collection[str], *ways: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """What `_joined` gives, without ways to and from what is dark."""
+    return _joined(*({(a, b) for a, b in each if a not in dark and b not in dark} for each in ways))
 
 
 def _with_far(

@@ -63,6 +63,7 @@ class _Stand:
 
     belief: Belief | None
     length_m: float = 0.0  # of the way so far
+    by: Way | None = None  # the last of it, from and to
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,9 @@ class Outlook:
 
     infeasible: dict[str, tuple[str, ...]]  # cannot be decoded: one reason for each way there
     doubtful: dict[str, str]  # may be looked for in the wrong place
+    order: tuple[
+        str, ...
+    ] = ()  # the others, as a robot finds them: first what needs no other to be known, the nearest first
 
     def completes(self, mission: Mission) -> bool:
         """Whether each part can be lived to its end: to a final node, or to all of them."""
@@ -97,13 +101,17 @@ def look_ahead(
     return _Scout(mission, config or MissionConfig(), plan, lidar or LidarConfig()).run()
 
 
-def ways_in_vain(mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None) -> tuple[Outlook, set[Way]]:
-    """What `look_ahead` gives; and the ways, from and to, that no robot should try before it knows more, or ever.
+def ways_in_vain(
+    mission: Mission, plan: FloorPlan, lidar: LidarConfig | None = None
+) -> tuple[Outlook, set[Way], set[Way]]:
+    """What `look_ahead` gives; ways, from and to, that failed until it knew more; and those it could spare.
 
-    Others may lead there: but a robot holds no map, takes the nearest, and may be lost on it.
+    A robot holds no map, tries any way, and may be lost on one that fails.
     """
     scout = _Scout(mission, MissionConfig(), plan, lidar or LidarConfig())
-    return scout.run(), scout.in_vain()
+    outlook, vain = scout.run(), scout.in_vain() | scout.vain
+    late = vain & {stand.by for stand in scout.at.values() if stand.by is not None}
+    return outlook, late, vain - late
 
 
 class _Scout:
@@ -147,11 +155,12 @@ class _Scout:
             led_to.update(fresh)
         behind = ("only by way of what cannot be decoded",)
         dark = {name: tuple(why.get(name, behind)) for name in self.nodes if name in led_to - self.at.keys()}
-        return Outlook(dark, {name: why for name, why in self.doubtful.items() if name not in dark})
+        doubtful = {name: why for name, why in self.doubtful.items() if name not in dark}
+        return Outlook(dark, doubtful, tuple(self.at))
 
     def in_vain(self) -> set[Way]:
-        """What `ways_in_vain` gives, after `run`."""
-        known, vain = self.known, set(self.vain)
+        """The ways that are in vain whatever is known, after `run`."""
+        known, vain = self.known, set[Way]()
         for way in self.mission.ways:
             if way.source in self.at and way.target in self.at:
                 own = _things(self.nodes[way.target])
@@ -196,7 +205,8 @@ class _Scout:
         source, target = self.nodes[way.source], self.nodes[way.target]
         there, belief = target.place, stand.belief
         if way.do is not None or there is None or belief is None:
-            return replace(self._begun(target), length_m=stand.length_m)  # nobody here knows how it gets there
+            # Nobody here knows how it gets there.
+            return replace(self._begun(target), length_m=stand.length_m, by=(way.source, way.target))
         x, y, heading = belief.pose
         length_m = math.dist((x, y), there)
         near_m = self._near_m(target)
@@ -208,7 +218,7 @@ class _Scout:
             direction = direction_of(PlainWay(source=way.source, target=way.target), (x, y), there) or heading
         belief = belief.moved(0.0, wrap_rad(direction - heading), wheels_of(self.config))
         end = self._driven(source, target, belief, length_m)
-        return end if isinstance(end, str) else _Stand(end, stand.length_m + length_m)
+        return end if isinstance(end, str) else _Stand(end, stand.length_m + length_m, (way.source, way.target))
 
     def _driven(self, source: Node, target: Node, belief: Belief, length_m: float) -> Belief | str:
         """The belief of a robot that has driven from one node to the next, or why it has not seen that."""
