@@ -16,7 +16,7 @@ from phalanx.mission.angles import wrap
 from phalanx.mission.landmarks import FloorPlan, WallCode, raycast
 from phalanx.mission.landmarks.codepose import Intrinsics
 from phalanx.mission.landmarks.lidar import Lidar
-from phalanx.mission.landmarks.raycast import Beams
+from phalanx.mission.landmarks.raycast import Beams, packed_beams
 from phalanx.mission.landmarks.scan import beam_table
 from phalanx.sim.building.camera import Camera, CameraConfig
 from phalanx.sim.building.diffdrive import DiffDrive, DiffDriveConfig
@@ -62,7 +62,11 @@ class TestRays:
         ranges = np.empty(beams)
         walls, discs = np.array(walls, float).reshape(-1, 4), np.array(discs, float).reshape(-1, 3)
         raycast.cast(
-            pose, raycast.tiles_of(walls), discs, Beams(first, step, *beam_table(first, step, beams), 15.0), ranges
+            pose,
+            raycast.tiles_of(walls),
+            discs,
+            packed_beams(Beams(first, step, *beam_table(first, step, beams), 15.0)),
+            ranges,
         )
         expected = all_pairs(pose, walls, discs, beams, first, step, 15.0)
         # A ray through exactly the end of a wall or along it, or at exactly the range, may go either way; and a disc

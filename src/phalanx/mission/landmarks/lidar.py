@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import counting_kernel
 
-from .raycast import Beams, Floats, Tiles, cast, tiles_of
+from .raycast import Beams, Floats, Tiles, cast, packed_beams, tiles_of
 from .scan import LaserScan, beam_table, sort_out
 
 Pose = tuple[float, float, float]
@@ -49,7 +49,8 @@ class Lidar:
         self._tiles = tiles_of(np.asarray(walls, np.float64).reshape(-1, 4))
         first, step = self.config.angle_min_rad, self.config.angle_increment_rad
         self._wrong = float(self.config.noise_m), float(self.config.drop_out), float(self.config.range_min_m)
-        self._beams = Beams(first, step, *beam_table(first, step, self.config.beams), self.config.range_max_m)
+        table = beam_table(first, step, self.config.beams)
+        self._beams = packed_beams(Beams(first, step, *table, float(self.config.range_max_m)))
 
     def true_ranges(self, pose: Pose, people: NDArray[np.float64] = _NOBODY) -> NDArray[np.float64]:
         """(beams,) distances without noise; +inf is a miss."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.bundle import bundled
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
@@ -43,8 +44,11 @@ class Tiles(NamedTuple):
     circles: Floats  # (t, 3) centre and radius
 
 
+packed_beams, _packed_tiles = bundled(Beams), bundled(Tiles)
+
+
 def tiles_of(walls: Floats) -> Tiles:
-    """Walls, (n, 4), in tiles."""
+    """Walls, (n, 4), in tiles, packed."""
     middles = (walls[:, :2] + walls[:, 2:]) / 2
     squares = np.column_stack([np.floor(middles / TILE_M), np.zeros(len(walls))])
     is_long = np.hypot(*(walls[:, 2:] - walls[:, :2]).T) > TILE_M
@@ -57,7 +61,7 @@ def tiles_of(walls: Floats) -> Tiles:
         points = walls[first:last].reshape(-1, 2)
         circles[i, :2] = (points.min(0) + points.max(0)) / 2
         circles[i, 2] = np.hypot(*(points - circles[i, :2]).T).max() + WIDER_M
-    return Tiles(walls, ends, circles)
+    return _packed_tiles(Tiles(walls, ends, circles))
 
 
 @counting_kernel
@@ -151,12 +155,13 @@ def cast(pose: tuple[float, float, float], tiles: Tiles, discs: Floats, beams: B
 
     Args:
         pose: x, y, heading of the sensor, map frame.
+        tiles, beams: packed.
         discs: (m, 3) centre and radius, map frame.
     """
     x, y, heading = pose
     ranges[:] = np.inf
     sine, cosine = sin_cos(heading)
-    walls, ends, circles = tiles
+    walls, ends, circles = tiles.walls, tiles.ends, tiles.circles
     for tile in _nearest_first(x, y, circles, beams.range_max_m):
         dx, dy = circles[tile, 0] - x, circles[tile, 1] - y
         ax, ay = cosine * dx + sine * dy, cosine * dy - sine * dx

@@ -35,6 +35,7 @@ SECTOR_RAD = math.radians(3)
 SILENT, MISS = 0, 0xFFFF
 SENSED_MAX_BYTES = 1024  # of one moment
 MOST_M, MOST_RAD = 200_000.0, 2000.0
+_WORD = np.dtype(RANGE.dtype)  # made once: to name it at each step takes longer than to read a scan
 _CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
 
 
@@ -126,7 +127,7 @@ class Sensors:
         """The scan in these bytes, of which there must be two for each beam: what robots and auditors extract from."""
         lidar = self.lidar
         ranges = np.empty(lidar.beams)
-        words = np.frombuffer(raw, RANGE.dtype, lidar.beams)
+        words = np.frombuffer(raw, _WORD, lidar.beams)
         _ranges_of(words, ranges, float(lidar.range_min_m), float(lidar.range_max_m))
         return LaserScan.of(ranges, lidar)
 
@@ -142,7 +143,7 @@ class Sensors:
 
     def raw_of(self, scan: LaserScan, entries: Iterable[bytes] = ()) -> bytes:
         """The scan's bytes, and behind them as many entries, of what other sensors read, as there is room for."""
-        words = np.empty(len(scan.ranges_m), RANGE.dtype)
+        words = np.empty(len(scan.ranges_m), _WORD)
         _words_of(scan.ranges_m, words)
         raw, most = words.tobytes(), self.scan_bytes + SENSED_MAX_BYTES
         for entry in entries:
@@ -174,5 +175,5 @@ class Sensors:
             scan_sha1(raw),
         )
         clear = np.empty(self.sectors, np.uint8)
-        _room_in(np.frombuffer(raw, RANGE.dtype, self.lidar.beams), self.beams_per_sector, clear)
+        _room_in(np.frombuffer(raw, _WORD, self.lidar.beams), self.beams_per_sector, clear)
         return head + clear.tobytes()
