@@ -162,7 +162,7 @@ def walk(attack: Between, today: Sent, defence: Defence, seed: int, *, checked: 
     pool = tuple(dict.fromkeys((*pool_of(errand()), *pool_of(theft()))))
     part = Part(walker.mission, None, START)
     run = MissionRun(plan=there.plan, parts=(part,), noise=NOISE, seed=seed, pool=pool, begin_s=now_s)
-    world = MissionWorld(run, (ROBOT,), building=there, walker=walker)
+    world = MissionWorld(run, (ROBOT,), building=there, walkers=[walker])
     (robot,) = world.robots
     witness = _Witness(
         robot, [node for node in errand().nodes if attack.ordered and (attack.released or not node.wait)]

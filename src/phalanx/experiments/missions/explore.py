@@ -50,7 +50,7 @@ def measure_case(case: str, _tell: object = None) -> Rows:
     walker = _walker()
     part = Part(walker.mission, None, plan.start)
     run = MissionRun(plan=plan, parts=(part,), robots=ROBOTS, noise=NOISE, seed=seed, meet_m=MEET_M)
-    world = MissionWorld(run, walker=walker)
+    world = MissionWorld(run, walkers=[walker])
     robots = world.robots
     shares = shares_of(walker)
     everybody = frozenset().union(*shares)

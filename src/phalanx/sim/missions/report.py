@@ -39,6 +39,7 @@ class Report:
     hashes_tried: int = 0  # hashes or KDFs
     false_fixes: int = 0  # fixes that left it further off than `truth` allows
     # search_ms, extraction_ms: of each step in which something was tried or seen; by the clock, so not in the digest
+    # (shorter where another robot of this process has searched before)
     search_ms: list[float] = field(default_factory=list)
     extraction_ms: list[float] = field(default_factory=list)
     pose_error_m: list[float] = field(default_factory=list)  # of each step, with fixes

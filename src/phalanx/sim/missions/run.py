@@ -15,10 +15,11 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from phalanx.errors import Unavailable
+from phalanx.mission import Walker
 
 from .report import Report, figures
 from .setup import MissionRun
-from .world import MissionWorld
+from .world import MissionWorld, walkers_of
 
 CHUNK_S = 2.0
 
@@ -76,18 +77,21 @@ def _told(pipe: Connection) -> list[Report]:
 
 
 def _each(run: MissionRun, numbers: range, on_progress: Callable[[float], None] = lambda _share: None) -> list[Report]:
-    """The reports of these robots, each of which lives by itself."""
+    """The reports of these robots, each of which lives by itself, but for what another has searched in vain."""
+    walkers = walkers_of(run)
 
     def live(done: int, number: int) -> Report:
-        (report,) = _live(run, (number,), lambda share: on_progress((done + share) / len(numbers)))
+        (report,) = _live(run, (number,), lambda share: on_progress((done + share) / len(numbers)), walkers)
         return report
 
     return [live(*each) for each in enumerate(numbers)]
 
 
-def _live(run: MissionRun, numbers: Sequence[int], on_progress: Callable[[float], None]) -> list[Report]:
+def _live(
+    run: MissionRun, numbers: Sequence[int], on_progress: Callable[[float], None], walkers: Sequence[Walker] = ()
+) -> list[Report]:
     """The reports of these robots, who live in one world."""
-    world = MissionWorld(run, numbers)
+    world = MissionWorld(run, numbers, walkers=walkers)
     now_s = 0.0
     while now_s < run.duration_s and not world.over:
         now_s = min(now_s + CHUNK_S, run.duration_s)

@@ -51,6 +51,11 @@ KEYS_DRAW = 0x706D
 PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn for nobody else
 
 
+def walkers_of(run: MissionRun) -> list[Walker]:
+    """Of each part. Raises: as `Walker`."""
+    return [Walker(part.mission, part.key, run.config) for part in run.parts]
+
+
 class MissionRobot(Logbook):
     """One robot of a run.
 
@@ -84,7 +89,8 @@ class MissionWorld:
     Args:
         numbers: robots that live here; None is all.
         building: where; None is the run's.
-        walker: of all robots; None is that of each one's part.
+        walkers: of each part, or one for all; without, they are made here. What one has searched in vain for a robot it
+            need not search for the next.
     Raises: as `Walker`, for a start key that is missing or another mission's.
     """
 
@@ -94,7 +100,7 @@ class MissionWorld:
         numbers: Sequence[int] | None = None,
         *,
         building: Building | None = None,
-        walker: Walker | None = None,
+        walkers: Sequence[Walker] = (),
     ) -> None:
         self.run = run
         numbers = range(run.robots) if numbers is None else numbers
@@ -141,7 +147,7 @@ class MissionWorld:
         # Asked for at every event: reading a record's field takes a microsecond.
         clock = self.world.clock
         self._now_us, self._event = clock["now_us"], (clock["kind"], clock["robot"])
-        walkers = [walker] if walker else [Walker(part.mission, part.key, run.config) for part in run.parts]
+        walkers = walkers or walkers_of(run)
         self.robots = [self._robot(i, number, walkers) for i, number in enumerate(numbers)]
         self._verdicts = VerdictReader(self.world)
         self._said = 0
@@ -150,7 +156,7 @@ class MissionWorld:
         self._due_us = {what: PERIOD_US[what] for what, does in happens.items() if does}
         start(self.world, self._cnodes)
 
-    def _robot(self, i: int, number: int, walkers: list[Walker]) -> MissionRobot:
+    def _robot(self, i: int, number: int, walkers: Sequence[Walker]) -> MissionRobot:
         run, walker = self.run, walkers[number % len(walkers)]
         every = round(PICTURE_S * 1000 / self.bti.t_control_ms)
         body = MissionBody(
