@@ -173,7 +173,7 @@ def test_who_has_the_floor_plan_is_counted_beside_who_has_not(folder):
     assert told["plan_core_s"] < 1 < 1000 < told["core_s"]
     assert told["nodes"][5]["by_plan"] < 10 < told["nodes"][5]["candidates"]
     assert js("audit", "office")["plan_core_s"] is None, "nothing can be begun"
-    assert "likewise with the map" in run("audit", "office", "--open-start", "--offset-mm", "200")
+    assert "likewise with the map" in run("audit", "office", "--open-start", "--offset-mm", "50")
 
 
 def test_a_trial_lives_the_mission_in_its_map_and_reports(folder):

@@ -37,7 +37,7 @@ lidar_option = option(
 offset_option = option(
     "--offset-mm",
     help="Round offsets of cells to so much: they tell less, and robots know places less exactly.",
-    type=click.IntRange(1, 10_000),
+    type=click.IntRange(1, 50),
     default=1,
 )
 source_argument = click.argument("source", required=False, shell_complete=a_mission, metavar="[MISSION.yaml|BUILTIN]")

@@ -44,7 +44,8 @@ Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 PAPER_CODING = CodingConfig()
 # Sealed cells are large, for every try costs 10 ms: 9 of them cover +-0.6 m.
 SEALED_CODING = CodingConfig(delta_mm=400)
-OFFSET_LIMIT_MM = 10_000  # the largest cell
+# A robot takes what it knows of places for exact to `MissionConfig.sight_m`; with more fixes are false.
+OFFSET_LIMIT_MM = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
