@@ -11,6 +11,7 @@ from phalanx.errors import UsageError
 
 from .parameter import check_limits, check_within, within
 
+EXACT_M = 0.01  # the noise of a range up to which all that is made of scans is measured
 LIKE = "like 270 or 270,1080,30,0.01: up to 360 degrees, beams, metres of range and of noise"
 
 
@@ -106,9 +107,16 @@ class ExtractionConfig:
         check_within("door_max_m", self.door_max_m, self.door_min_m, 10)
 
     def for_noise(self, noise_m: float) -> ExtractionConfig:
-        """These settings, wide enough for a sensor whose ranges deviate by so much; as they are up to 1 cm."""
+        """These settings, wide enough for a sensor whose ranges deviate by so much; as they are up to 1 cm.
+
+        The direction of a wall of n points over l metres deviates by sqrt(12 / n) / l of that: longer walls, and of
+        more points, keep it at what robots believe of it (`MissionConfig.sight_deg`).
+        """
+        longer = max(1.0, noise_m / EXACT_M) ** (1 / 2)
         return replace(
             self,
+            wall_min_m=max(self.wall_min_m, min(1.5, longer * self.wall_min_m)),
+            wall_min_points=math.ceil(longer * self.wall_min_points),
             split_m=max(self.split_m, 4.5 * noise_m),
             line_m=max(self.line_m, 3.5 * noise_m),
             jump_m=max(self.jump_m, 5.0 * noise_m),

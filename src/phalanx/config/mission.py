@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from phalanx.errors import UsageError
 
+from .lidar import EXACT_M, LidarConfig
 from .parameter import check_limits, within
 
 TWO_PI = 2.0 * math.pi
@@ -90,3 +91,9 @@ class MissionConfig:
 
     def __post_init__(self) -> None:
         check_limits(self)
+
+    def seen_by(self, lidar: LidarConfig) -> MissionConfig:
+        """These parameters for who sees by such a lidar: no better than its ranges, and as they are up to 1 cm."""
+        if lidar.noise_m <= EXACT_M:
+            return self
+        return replace(self, sight_m=math.hypot(self.sight_m, lidar.noise_m))

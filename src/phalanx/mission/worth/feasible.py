@@ -118,7 +118,7 @@ class _Scout:
     """Goes ahead from node to node, the nearest first."""
 
     def __init__(self, mission: Mission, config: MissionConfig, plan: FloorPlan | None, lidar: LidarConfig) -> None:
-        self.config = replace(config, decode_m=min(config.decode_m, lidar.range_max_m))
+        self.config = replace(config.seen_by(lidar), decode_m=min(config.decode_m, lidar.range_max_m))
         self.mission, self.plan, self.fov_rad = mission, plan, lidar.fov_rad
         self.nodes = {node.name: node for node in mission.nodes}
         self.before: dict[str, set[str]] = {}

@@ -53,7 +53,7 @@ PEOPLE_DRAW = 1 << 32  # no robot's number: what is drawn for people is drawn fo
 
 def walkers_of(run: MissionRun) -> list[Walker]:
     """Of each part. Raises: as `Walker`."""
-    return [Walker(part.mission, part.key, run.config) for part in run.parts]
+    return [Walker(part.mission, part.key, run.config.seen_by(run.lidar)) for part in run.parts]
 
 
 class MissionRobot(Logbook):
@@ -119,7 +119,7 @@ class MissionWorld:
                 for i, number in enumerate(numbers)
             },
             Sensors(run.lidar, run.plan.extraction),
-            run.config,
+            run.config.seen_by(run.lidar),
             self.building.eye,
             audited=run.audited,
         )
