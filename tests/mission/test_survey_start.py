@@ -19,7 +19,7 @@ from phalanx.cli.mission.draw import draw_mission, lived
 from phalanx.cli.mission.files import read_encoded, read_plain, read_start_key
 from phalanx.errors import UsageError
 from phalanx.mission import Landmark, Profile
-from phalanx.mission.authoring.free import STAND_M
+from phalanx.mission.authoring.free import STAND_M, Free
 from phalanx.mission.authoring.survey import START, _reached, _without, begun_at, roomiest, survey
 from phalanx.mission.landmarks import FloorPlan, floorplan_of_yaml
 from phalanx.mission.refused import MalformedMission
@@ -107,6 +107,14 @@ def test_ways_do_not_lead_through_gaps_that_a_pilot_may_not_find_its_way_through
     walls = f"[[0,0,12,0],[12,0,12,6],[12,6,0,6],[0,6,0,0],[6,0,6,{low}],[6,{high},6,6],[9,2,10,2]]"
     mission = survey(floorplan_of_yaml(f"size: [12, 6]\nstart_pose: [2, 3, 0]\nwalls: {walls}\n".encode()))
     assert any(node.place and node.place[0] > 6.5 for node in mission.nodes) == leads
+
+
+def test_no_way_is_driven_straight_through_a_thin_wall_that_stands_askew() -> None:
+    """Places on both sides of one may be nearer to each other than the middles of their cells."""
+    walls = "[[0,0,8,0],[8,0,8,6],[8,6,0,6],[0,6,0,0],[3.5,1.5,5.5,6]]"
+    free = Free(floorplan_of_yaml(f"walls: {walls}\n".encode()), [(2, 1)])
+    assert free.side_of((1.3, 3.9), (7.5, 3.9)) is None
+    assert free.side_of((1.3, 0.9), (7.5, 0.9)) == 1
 
 
 def test_around_a_ring_ways_do_not_lead_over_a_start_at_which_nothing_is_to_be_seen() -> None:

@@ -63,9 +63,9 @@ class Free:
         for side in (1, -1) if away_m > 0 else ():
             way = [self.on_way(a, b, metres, side) for metres in line]
             places = [place for place in way if place is not None]
-            # From one place with room to the next so near there is no wall between.
+            # Room is a cell's, and a line may pass between the middles of two: there may be a wall between.
             is_whole = len(places) == len(way) and all(math.dist(*pair) < 2 * PASS_M for pair in pairwise(places))
-            if is_whole and self._plan.sees(a, places[0]):
+            if is_whole and all(self._plan.sees(*pair) for pair in pairwise((a, *places))):
                 return side
         return None
 
