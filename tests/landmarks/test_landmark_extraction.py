@@ -165,10 +165,23 @@ class TestCorners:
             for corner in concave(walls, (ahead_m, aside_m, 2.9), noise=0.01, seed=seed)
             if away(corner, 0, 0) < 0.1
         ]
-        assert len(found) >= 40
+        assert len(found) >= 30
         for corner in found:
             facing = 0 if corner.type == "concave_right" else math.pi / 2
-            assert corner.orientation_rad == pytest.approx(facing, abs=math.radians(6))
+            assert corner.orientation_rad == pytest.approx(facing, abs=math.radians(1))
+
+    def test_who_looks_along_a_face_behind_a_bent_one_does_not_see_it_turned(self):
+        """The last 4 cm of the front had more points in its line than it has itself: it was 15 degrees wrong."""
+        front = [(2.131, 1.974, 2.082, 2.023), (2.082, 2.023, 1.98, 2.525), (1.98, 2.525, 2.028, 2.678)]
+        along = math.atan2(2.825 - 2.678, 3.28 - 2.028)
+        box = [*front, (2.028, 2.678, 3.28, 2.825), (3.28, 2.825, 3.3, 2.1), (3.3, 2.1, 2.131, 1.974), (-4, 6, 6, 6)]
+        found = [
+            corner
+            for seed in range(100)
+            for corner in seen(box, (1.54, 2.66, -1.3), "concave_right", noise=0.01, seed=seed)
+            if away(corner, 2.028, 2.678) < 0.2
+        ]
+        assert all(abs(corner.orientation_rad - along - math.pi / 2) < math.radians(2) for corner in found)
 
     def test_jambs_are_no_corners_of_their_own(self):
         assert not concave(ROOM, AHEAD)

@@ -21,6 +21,8 @@ SILENT_BEAMS = 1
 SLACK_POINTS = 8
 # A wall may leave its line over so much of `line_m`, beside how deep that is and what lies between two beams.
 SHARP = 0.5
+# Of a shorter wall what does not belong to it may be much.
+SHORT_M = 1.0
 # Columns of an array of corners: position, beam (between two beams: a half), wall before and after (-1: none seen).
 CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
@@ -41,6 +43,26 @@ def _grazes(x: float, y: float, walls: Floats, w: int, graze_sine: float) -> boo
     """Whether the robot sees the point of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
+
+
+@counting_kernel
+def _runs_away(v: View, walls: Floats, spans: Ints, w: int, graze_sine: float) -> bool:
+    """Whether the robot looks along the farther half of a short wall.
+
+    It has few points there, and of what stands across its nearer end many lie within `split_m` of it. Those turn its
+    line, so that it seems to be seen at an angle.
+    """
+    first, last, ax, ay = spans[w, 0], spans[w, 1], walls[w, ALONG_X], walls[w, ALONG_Y]
+    length = ax * (v.x[last] - v.x[first]) + ay * (v.y[last] - v.y[first])
+    if length > SHORT_M:
+        return False
+    far, step = (last, -1) if v.ranges[v.beam[last]] > v.ranges[v.beam[first]] else (first, 1)
+    i = far
+    while first <= i + step <= last and 2.0 * abs(ax * (v.x[i] - v.x[far]) + ay * (v.y[i] - v.y[far])) < length:
+        i += step
+    dx, dy, x, y = v.x[far] - v.x[i], v.y[far] - v.y[i], v.x[far] + v.x[i], v.y[far] + v.y[i]
+    away: bool = abs(x * dy - y * dx) < graze_sine * math.sqrt((dx * dx + dy * dy) * (x * x + y * y))
+    return away
 
 
 @counting_kernel
@@ -186,25 +208,30 @@ def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
     found = 0
     met_before = False
     # What is round is seen as short walls, whose ends lie elsewhere from elsewhere.
-    is_round = np.zeros(len(walls) + 1, np.bool_)
+    is_round, is_flat = np.zeros(len(walls) + 1, np.bool_), np.zeros(len(walls) + 1, np.bool_)
     for w in range(len(walls)):
         is_round[w] = bow(v.x, v.y, walls, spans, w) > ROUND * limits.line_m
+        is_flat[w] = _runs_away(v, walls, spans, w, limits.graze_sine)
     for w in range(len(walls)):
-        if not (met_before or is_round[w]):
+        if not (met_before or is_round[w] or is_flat[w]):
             is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 0], -1)
             if is_one:
                 found = _store(corners, found, (edge_x, edge_y, at), -1, w, 0.0)
         met_before = False
         if w + 1 < len(walls):
             met_before, meet_x, meet_y, sine = _bend(v, limits, walls, spans, w)
-            seen_flat = _grazes(meet_x, meet_y, walls, w, limits.graze_sine) or _grazes(
-                meet_x, meet_y, walls, w + 1, limits.graze_sine
+            # Beside a wall that runs away the other ends where its own points do.
+            met_before = met_before and is_flat[w] == is_flat[w + 1]
+            seen_flat = (
+                is_flat[w]
+                or _grazes(meet_x, meet_y, walls, w, limits.graze_sine)
+                or _grazes(meet_x, meet_y, walls, w + 1, limits.graze_sine)
             )
             rounded = sine < 0.0 and (is_round[w] or is_round[w + 1])
             if met_before and abs(sine) >= limits.corner_sine and not (seen_flat or rounded):
                 at = 0.5 * float(v.beam[spans[w, 1]] + v.beam[spans[w + 1, 0]])
                 found = _store(corners, found, (meet_x, meet_y, at), w, w + 1, 1.0 if sine > 0.0 else 0.0)
-        if not (met_before or is_round[w]):
+        if not (met_before or is_round[w] or is_flat[w]):
             is_one, edge_x, edge_y, at = _edge(v, limits, walls, w, spans[w, 1], 1)
             if is_one:
                 found = _store(corners, found, (edge_x, edge_y, at), w, -1, 0.0)
