@@ -107,4 +107,5 @@ def test_what_a_noisy_sensor_shows_is_turned_by_no_more_than_robots_believe(beam
 def test_who_sees_by_noisy_ranges_believes_less_of_what_it_sees():
     config = MissionConfig()
     assert config.seen_by(LidarConfig()) is config
-    assert config.seen_by(LidarConfig(noise_m=0.05)).sight_m == pytest.approx(math.hypot(config.sight_m, 0.05))
+    noisy = config.seen_by(LidarConfig(noise_m=0.05))
+    assert min(noisy.sight_m, noisy.sure_m) == pytest.approx(math.hypot(0.05, 0.1))

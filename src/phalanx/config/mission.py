@@ -93,7 +93,11 @@ class MissionConfig:
         check_limits(self)
 
     def seen_by(self, lidar: LidarConfig) -> MissionConfig:
-        """These parameters for who sees by such a lidar: no better than its ranges, and as they are up to 1 cm."""
+        """These parameters for who sees by such a lidar, as they are up to 1 cm of noise.
+
+        The end of a face is off by twice the noise of a range, and again by as much when it is seen again.
+        """
         if lidar.noise_m <= EXACT_M:
             return self
-        return replace(self, sight_m=math.hypot(self.sight_m, lidar.noise_m))
+        off_m = 2 * lidar.noise_m
+        return replace(self, sight_m=math.hypot(self.sight_m, off_m), sure_m=math.hypot(self.sure_m, off_m))
