@@ -96,6 +96,7 @@ def test_doors_are_as_wide_as_the_map_or_the_author_says(tmp_path: Path) -> None
 
     def doors(*words: str | Path) -> int:
         nodes = json.loads(command("audit", "--profile", "paper", "--json", *words).stdout)["nodes"]
+        assert not any("a door of" in problem for node in nodes for problem in node["problems"])
         return sum(node["name"].startswith("door") for node in nodes)
 
     assert doors("--map", "drawn:1") == 0
@@ -111,7 +112,8 @@ def test_doors_are_as_wide_as_the_map_or_the_author_says(tmp_path: Path) -> None
 
 def test_a_mission_with_doors_of_nine_tenths_of_a_metre_is_lived(tmp_path: Path) -> None:
     words = ("--door-width", "0.7,1.3")
-    command("build", "--map", "drawn:1", *words, "--profile", "paper", "--out", tmp_path / "m.phxm")
+    built = command("build", "--map", "drawn:1", *words, "--profile", "paper", "--out", tmp_path / "m.phxm")
+    assert "a door of" not in built.stderr
     lived = json.loads(command("run", tmp_path / "m.phxm", "--world", "drawn:1", *words, "--json").stdout)
     assert (lived["completed"], lived["decoded"], lived["nodes"]) == (1, 21, 21)
     assert lived["false_fixes"] == lived["false_decodes"] == 0

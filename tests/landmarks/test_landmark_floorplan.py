@@ -182,6 +182,8 @@ class TestFiles:
             ("walls: [[0, 0, 1, 1]]\nstart_pose: here", "start_pose"),
             ("walls: [[0, 0, 1, 1]]\ncodes: [{at: [1, 2, 3]}]", "code 1"),
             ("walls: [[0, 0, 1, 1]]\ncodes: [{text: a, at: [1, 2, 3], facing: 0, edge: 9}]", "code 1"),
+            ("walls: [[0, 0, 1, 1]]\ncodes: [{text: '', at: [1, 2, 3], facing: 0}]", "a text of 0 bytes"),
+            (f"walls: [[0, 0, 1, 1]]\ncodes: [{{text: {'a' * 901}, at: [1, 2, 3], facing: 0}}]", "of 901 bytes"),
             ("walls: [" + "[0, 0, 1, 1]," * 2001 + "]", "2001 walls"),
         ],
     )

@@ -80,7 +80,7 @@ def build_files(
     eye = LidarConfig.parse(lidar)
     told, floor = explored(plan, start, "build", doors, eye) if source is None else (checked(source, plan, start), None)
     outlook = look_ahead(told, None, floor, eye) if floor else None
-    _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ")
+    _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ", floor)
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
     rows = []
@@ -145,8 +145,8 @@ def checked(source: str, plan: str | None, start: str | None) -> Mission:
     return told
 
 
-def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str) -> None:
-    report = audit(told, profile, outlook=outlook)
+def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str, floor: FloorPlan | None) -> None:
+    report = audit(told, profile, outlook=outlook, doors=floor.extraction if floor else None)
     looks = [f"{row.name}: {problem}" for row in report.nodes for problem in row.problems]
     if report.feasible is False:
         dark = [f"{row.name} {row.infeasible[0]}" for row in report.nodes if row.infeasible]

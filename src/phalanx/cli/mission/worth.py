@@ -53,7 +53,8 @@ def tell_worth(
         raise UsageError("no map to live the mission in", "--map MAP, or map: NAME in the mission")
     shown = shown_by(floor, offset_mm) if floor else None
     outlook = look_ahead(told, None, floor, eye)
-    report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook)
+    seen = floor.extraction if floor else None
+    report = audit(told, form, open_start=open_start, rates=rates, plan=shown, outlook=outlook, doors=seen)
     options = BuildOptions(profile=form, offset_mm=offset_mm)
     lived = None
     if trial and floor:

@@ -34,6 +34,8 @@ FILE_MAX_BYTES = 4_000_000
 WALLS_MAX = 2000
 # What a pilot wants around a robot's middle, to be sure of its way: who plans ways and who judges them reckon with it.
 PASS_M = 0.25
+# An edge of 0.12 m was read with so much on it, and not with 1300.
+TEXT_MAX_BYTES = 900
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,4 +235,7 @@ def _code(value: Any, where: str) -> WallCode:
     (size,) = numbers([value.get("edge", 0.12)], f"{where}: edge", 1)
     if not 0.01 <= size <= 2:
         raise UsageError(f"{where}: an edge of {size} m", "0.01 to 2")
+    length = len(value["text"].encode(errors="replace"))
+    if not 0 < length <= TEXT_MAX_BYTES:
+        raise UsageError(f"{where}: a text of {length} bytes", f"1 to {TEXT_MAX_BYTES}: no camera reads another")
     return WallCode(value["text"], x, y, z, facing, size)

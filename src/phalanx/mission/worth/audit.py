@@ -85,6 +85,7 @@ def audit(
     rates: Rates | None = None,
     plan: Shown | None = None,
     outlook: Outlook | None = None,
+    doors: ExtractionConfig | None = None,
 ) -> Audit:
     """What a captured file of this mission is worth, and what the author should look at.
 
@@ -92,6 +93,7 @@ def audit(
         open_start: the attacker has the start key (it is in the file, or was captured with the robot).
         plan: what the building's floor plan shows, for an attacker who has it too.
         outlook: what is to be expected of robots that live it.
+        doors: which of them robots see in that building; without, those of the paper.
     Source: docs/spec/mission.md; Encoded graphs §VI-G.
     """
     config, rates = config or MissionConfig(), rates or Rates()
@@ -101,7 +103,7 @@ def audit(
     core = rates.hash_core if paper else rates.kdf_core * scale
     gpu = rates.hash_gpu if paper else rates.kdf_gpu * scale
     guess = Guess(mission, coding, profile, open_start, plan)
-    problems = _problems(mission, coding, config)
+    problems = _problems(mission, coding, config, doors or ExtractionConfig())
     outlook, feasible = (Outlook({}, {}), None) if outlook is None else (outlook, outlook.completes(mission))
     rows = []
     for node in mission.nodes:
@@ -165,7 +167,9 @@ def _robot_tries(
     return tries * (max(1, actions) if node.do else 1)
 
 
-def _problems(mission: Mission, coding: CodingConfig, config: MissionConfig) -> dict[str, list[str]]:
+def _problems(
+    mission: Mission, coding: CodingConfig, config: MissionConfig, doors: ExtractionConfig
+) -> dict[str, list[str]]:
     """What the author should look at, by node."""
     out: dict[str, list[str]] = {}
 
@@ -173,13 +177,12 @@ def _problems(mission: Mission, coding: CodingConfig, config: MissionConfig) -> 
         if problem not in out.setdefault(name, []):
             out[name].append(problem)
 
-    limits = ExtractionConfig()
     reached = _reachable(mission)
     for node in mission.nodes:
         if node.name not in reached:
             tell(node.name, "unreachable from any start")
-        if node.width_m is not None and not limits.door_min_m <= node.width_m <= limits.door_max_m:
-            tell(node.name, f"a door of {node.width_m:g} m; robots see {limits.door_min_m:g} to {limits.door_max_m:g}")
+        if node.width_m is not None and not doors.door_min_m <= node.width_m <= doors.door_max_m:
+            tell(node.name, f"a door of {node.width_m:g} m; robots see {doors.door_min_m:g} to {doors.door_max_m:g}")
     for a, mine, b, theirs, away in _near_pairs(mission, coding, config.tolerance_m):
         if _same(mine, theirs, a, b) and _fits(coding, mine, theirs):
             tell(a.name, f"one observation satisfies {b.name} too")
