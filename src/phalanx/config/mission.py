@@ -95,9 +95,16 @@ class MissionConfig:
     def seen_by(self, lidar: LidarConfig) -> MissionConfig:
         """These parameters for who sees by such a lidar, as they are up to 1 cm of noise.
 
-        The end of a face is off by twice the noise of a range, and again by as much when it is seen again.
+        The end of a face is off by twice the noise of a range, and again by as much when it is seen again. Walls are
+        longer by the root of the noise (`ExtractionConfig.for_noise`), and so turned by as much more.
         """
         if lidar.noise_m <= EXACT_M:
             return self
-        off_m = 2 * lidar.noise_m
-        return replace(self, sight_m=math.hypot(self.sight_m, off_m), sure_m=math.hypot(self.sure_m, off_m))
+        off_m, turned = 2 * lidar.noise_m, math.sqrt(lidar.noise_m / EXACT_M)
+        return replace(
+            self,
+            sight_m=math.hypot(self.sight_m, off_m),
+            sure_m=math.hypot(self.sure_m, off_m),
+            sight_deg=min(90.0, turned * self.sight_deg),
+            sure_deg=min(90.0, turned * self.sure_deg),
+        )
