@@ -23,7 +23,8 @@ from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.sites import is_shown, landmarks_of
 from phalanx.mission.observable import Landmark
 from phalanx.mission.worth.audit import audit
-from phalanx.mission.worth.feasible import Outlook, look_ahead
+from phalanx.mission.worth.feasible import look_ahead
+from phalanx.mission.worth.outlook import Outlook
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.builtin import built_in
 

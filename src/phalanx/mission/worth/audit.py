@@ -22,8 +22,8 @@ from phalanx.mission.observable import MM_PER_M, Landmark, Observable, cell_of
 from phalanx.mission.walk.cells import BIN_STEPS, RINGS
 from phalanx.mission.walk.search import WINDOWS
 
-from .feasible import Outlook
 from .guessing import OUT_OF_REACH, Alias, Guess, landmark_of
+from .outlook import Outlook
 from .shown import Shown
 
 PAPER_SCRYPT = 8 << 12  # N * r that the assumed rates of scrypt are for

@@ -39,6 +39,8 @@ from phalanx.mission.walk.fix import (
     wheels_of,
 )
 
+from .outlook import Outlook
+
 # As the pilot drives: so fast at most, and along one direction for so much of its time-out.
 SPEED_MPS, LINE = 0.6, 0.75
 NORTH_RAD = math.pi / 2  # robots look there in a building that does not say
@@ -64,26 +66,6 @@ class _Stand:
     belief: Belief | None
     length_m: float = 0.0  # of the way so far
     by: Way | None = None  # the last of it, from and to
-
-
-@dataclass(frozen=True, slots=True)
-class Outlook:
-    """What is to be expected of a mission; nodes by name, each with the reasons."""
-
-    infeasible: dict[str, tuple[str, ...]]  # cannot be decoded: one reason for each way there
-    doubtful: dict[str, str]  # may be looked for in the wrong place
-    order: tuple[
-        str, ...
-    ] = ()  # the others, as a robot finds them: first what needs no other to be known, the nearest first
-
-    def completes(self, mission: Mission) -> bool:
-        """Whether each part can be lived to its end: to a final node, or to all of them."""
-        for part in mission.parts:
-            names = {node.name for node in mission.nodes if node.part == part}
-            finals = {node.name for node in mission.nodes if node.part == part and node.final}
-            if finals <= self.infeasible.keys() if finals else names & self.infeasible.keys():
-                return False
-        return True
 
 
 def look_ahead(
