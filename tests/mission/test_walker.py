@@ -9,10 +9,13 @@ import pytest
 from worlds import (
     BOTH,
     CONFIG,
+    at,
     built,
     cheap,
     corridor,
+    decoded_of,
     draws,
+    explored,
     fork,
     truths,
     until_decoded,
@@ -28,12 +31,14 @@ from phalanx.mission import (
     Experience,
     Kind,
     Landmark,
+    Phase,
     Position,
     Profile,
     Reason,
     Sensor,
     State,
     Time,
+    Walker,
     build,
 )
 from phalanx.mission.walk.fix import ALONE_SIGMAS, doubt_m
@@ -449,3 +454,31 @@ def test_a_code_decodes_where_it_hangs_and_not_where_somebody_hung_it_or_a_copy(
         experience = Experience(1, seen.x_m - 2, seen.y_m, 0, 5.0, (seen,), actions=(Action("pick"),))
         _, outcome = until_decoded(walker, begun, experience, 8)
         assert (outcome.decoded is not None) is well, case
+
+
+@pytest.mark.parametrize("profile", BOTH)
+@pytest.mark.parametrize("kind", ["doorway", "concave_left", "room"])
+def test_a_mission_may_come_back_to_a_thing_that_another_node_is_too(kind, profile):
+    """A patrol: there, on, and there again. What was known as another node's was never looked for, and it held."""
+    turn, area = (None, 12.0) if kind == "room" else (0.3, None)
+    there, on = Landmark(kind, 4, 3, turn, area), Landmark("doorway", 9, 1, 0.7)
+    draft = Draft("patrol")
+    draft.node("start", Position(0, 0), start=True)
+    for name, thing in (("there", there), ("on", on), ("again", there)):
+        draft.node(name, thing, final=name == "again")
+    for ways in (("start", "there"), ("there", "on"), ("on", "again")):
+        draft.way(*ways)
+    mission = cheap(draft.mission(), profile)
+    one = built(mission, profile)
+    assert [node for node, *_ in decoded_of(explored(mission, walker_of(one)))] == [0, 1, 2, 3]
+    # Auditors come to the same.
+    owner, auditor, state = walker_of(one), Walker(one.mission, replays=True), State()
+    for t_s, node in enumerate(mission.nodes, 1):
+        for k in range(20):
+            seen = at(mission, *node.place, t_s + k / 100)
+            before, claim, _ = owner.look(state, seen)
+            assert auditor.advance(before, seen, claim)[1].decoded == owner.advance(before, seen, claim)[1].decoded
+            state, outcome = owner.advance(before, seen, claim)
+            if outcome.decoded:
+                break
+    assert state.phase is Phase.DONE

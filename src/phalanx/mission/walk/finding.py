@@ -6,15 +6,16 @@ reading, and the same judgement. Both ask the same methods here, so that what is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from phalanx.config.mission import MissionConfig
+from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.errors import UsageError
 from phalanx.mission.file.canonical import AT_POSITION
 from phalanx.mission.file.records import OPEN_START, ROAM, START, EncodedMission, Profile
-from phalanx.mission.observable import Experience, InSight, middle_of
+from phalanx.mission.observable import Experience, InSight, Landmark, Offset, cell_of, middle_of
 from phalanx.mission.pose.spread import pose_spread
 from phalanx.mission.refused import Altered, MalformedMission
 
@@ -44,12 +45,14 @@ from .keyring import Keyring
 from .opening import Known, Opened, open_found
 from .outcome import Order, Reason
 from .route import Map
-from .search import Budget
+from .search import LANDMARK_PLACES, Budget
 from .search_paper import PaperSearch
 from .search_sealed import Candidate, search_sealed
 from .state import State
 from .table import Phase
 
+# An offset is in millimetres.
+MIDDLE_M = 0.002
 Believed = tuple[Opened | None, Fix | None, Reason]  # why not, if nothing was opened
 
 
@@ -74,8 +77,9 @@ class _Decoded:
 
     Attributes:
         candidates: nodes that it may try, by its last node and its target.
-        gates: those open to whom `gazes` are made for.
+        gates: those open to whom `gazes` and `again` are made for.
         gazes: what it looks for at a glance, by its last node and its target; None where a glance does not do.
+        again: known landmarks that it may have to find again as another node, likewise.
         orders: instructions, by its phase, its last node, its target and the round.
     """
 
@@ -85,6 +89,7 @@ class _Decoded:
         self.candidates: dict[tuple[int | None, int | None], tuple[int, ...]] = {}
         self.gates: Mapping[tuple[int, int], Gate] = {}
         self.gazes: dict[tuple[int | None, int | None], Gaze | None] = {}
+        self.again: dict[tuple[int | None, int | None], frozenset[int]] = {}
         self.orders: dict[tuple[Phase, int | None, int | None, int], Order] = {}
 
 
@@ -150,16 +155,49 @@ class Finder:
         """How many hashes find nothing, where a glance says so; None where somebody has to look."""
         if not isinstance(seen.landmarks, InSight):
             return None
-        known, here = self._decoded(state.opened), (state.at, state.target)
-        if known.gates is not state.keys.gates:
-            known.gates, known.gazes = state.keys.gates, {}
+        known, here = self._known(state), (state.at, state.target)
         if here not in known.gazes:
-            known.gazes[here] = self._gaze(state, known.chart)
+            # What is searched although it is known takes somebody who looks.
+            known.gazes[here] = None if self._again(state) else self._gaze(state, known.chart)
         gaze, most = known.gazes[here], self.config.hash_tries
         if gaze is None:
             return None
         left = glance(gaze, seen.landmarks.rows, seen.x_m, seen.y_m, seen.spread, most)
         return None if left == NOBODY else most - left
+
+    def _known(self, state: State) -> _Decoded:
+        known = self._decoded(state.opened)
+        if known.gates is not state.keys.gates:
+            known.gates, known.gazes, known.again = state.keys.gates, {}, {}
+        return known
+
+    def _again(self, state: State) -> frozenset[int]:
+        """Numbers of known landmarks that may be another node's too, which is still to be found.
+
+        Where that is, is unknown. But one thing is in the middle of cells that are counted from one offset.
+        """
+        known, here = self._known(state), (state.at, state.target)
+        if here not in known.again:
+            coding, offsets = self.mission.header.coding, set[Offset]()
+            for node in self.candidates(state):
+                if node not in state.opened:
+                    aliases = self.mission.nodes[node].aliases
+                    offsets.update(alias.offset for alias in aliases if self._is_paper)
+                    offsets.update(lock.hint.offset for lock in self._locks(state, node) if not self._is_paper)
+            known.again[here] = frozenset(
+                number
+                for number, thing in enumerate(known.chart.landmarks)
+                if any(_is_middle(coding, offset, thing) for offset in offsets)
+            )
+        return known.again[here]
+
+    def _same(self, state: State, claim: Claim) -> frozenset[int]:
+        """Numbers of known landmarks that are the thing claimed."""
+        if claim.shape.place not in LANDMARK_PLACES:
+            return frozenset()
+        x, y, _ = middle_of(self.mission.header.coding, claim.offset, claim.cell)
+        landmarks, near_m = self.chart(state).landmarks, self.config.agree_m / 2
+        return frozenset(i for i, each in enumerate(landmarks) if math.hypot(each.x_m - x, each.y_m - y) <= near_m)
 
     def _gaze(self, state: State, chart: Chart) -> Gaze | None:
         nodes, search = self.candidates(state), self._search
@@ -179,7 +217,10 @@ class Finder:
         opened, fix, reason = None, None, Reason.NOTHING_SENSED
         failed: set[bytes] = set()
         unconfirmed: dict[Match, Opened] = {}
-        for found in self._found(state, self._unexplained(state, seen), failed, budget):
+        again = self._again(state)
+        for found in self._found(state, self._unexplained(state, seen, again), failed, budget):
+            if again and not self._is_unexplained(state, seen, found):
+                continue
             opened, fix, reason = self._believe(state, seen, found, unconfirmed)
             if opened is not None:
                 break
@@ -208,7 +249,8 @@ class Finder:
             seen: made from the reading that it kept.
         Raises: Unshown: the robot may not have found it now, or has not seen it, or it opens nothing. Altered.
         """
-        opened, fix, reason = self._believe(state, seen, self._shown(state, self._unexplained(state, seen), claim))
+        clear = self._unexplained(state, seen, self._same(state, claim))
+        opened, fix, reason = self._believe(state, seen, self._shown(state, clear, claim))
         if opened is None:
             raise Unshown(f"a claim not to be believed: {reason.value}")
         return opened, fix
@@ -230,16 +272,25 @@ class Finder:
         """Instructions that were given to a robot that has decoded so much."""
         return self._decoded(state.opened).orders
 
-    def _unexplained(self, state: State, seen: Experience) -> Experience:
-        """What was experienced, without what is too far off, or known to be other nodes' than the target's."""
+    def _unexplained(self, state: State, seen: Experience, again: Container[int] = ()) -> Experience:
+        """What was experienced, without what is too far off, or known to be other nodes' than the target's.
+
+        Args:
+            again: numbers of known landmarks that may be another node's too.
+        """
         chart = self.chart(state)
         left = tuple(
             landmark
             for landmark, known in zip(seen.landmarks, fitting(self.config, seen, chart), strict=True)
             if distance_m(seen, landmark) <= self.config.decode_m
-            and all(chart.nodes[number] == state.target for number in known)
+            and all(chart.nodes[number] == state.target or number in again for number in known)
         )
         return seen if len(left) == len(seen.landmarks) else replace(seen, landmarks=left)
+
+    def _is_unexplained(self, state: State, seen: Experience, found: Found) -> bool:
+        """Whether what was found is no known node's, or the very thing that this is: as auditors ask."""
+        clear = self._unexplained(state, seen, self._same(state, found.claim)).landmarks
+        return found.seen is None or found.seen in clear
 
     def _found(self, state: State, seen: Experience, failed: set[bytes], budget: Budget) -> Iterator[Found]:
         nodes = self.candidates(state)
@@ -325,3 +376,9 @@ class Finder:
         if strangers(self.config, seen, matches) > MISTAKEN:
             return None, None, Reason.UNCONFIRMED
         return self._fixed(state, seen, opened, matches)
+
+
+def _is_middle(coding: CodingConfig, offset: Offset, thing: Landmark) -> bool:
+    """Whether a thing is in the middle of its cell, counted from an offset."""
+    x, y, _ = middle_of(coding, offset, cell_of(coding, offset, thing.x_m, thing.y_m))
+    return math.hypot(thing.x_m - x, thing.y_m - y) <= MIDDLE_M
