@@ -7,7 +7,7 @@ each landmark is looked at from places around it, with the lidar and the extract
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import product
@@ -35,11 +35,16 @@ Pose = tuple[float, float, float]
 
 
 class Looks:
-    """What robots' lidar and extraction show in a building, without the noise, which is the robots' to bear."""
+    """What robots' lidar and extraction show in a building, without the noise, which is the robots' to bear.
 
-    def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None) -> None:
+    Args:
+        as_drawn: the dust of a map stands there too.
+    """
+
+    def __init__(self, plan: FloorPlan, lidar: LidarConfig | None = None, *, as_drawn: bool = False) -> None:
         lidar = lidar or LidarConfig()
-        self._eye, self._chance = Lidar(plan.walls, replace(lidar, noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
+        walls = plan.drawn if as_drawn and plan.drawn is not None else plan.walls
+        self._eye, self._chance = Lidar(walls, replace(lidar, noise_m=0.0, drop_out=0.0)), np.random.default_rng(0)
         self._extraction = plan.extraction.for_noise(lidar.noise_m)
 
     def from_pose(self, pose: Pose) -> tuple[Landmark, ...]:
@@ -61,8 +66,7 @@ class Sighted:
     def left(self, aliases: Container[Landmark]) -> Site | None:
         """The site with no other aliases than these; None if they are seen too seldom."""
         kept = tuple(alias for alias in self.site.aliases if alias in aliases)
-        seen = sum(any(_is(found, alias) for alias in kept for found in look) for look in self.looks)
-        enough = self.site.type == "qr" or seen >= max(SEEN_LEAST, SEEN_SHARE * len(self.looks))
+        enough = self.site.type == "qr" or _is_enough(_seen(kept, self.looks), len(self.looks))
         return replace(self.site, aliases=kept) if kept and enough else None
 
 
@@ -71,23 +75,35 @@ def sighted(
 ) -> tuple[list[Sighted], list[Landmark]]:
     """(sites of which anything is seen, where it is seen; all that was seen beside them)."""
     from_pose = _looks(plan, lidar or LidarConfig())
+    as_drawn = None if plan.drawn is None else _looks(plan, lidar or LidarConfig(), as_drawn=True)
     kept, beside = [], []
     for site in sites:
         if site.type == "qr":
             kept.append(Sighted(site, ()))
             continue
-        looks = tuple(from_pose(pose) for pose in _places(plan, site))
+        poses = _places(plan, site)
+        looks = tuple(from_pose(pose) for pose in poses)
         found = tuple(alias for alias in (_as_seen(alias, looks) for alias in site.aliases) if alias is not None)
-        if found:
+        # A speck in a doorway leaves none, for who meets it.
+        if found and (as_drawn is None or _is_enough(_seen(found, map(as_drawn, poses)), len(poses))):
             kept.append(Sighted(replace(site, aliases=found), looks))
         beside += _beside(site, looks)
     return kept, beside
 
 
-@lru_cache(maxsize=1)
-def _looks(plan: FloorPlan, lidar: LidarConfig) -> Callable[[Pose], tuple[Landmark, ...]]:
+def _seen(aliases: Sequence[Landmark], looks: Iterable[Sequence[Landmark]]) -> int:
+    """How many looks show any of them."""
+    return sum(any(_is(found, alias) for alias in aliases for found in look) for look in looks)
+
+
+def _is_enough(seen: int, looks: int) -> bool:
+    return seen >= max(SEEN_LEAST, SEEN_SHARE * looks)
+
+
+@lru_cache(maxsize=2)
+def _looks(plan: FloorPlan, lidar: LidarConfig, *, as_drawn: bool = False) -> Callable[[Pose], tuple[Landmark, ...]]:
     """`Looks.from_pose`, from each pose once: whoever judges a mission made from a plan asks the same of it again."""
-    return cache(Looks(plan, lidar).from_pose)
+    return cache(Looks(plan, lidar, as_drawn=as_drawn).from_pose)
 
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:

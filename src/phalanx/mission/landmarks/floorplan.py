@@ -63,6 +63,7 @@ class FloorPlan:
         extraction: how scans are read in this building.
         sources: what other sensors tell of.
         dust: specks of the map that were left out.
+        drawn: the walls with those, where there are any: a speck in a doorway may stand there, and hides that.
     """
 
     name: str
@@ -74,6 +75,7 @@ class FloorPlan:
     extraction: ExtractionConfig = ExtractionConfig()  # noqa: RUF009  # frozen
     sources: tuple[Source, ...] = ()
     dust: int = 0
+    drawn: NDArray[np.float64] | None = None
 
     def clearance_m(self, x_m: float, y_m: float) -> float:
         """Distance to the nearest wall; +inf where there are none."""

@@ -122,27 +122,36 @@ def floorplan_of_map(yaml_data: bytes, pgm_data: bytes, name: str, *, swept: boo
     Raises: UsageError: one of the files is wrong; the message says how.
     """
     words = map_words(yaml_data, name)
-    cells, dust = cells_of(read_pgm(pgm_data, words.image), words), 0
-    if swept:
-        cells, dust = without_dust(cells, words.resolution_m, FREE)
+    drawn = cells_of(read_pgm(pgm_data, words.image), words)
+    cells, dust = without_dust(drawn, words.resolution_m, FREE) if swept else (drawn, 0)
     height, width = cells.shape[0] - 2, cells.shape[1] - 2
-    points, starts, of_wall = _contours(cells)
-    outlines = []
-    for first, stop in pairwise(starts.tolist()):
-        corners, seen = _straight(points[first:stop], of_wall[first:stop])
-        outlines.append(Outline(_to_map(corners - 1.0, words), seen))
-    walls = [np.hstack([outline.points, np.roll(outline.points, -1, axis=0)]) for outline in outlines]
+    outlines = _outlines(cells, words)
     frame = _to_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]), words)
     (x0, y0), (x1, y1) = frame.min(0).tolist(), frame.max(0).tolist()
     return FloorPlan(
         name,
-        np.vstack([np.zeros((0, 4)), *walls]),
+        _walls(outlines),
         _of_one_space(outlines, words),
         (x0, y0, x1, y1),
         words.start,
         extraction=words.extraction,
         dust=dust,
+        drawn=_walls(_outlines(drawn, words)) if dust else None,
     )
+
+
+def _outlines(cells: NDArray[np.uint8], words: MapWords) -> list[Outline]:
+    points, starts, of_wall = _contours(cells)
+    outlines = []
+    for first, stop in pairwise(starts.tolist()):
+        corners, seen = _straight(points[first:stop], of_wall[first:stop])
+        outlines.append(Outline(_to_map(corners - 1.0, words), seen))
+    return outlines
+
+
+def _walls(outlines: list[Outline]) -> NDArray[np.float64]:
+    walls = [np.hstack([outline.points, np.roll(outline.points, -1, axis=0)]) for outline in outlines]
+    return np.vstack([np.zeros((0, 4)), *walls])
 
 
 def _of_one_space(outlines: list[Outline], words: MapWords) -> tuple[Outline, ...]:

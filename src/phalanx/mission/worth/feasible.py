@@ -114,7 +114,7 @@ class _Scout:
         self.vain: set[Way] = set()  # at first
         starts = [node.place for node in mission.nodes if node.start and node.place is not None]
         self.free = None if plan is None else Free(plan, starts)
-        self.looks = None if plan is None else Looks(plan, lidar)
+        self.looks = None if plan is None else Looks(plan, lidar, as_drawn=True)
         self.shown_m2: dict[str, float] = {}
 
     def run(self) -> Outlook:
