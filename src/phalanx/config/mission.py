@@ -80,7 +80,7 @@ class MissionConfig:
     odometry_per_m_deg: float = within(0.2, 0.0, 90.0)  # with the root of the way in metres
     # Things of one look, of a kind and turned alike, that nobody surveyed; 0 where the whole building is drawn
     strangers_per_m2: float = within(0.0, 0.0, 1000.0)
-    kdf_tries: int = within(12, 1, 100_000)  # slow tries in one step (sealed profile): 12 take 0.1 s at N = 2^12
+    kdf_tries: int = within(4, 1, 100_000)  # slow tries in one step (sealed profile): 4 take 40 ms at N = 2^12
     hash_tries: int = within(200_000, 1, 1 << 30)  # fast tries in one step (paper profile)
     tried_limit: int = within(4096, 16, 1 << 20)  # tries that are remembered, so that they are not made again
     arrive_m: float = within(0.7, 0.01, 10.0)  # so near is there, at a node decoded before

@@ -89,7 +89,8 @@ def survey(plan: FloorPlan, coding: CodingConfig | None = None, lidar: LidarConf
     mission = told_apart(made(ways, outlook.order), (*all_aliases, *others))
     reached = _reached(START, ways)
     if len(reached) == 1:
-        why = next((f": {name} {whys[0]}" for name, whys in sorted(outlook.infeasible.items())), "")
+        dark = sorted(outlook.infeasible.items(), key=lambda each: (not each[1][0].startswith("from "), each))
+        why = next((f": {name} {whys[0]}" for name, whys in dark), "")
         raise UsageError(
             f"no way leads to a landmark from ({start[0]:g}, {start[1]:g}) in {plan.name}{why}", "another start"
         )
