@@ -23,6 +23,8 @@ GAP_BEAMS = 4
 ROUND_M = 0.6
 # Round is what stands out in its middle by so much of `line_m`.
 ROUND = 0.3
+# Two faces are one line's where one stands out so little, in parts of `line_m`; of longer walls that turns little.
+STEP, STEPPED_M, FACE_M = 0.75, 1.5, 0.07
 # Columns of an array of walls: a point on it, its unit direction, its first and its last point.
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
@@ -161,6 +163,43 @@ def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, 
 
 
 @counting_kernel
+def _step(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
+    """By how much one part of a wall stands out before the other, where two parallel lines fit best.
+
+    Each part is FACE_M long or more: what a wall shows of the next one around its corner is shorter.
+    """
+    cx, cy, ax, ay = line
+    n = last - first + 1
+    along, off = np.empty(n), np.empty(n)
+    s, r, ss, sr = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        dx, dy = x[first + i] - cx, y[first + i] - cy
+        along[i], off[i] = ax * dx + ay * dy, ax * dy - ay * dx
+        s, r, ss, sr = s + along[i], r + off[i], ss + along[i] * along[i], sr + along[i] * off[i]
+    most, s1, r1, ss1, sr1 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n - 1):
+        s1, r1 = s1 + along[i], r1 + off[i]
+        ss1, sr1 = ss1 + along[i] * along[i], sr1 + along[i] * off[i]
+        if abs(along[i] - along[0]) < FACE_M or abs(along[n - 1] - along[i + 1]) < FACE_M:
+            continue
+        n1, n2, s2, r2 = i + 1, n - i - 1, s - s1, r - r1
+        spread = ss - s1 * s1 / n1 - s2 * s2 / n2
+        slope = (sr - s1 * r1 / n1 - s2 * r2 / n2) / spread if spread > 1e-9 else 0.0
+        most = max(most, abs(r2 / n2 - r1 / n1 - slope * (s2 / n2 - s1 / n1)))
+    return most
+
+
+@counting_kernel
+def _is_flat(
+    x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
+) -> bool:
+    """Whether points of a wall so long are of one face, and not of a leg or of two faces."""
+    if long_m < ROUND_M and abs(_bow(x, y, first, last, line)) > ROUND * line_m:
+        return False
+    return long_m >= STEPPED_M or _step(x, y, first, last, line) <= STEP * line_m
+
+
+@counting_kernel
 def bow(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> float:
     """How far wall w stands out towards the robot in its middle."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
@@ -247,8 +286,7 @@ def walls_of(
                 continue
             begin, end = _trimmed(first, last)
             line = fit_line(x, y, begin, end)
-            short = dx * dx + dy * dy < ROUND_M * ROUND_M
-            if short and abs(_bow(x, y, begin, end, line)) > ROUND * line_m:
+            if not _is_flat(x, y, begin, end, line, math.sqrt(dx * dx + dy * dy), line_m):
                 continue
             walls[found, X], walls[found, Y], walls[found, ALONG_X], walls[found, ALONG_Y] = line
             spans[found, 0], spans[found, 1] = first, last
