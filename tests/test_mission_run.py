@@ -336,6 +336,13 @@ def test_the_models_of_noise_are_told_apart_on_the_command_line() -> None:
     assert isinstance(_command("inspection", "--noise", "0.1;0.2")[2], UsageError)
 
 
+@pytest.mark.parametrize(("noise", "is_told"), [("0.05,0.05,fixed", False), ("0.1,0.1", False), ("0.1,0.12", True)])
+def test_wheels_that_are_worse_than_robots_allow_for_are_told(noise: str, is_told: bool) -> None:
+    words = ["run", "office", "--profile", "paper", "--noise", noise, "--duration", "1"]
+    said = CliRunner().invoke(group, words, standalone_mode=False).stderr
+    assert ("their fixes may be false" in said) == is_told
+
+
 def test_a_run_in_which_nothing_was_searched_prints_no_figures_of_it(tmp_path: Path) -> None:
     hall, mission = tmp_path / "hall.yaml", tmp_path / "open.yaml"
     hall.write_text("size: [10, 10]\nwalls: []\n")

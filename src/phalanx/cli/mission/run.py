@@ -25,7 +25,7 @@ from phalanx.sim.missions.orders import orders_of_files
 from phalanx.sim.missions.recording import write_recording
 from phalanx.sim.missions.report import Report, drift_words
 from phalanx.sim.missions.run import run_mission, summary
-from phalanx.sim.missions.setup import check_count
+from phalanx.sim.missions.setup import MissionRun, check_count
 
 from .files import Wanted, building, check_folder, parse_robots
 
@@ -75,6 +75,7 @@ def run(
     for i, (encoded, _) in enumerate(files):
         _admit(encoded, ids[i :: len(files)], len(range(i, count, len(files))), begin_s)
     setting = orders.run(robots=count, **able, begin_s=begin_s, keep_trace=record is not None, **how)
+    _warn_of_wheels(setting)
     progress = Progress()
     try:
         reports = run_mission(
@@ -93,6 +94,16 @@ def run(
     if unwritten:  # what robots did is told all the same
         raise unwritten
     return 0 if told["completed"] == told["robots"] else 1
+
+
+def _warn_of_wheels(setting: MissionRun) -> None:
+    """Says so where odometry may be worse than robots allow for."""
+    (way, turn), config = setting.noise.always, setting.config
+    if way > config.odometry_way or turn > config.odometry_turn:
+        talk(
+            f"wheels may be wrong by {100 * way:g} % of the way and {100 * turn:g} % of turns; robots allow for"
+            f" {100 * config.odometry_way:g} and {100 * config.odometry_turn:g}: their fixes may be false"
+        )
 
 
 def _unwritten(record: Path | None, plan: FloorPlan, reports: list[Report]) -> Unavailable | None:

@@ -42,6 +42,12 @@ class OdometryNoise:
     def __post_init__(self) -> None:
         check_limits(self)
 
+    @property
+    def always(self) -> tuple[float, float]:
+        """Shares of the way and of turns that it may leave out, or count too much, all day long."""
+        part = {NoiseModel.STAGE: 0.5, NoiseModel.FIXED: 1.0, NoiseModel.STEP: 0.0}[self.model]
+        return part * self.sigma_t, part * self.sigma_r
+
     @classmethod
     def parse(cls, text: str) -> OdometryNoise:
         """The noise that a command line asks for: SIGMA_T,SIGMA_R[,stage|fixed|step].
