@@ -243,9 +243,9 @@ def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes)
                 return 0.0, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s + past_s)
             speed, turn, turning = command(points, count, goal, free_m, turning)
             return speed, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
-        if waits:
-            _, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
-            return 0.0, turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
+        if waits:  # by its cells; where it is narrow there may be a way between their middles
+            speed, turn, turning = command(points, count, (to_x, to_y), left_m, turning)
+            return min(speed, CREEP_MPS), turn, base, Course((NO_STOP, NO_STOP), turning, waited_s)
         x = moved[0] + (cosine * to_x - sine * to_y)
         y = moved[1] + (sine * to_x + cosine * to_y)
         stop = int(x * CM_PER_M + (1 << 30)) - (1 << 30), int(y * CM_PER_M + (1 << 30)) - (1 << 30)
