@@ -482,3 +482,21 @@ def test_a_mission_may_come_back_to_a_thing_that_another_node_is_too(kind, profi
             if outcome.decoded:
                 break
     assert state.phase is Phase.DONE
+
+
+def test_a_thing_that_two_nodes_are_still_tells_where_a_robot_is():
+    """Known twice it seemed to be one of two that cannot be told apart, and corrected no pose any more."""
+    there = Landmark("doorway", 4, 3, 0.3)
+    draft = Draft("patrol")
+    draft.node("start", Position(0, 0), start=True)
+    for name, thing in (("there", there), ("on", Landmark("doorway", 9, 1, 0.7)), ("again", there), ("end", there)):
+        draft.node(name, thing)
+    for ways in (("start", "there"), ("there", "on"), ("on", "again"), ("again", "end")):
+        draft.way(*ways)
+    mission = cheap(draft.mission(), Profile.PAPER)
+    walker, state = walker_of(built(mission, Profile.PAPER)), State()
+    for t_s, node in enumerate(mission.nodes[:4], 1):
+        state, outcome = until_decoded(walker, state, at(mission, *node.place, t_s))
+        assert outcome.decoded is not None, node.name
+    unsure = at(mission, 4.2, 2.8, 9, landmarks=(there,), spread=(0.02, 0.0, 0.0, 0.02, 0.0, 2e-3))
+    assert walker.sees_again(state, unsure) is not None

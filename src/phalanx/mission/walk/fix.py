@@ -258,5 +258,8 @@ def known_in(config: MissionConfig, seen: Experience, known: Chart) -> list[Matc
 def may_be_known(config: MissionConfig, seen: Experience, known: Chart) -> list[tuple[Landmark, list[Landmark]]]:
     """The landmarks in sight that may be known ones, the nearest first, each with those."""
     pairs = zip(seen.landmarks, fitting(config, seen, known), strict=True)
-    found = [(landmark, [known.landmarks[j] for j in numbers]) for landmark, numbers in pairs if numbers]
+    # Two nodes may be one thing, and then it is no other.
+    found = [
+        (landmark, list(dict.fromkeys(known.landmarks[j] for j in numbers))) for landmark, numbers in pairs if numbers
+    ]
     return sorted(found, key=lambda each: distance_m(seen, each[0]))
