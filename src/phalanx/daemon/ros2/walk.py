@@ -20,6 +20,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 
 from phalanx.config.lidar import ExtractionConfig
+from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable, UsageError
 from phalanx.mission import EncodedMission, Phase, StartKey, Walker
 from phalanx.mission.file.canonical import parse_action
@@ -179,8 +180,9 @@ class RosWalk:
         eye = errand.start.of(beams.eye)
         given = Assignment(errand.mission, (eye.x_m, eye.y_m, eye.yaw_rad), begin_s=errand.begin_s)
         self._sensors = Sensors(beams.lidar, errand.extraction)
-        missions = Missions({errand.robot: given}, self._sensors, audited=False)
-        return ObservedController(errand.robot, missions, Walker(errand.mission, errand.key))
+        config = MissionConfig().seen_by(beams.lidar)
+        missions = Missions({errand.robot: given}, self._sensors, config, audited=False)
+        return ObservedController(errand.robot, missions, Walker(errand.mission, errand.key, config))
 
     def _hear(self, beams: Beams, scanned_s: float) -> None:
         """Odometry that came since."""
