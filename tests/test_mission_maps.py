@@ -106,6 +106,18 @@ def test_doors_are_as_wide_as_the_map_or_the_author_says(tmp_path: Path) -> None
         (tmp_path / f"{name}.yaml").write_text(file)
     assert doors("--map", tmp_path / "paper.yaml") == 0
     assert doors("--map", tmp_path / "real.yaml") == 1
+    # A mission that somebody wrote is told the same.
+    mission = tmp_path / "mission.yaml"
+    told = (
+        "nodes:\n  a: {start: true, see: {position: [1, 2]}}\n  d: {see: {doorway: [4, 2], facing: 90}, width: 0.9}\n"
+    )
+    walls = "walls: [[0, 0, 8, 0], [8, 0, 8, 4], [8, 4, 0, 4], [0, 4, 0, 0], [4, 0, 4, 1.55], [4, 2.45, 4, 4]]\n"
+    (tmp_path / "nine.yaml").write_text(walls)
+    mission.write_text(f"mission: nine\nmap: nine.yaml\n{told}ways: [[a, d]]\n")
+    with_map = ("--map", tmp_path / "nine.yaml")
+    for words in ((), ("--door-width", "0.7,1.3"), (*with_map, "--door-width", "0.7,1.3"), with_map):
+        said = command("build", mission, *words, "--profile", "paper", "--out", tmp_path / "m.phxm").stderr
+        assert (said == "") == ("--door-width" in words), (words, said)
     for said in ("0.7", "1,2,3", "wide,door", "3,1", "nan,1"):
         assert isinstance(command("audit", "--map", "drawn:1", "--door-width", said).exception, UsageError), said
 

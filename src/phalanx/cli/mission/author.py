@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from phalanx.cli.terminal import Progress, counted, end_status_line, print_json, status_line, talk
-from phalanx.config.lidar import LidarConfig
+from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import PeerError, UsageError
 from phalanx.mission import BuildOptions, Built, EncodedMission, Mission, Profile, admit, build, check_signature, sign
 from phalanx.mission.authoring.survey import begun_at, roomiest, survey
@@ -32,6 +32,7 @@ from .draw import check_drawable, draw_mission, lived
 from .files import (
     building,
     check_folder,
+    doors_of,
     parse_robots,
     parse_window,
     read_encoded,
@@ -79,9 +80,12 @@ def build_files(
     )
     key = read_signing_key(sign_key) if sign_key else None
     eye = LidarConfig.parse(lidar)
-    told, floor = explored(plan, start, "build", doors, eye) if source is None else (checked(source, plan, start), None)
-    outlook = look_ahead(told, None, floor, eye) if floor else None
-    _warn(told, options.profile, outlook, f"--map {plan} " if floor else "MISSION.yaml ", floor)
+    if source is None:
+        told, floor = explored(plan, start, "build", doors, eye)
+        _warn(told, options.profile, look_ahead(told, None, floor, eye), f"--map {plan} ", floor.extraction)
+    else:
+        told = checked(source, plan, start, doors)
+        _warn(told, options.profile, None, "MISSION.yaml ", _doors(plan or told.floor_plan, doors))
     if seed is not None:
         click.echo("phalanx: warning: built from a seed: whoever knows it reads the mission", err=True)
     rows = []
@@ -130,11 +134,11 @@ def explored(
         end_status_line()
 
 
-def checked(source: str, plan: str | None, start: str | None) -> Mission:
+def checked(source: str, plan: str | None, start: str | None, doors: str | None = None) -> Mission:
     """A plain mission; warns of landmarks that a floor plan does not show. Raises: UsageError: it cannot be read."""
     if start is not None:
         raise UsageError("--start is for missions made from a map", "the mission's start node says where it begins")
-    floor = load_floorplan(plan) if plan else None
+    floor = building(plan, doors) if plan else None
     told = read_plain(source)
     if floor is not None:
         sites = landmarks_of(floor)
@@ -146,8 +150,18 @@ def checked(source: str, plan: str | None, start: str | None) -> Mission:
     return told
 
 
-def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str, floor: FloorPlan | None) -> None:
-    report = audit(told, profile, outlook=outlook, doors=floor.extraction if floor else None)
+def _doors(plan: str | None, doors: str | None) -> ExtractionConfig | None:
+    """Which doors robots see, as --door-width says, or else the map, if it is there."""
+    if doors is not None:
+        return doors_of(doors)
+    try:
+        return load_floorplan(plan).extraction if plan else None
+    except UsageError:
+        return None  # whoever needs the map says so
+
+
+def _warn(told: Mission, profile: Profile, outlook: Outlook | None, of: str, doors: ExtractionConfig | None) -> None:
+    report = audit(told, profile, outlook=outlook, doors=doors)
     looks = [f"{row.name}: {problem}" for row in report.nodes for problem in row.problems]
     if report.feasible is False:
         dark = [f"{row.name} {row.infeasible[0]}" for row in report.nodes if row.infeasible]

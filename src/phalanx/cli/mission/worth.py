@@ -45,7 +45,10 @@ def tell_worth(
 ) -> None:
     """Prints what an attacker must try, what the robot must, what looks wrong, and what no robot can live."""
     rates, form, eye = Rates(), Profile[profile.upper()], LidarConfig.parse(lidar)
-    told, floor = explored(plan, start, "audit", doors, eye) if source is None else (checked(source, plan, start), None)
+    if source is None:
+        told, floor = explored(plan, start, "audit", doors, eye)
+    else:
+        told, floor = checked(source, plan, start, doors), None
     name = plan or told.floor_plan
     if floor is None and name:
         floor = building(name, doors, swept=True)
