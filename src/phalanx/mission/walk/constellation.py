@@ -24,6 +24,7 @@ from .fix import (
     fix_from,
     is_sure,
     known_in,
+    length_m,
     may_be_known,
     misfit_of,
     sight_of,
@@ -47,7 +48,7 @@ def strangers(config: MissionConfig, seen: Experience, matches: Sequence[Match])
     often, told_of = float(config.strangers_per_m2 > 0.0), list[Landmark]()
     for i, pair in enumerate(matches if often else ()):
         truth = pair[1]
-        if any(math.hypot(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in told_of):
+        if any(length_m(truth.x_m - other.x_m, truth.y_m - other.y_m) < PIECE_M for other in told_of):
             continue
         told_of.append(truth)
         mean, spread, _ = told_by(config, seen, matches[:i])

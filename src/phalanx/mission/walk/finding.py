@@ -6,7 +6,6 @@ reading, and the same judgement. Both ask the same methods here, so that what is
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -34,6 +33,7 @@ from .fix import (
     has_rival,
     is_there,
     known_in,
+    length_m,
     pose_doubt_m,
     sighting,
     told,
@@ -197,7 +197,7 @@ class Finder:
             return frozenset()
         x, y, _ = middle_of(self.mission.header.coding, claim.offset, claim.cell)
         landmarks, near_m = self.chart(state).landmarks, self.config.agree_m / 2
-        return frozenset(i for i, each in enumerate(landmarks) if math.hypot(each.x_m - x, each.y_m - y) <= near_m)
+        return frozenset(i for i, each in enumerate(landmarks) if length_m(each.x_m - x, each.y_m - y) <= near_m)
 
     def _gaze(self, state: State, chart: Chart) -> Gaze | None:
         nodes, search = self.candidates(state), self._search
@@ -381,4 +381,4 @@ class Finder:
 def _is_middle(coding: CodingConfig, offset: Offset, thing: Landmark) -> bool:
     """Whether a thing is in the middle of its cell, counted from an offset."""
     x, y, _ = middle_of(coding, offset, cell_of(coding, offset, thing.x_m, thing.y_m))
-    return math.hypot(thing.x_m - x, thing.y_m - y) <= MIDDLE_M
+    return length_m(thing.x_m - x, thing.y_m - y) <= MIDDLE_M

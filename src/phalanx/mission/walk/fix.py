@@ -93,10 +93,14 @@ def fixed(config: MissionConfig, belief: Belief, fix: Fix) -> Belief:
     return belief.corrected(fix.sightings, sight_of(config), (max(place_m, bent_m), turn_rad))
 
 
+def length_m(x_m: float, y_m: float) -> float:
+    """Of a vector, by a root: the last bit of `math.hypot` is not the same in every Python."""
+    return math.sqrt(x_m * x_m + y_m * y_m)
+
+
 def distance_m(seen: Experience, landmark: Landmark) -> float:
     """From the robot to a landmark."""
-    dx, dy = landmark.x_m - seen.x_m, landmark.y_m - seen.y_m
-    return math.sqrt(dx * dx + dy * dy)
+    return length_m(landmark.x_m - seen.x_m, landmark.y_m - seen.y_m)
 
 
 def allowed_m(config: MissionConfig, travelled_m: float, doubt_m: float = 0.0) -> float:
@@ -111,7 +115,7 @@ def pose_doubt_m(seen: Experience) -> float:
 
 def is_there(config: MissionConfig, seen: Experience, x_m: float, y_m: float) -> bool:
     """Whether the robot is at a place, however its doubt has it."""
-    away_m = math.hypot(x_m - seen.x_m, y_m - seen.y_m)
+    away_m = length_m(x_m - seen.x_m, y_m - seen.y_m)
     return away_m + ALONE_SIGMAS * pose_doubt_m(seen) <= config.place_m
 
 
@@ -150,7 +154,7 @@ def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: Floats,
     observed, truth = pair
     x, y = as_known(seen, observed, mean)
     doubt = doubt_of(spread, x - float(mean[0]), y - float(mean[1]), sight_of(config))[2]
-    return math.hypot(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
+    return length_m(x - truth.x_m, y - truth.y_m) + ALONE_SIGMAS * doubt < truth.apart_m
 
 
 def told(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> list[Match]:
@@ -170,7 +174,7 @@ def has_rival(config: MissionConfig, seen: Experience, observed: Landmark, truth
     for other in seen.landmarks:
         if other is observed or other.type != truth.type or other.text != truth.text:
             continue
-        if math.hypot(other.x_m - observed.x_m, other.y_m - observed.y_m) <= config.agree_m / 2:
+        if length_m(other.x_m - observed.x_m, other.y_m - observed.y_m) <= config.agree_m / 2:
             continue
         if fits(config, spread, seen.x_m, seen.y_m, sighting(other, truth, other.x_m, other.y_m)):
             return True
