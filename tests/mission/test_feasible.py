@@ -178,6 +178,23 @@ def test_one_thing_is_one_node():
     assert len(once(corners)) == len(corners) > 20
 
 
+@pytest.mark.parametrize(
+    ("y_m", "turn", "is_feasible"), [(3.0, 0.3, True), (3.03, 0.3, False), (3.12, 0.3, False), (3.12, 1.5, True)]
+)
+def test_one_thing_is_written_at_one_place(y_m, turn, is_feasible):
+    """A door that was to be come back to, 3 cm beside where it was written first: robots knew it, and held."""
+    draft = Draft("patrol")
+    draft.node("start", Position(0, 0), start=True)
+    there, on, again = Landmark("doorway", 4, 3, 0.3), Landmark("doorway", 9, 1, 0.7), Landmark("doorway", 4, y_m, turn)
+    for name, thing in (("there", there), ("on", on), ("again", again)):
+        draft.node(name, thing)
+    for ways in (("start", "there"), ("there", "on"), ("on", "again")):
+        draft.way(*ways)
+    infeasible = look_ahead(draft.mission()).infeasible
+    assert (not infeasible) == is_feasible
+    assert is_feasible or "write one place for both" in infeasible["again"][0]
+
+
 def test_a_way_along_a_wall_is_no_reason():
     """In drawn:94 two ends of a wall are 0.45 m apart, and no robot can be between them; it is lived to its end."""
     plan = load_floorplan("drawn:94")

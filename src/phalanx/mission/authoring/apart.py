@@ -16,6 +16,7 @@ from phalanx.config.mission import MissionConfig
 from phalanx.mission.graph import Mission, Node
 from phalanx.mission.landmarks import FloorPlan, look_alikes_of
 from phalanx.mission.observable import HALF_TURN_TYPES, UNTOLD_M, Landmark, Observable, number_or_nan
+from phalanx.mission.walk.finding import MIDDLE_M
 
 Rows = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
@@ -68,6 +69,12 @@ def once(landmarks: Iterable[Landmark]) -> list[Landmark]:
         if not any(_is_same(each, other) for other in same):
             same.append(each)
     return [each for alike in kept.values() for each in alike]
+
+
+def is_written_twice(one: Landmark, other: Landmark) -> bool:
+    """Whether these are the same thing, at two places: who knows the one takes the other for it, and never finds it."""
+    alike = (one.type, one.text) == (other.type, other.text) and _is_same(one, other)
+    return alike and math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) > MIDDLE_M
 
 
 def _is_same(one: Landmark, other: Landmark) -> bool:

@@ -17,6 +17,7 @@ from itertools import islice
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig
 from phalanx.mission.angles import wrap_rad
+from phalanx.mission.authoring.apart import is_written_twice
 from phalanx.mission.authoring.free import GRID_M, Free
 from phalanx.mission.authoring.making import direction_of
 from phalanx.mission.authoring.sighted import Looks
@@ -273,6 +274,11 @@ class _Scout:
                 whys.append(f"unsure of its own place by {doubt:.2f} m, more than {most_m:.2f} m")
             return is_there(self.config, seen, *(target.place or (0.0, 0.0)))
         for thing in self._in_sight(seen, target):
+            if any(is_written_twice(thing, known) for known in self.known):
+                whys.append(
+                    "it is taken for a node that is known by then, centimetres from it: write one place for both"
+                )
+                continue
             if shown and not (self.looks and self.looks.shows(_pose(seen), thing)):
                 whys[1:] = whys[1:] or ["scans do not show it on the straight way there"]
                 continue
