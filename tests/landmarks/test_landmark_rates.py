@@ -109,3 +109,4 @@ def test_who_sees_by_noisy_ranges_believes_less_of_what_it_sees():
     assert config.seen_by(LidarConfig()) is config
     noisy = config.seen_by(LidarConfig(noise_m=0.05))
     assert min(noisy.sight_m, noisy.sure_m) == pytest.approx(math.hypot(0.05, 0.1))
+    assert (noisy.sight_deg, noisy.sure_deg) == pytest.approx((math.sqrt(5) * 2.5, math.sqrt(5)))
