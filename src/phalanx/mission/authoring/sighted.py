@@ -28,7 +28,6 @@ BESIDE_RAD = 0.054
 ROOM_M = 0.3  # that a robot needs around such a place
 # So far from where the map has it, and so much turned, it is still itself.
 NEAR_M, TURNED_RAD = 0.2, math.radians(10)
-OTHER_M = 0.5
 # Seen from so many of those places, and from so many of these within so much of its middle place, it is a landmark.
 SEEN_SHARE, SEEN_LEAST, STEADY_SHARE, STEADY_M = 0.3, 3, 0.85, 0.1
 Pose = tuple[float, float, float]
@@ -82,12 +81,15 @@ def sighted(
             kept.append(Sighted(site, ()))
             continue
         poses = _places(plan, site)
-        looks = tuple(from_pose(pose) for pose in poses)
+        looks = tuple(map(from_pose, poses))
+        drawn = looks if as_drawn is None else tuple(map(as_drawn, poses))
         found = tuple(alias for alias in (_as_seen(alias, looks) for alias in site.aliases) if alias is not None)
         # A speck in a doorway leaves none, for who meets it.
-        if found and (as_drawn is None or _is_enough(_seen(found, map(as_drawn, poses)), len(poses))):
+        if found and (drawn is looks or _is_enough(_seen(found, drawn), len(poses))):
             kept.append(Sighted(replace(site, aliases=found), looks))
         beside += _beside(site, looks)
+        if drawn is not looks:  # and it may be taken for a landmark
+            beside += _beside(site, drawn)
     return kept, beside
 
 
@@ -108,14 +110,7 @@ def _looks(plan: FloorPlan, lidar: LidarConfig, *, as_drawn: bool = False) -> Ca
 
 def _beside(site: Site, looks: Sequence[Sequence[Landmark]]) -> list[Landmark]:
     """What else looks show, if two of them show it: a landmark that is seen badly once is no other one."""
-    others = [
-        [
-            found
-            for found in look
-            if all(found.type != alias.type or _away(found, alias) > OTHER_M for alias in site.aliases)
-        ]
-        for look in looks
-    ]
+    others = [[found for found in look if not any(_is(found, alias) for alias in site.aliases)] for look in looks]
     before: dict[tuple[str, int, int], list[Landmark]] = {}
     beside = []
     for look in others:

@@ -190,6 +190,13 @@ def _step(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float,
 
 
 @counting_kernel
+def _off(x: Floats, y: Floats, i: int, line: tuple[float, float, float, float]) -> float:
+    """How far a point is from a line."""
+    off: float = line[2] * (y[i] - line[1]) - line[3] * (x[i] - line[0])
+    return abs(off)
+
+
+@counting_kernel
 def _is_flat(
     x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
@@ -280,13 +287,15 @@ def walls_of(
                 b += 1
             first, last = starts[a], starts[b]
             a = b
-            dx, dy = x[last] - x[first], y[last] - y[first]
-            points = last - first + 1
-            if points < min_points or dx * dx + dy * dy < wall_min_m * wall_min_m:
+            if last - first + 1 < min_points:
                 continue
             begin, end = _trimmed(first, last)
             line = fit_line(x, y, begin, end)
-            if not _is_flat(x, y, begin, end, line, math.sqrt(dx * dx + dy * dy), line_m):
+            # The point at which two pieces meet may be of the next one, a step away: a ledge would be as long as that.
+            first, last = first + (_off(x, y, first, line) > line_m), last - (_off(x, y, last, line) > line_m)
+            dx, dy = x[last] - x[first], y[last] - y[first]
+            long_m = math.sqrt(dx * dx + dy * dy)
+            if long_m < wall_min_m or not _is_flat(x, y, begin, end, line, long_m, line_m):
                 continue
             walls[found, X], walls[found, Y], walls[found, ALONG_X], walls[found, ALONG_Y] = line
             spans[found, 0], spans[found, 1] = first, last
