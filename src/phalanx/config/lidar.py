@@ -12,6 +12,7 @@ from phalanx.errors import UsageError
 from .parameter import check_limits, check_within, within
 
 EXACT_M = 0.01  # the noise of a range up to which all that is made of scans is measured
+STRAIGHT_M = 0.015  # and the one up to which the shortest walls are straight enough
 LIKE = "like 270 or 270,1080,30,0.01: up to 360 degrees, beams, metres of range and of noise"
 
 
@@ -112,7 +113,7 @@ class ExtractionConfig:
         The direction of a wall of n points over l metres deviates by sqrt(12 / n) / l of that: longer walls, and of
         more points, keep it at what robots believe of it (`MissionConfig.sight_deg`).
         """
-        longer = max(1.0, noise_m / EXACT_M) ** (1 / 2)
+        longer = max(1.0, noise_m / STRAIGHT_M) ** (1 / 2)
         return replace(
             self,
             wall_min_m=max(self.wall_min_m, min(1.5, longer * self.wall_min_m)),

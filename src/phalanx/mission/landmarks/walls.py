@@ -23,8 +23,8 @@ GAP_BEAMS = 4
 ROUND_M = 0.6
 # Round is what stands out in its middle by so much of `line_m`.
 ROUND = 0.3
-# Two faces are one line's where one stands out so little, in parts of `line_m`; of longer walls that turns little.
-STEP, STEPPED_M, FACE_M = 0.75, 1.5, 0.07
+# A step of more than `line_m` between two faces so long turns a wall that is shorter than this.
+STEPPED_M, FACE_M = 1.5, 0.07
 # Columns of an array of walls: a point on it, its unit direction, its first and its last point.
 X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
@@ -203,7 +203,7 @@ def _is_flat(
     """Whether points of a wall so long are of one face, and not of a leg or of two faces."""
     if long_m < ROUND_M and abs(_bow(x, y, first, last, line)) > ROUND * line_m:
         return False
-    return long_m >= STEPPED_M or _step(x, y, first, last, line) <= STEP * line_m
+    return long_m >= STEPPED_M or _step(x, y, first, last, line) <= line_m
 
 
 @counting_kernel
