@@ -58,9 +58,9 @@ BENCHMARKS = (
     (25, 25.0, 20.0, 3, 48),
     (100, 4.0, 4.0, 3, 14),
     (324, 64.0, 64.0, 2, 14),
-    (1000, 64.0, 64.0, 2, 8),
-    (10_000, 64.0, 64.0, 2, 5),
-    (60_000, 64.0, 64.0, 2, 2),
+    (1000, 64.0, 64.0, 2, 14),
+    (10_000, 64.0, 64.0, 2, 8),
+    (60_000, 64.0, 64.0, 2, 5),
 )
 # The smallest runs that together touch each part of the simulator.
 QUICK = frozenset(
@@ -107,6 +107,8 @@ def _scenarios() -> Iterator[Case]:
     yield Case("scenario/flock-12/seed-7", "scenario", {**inputs, "seed": 7})
     yield Case("scenario/flock-12/loss", "scenario", {**inputs, "radio": {"loss": 0.1}})
     yield Case("scenario/flock-12/guard", "scenario", {**inputs, "controller": "guard"})
+    guarded = {**inputs, "controller": "guard", "planner": "examples/guarded.py:Ramming"}
+    yield Case("scenario/flock-12/guard/ramming", "scenario", guarded)
     yield Case("scenario/flock-12/plain", "scenario", {**inputs, "plain": True})
     example = {"example": "examples/own_controller.py:GoThere", "duration_s": 25}
     yield Case("scenario/own-controller", "own", {**example, "attack": None})
@@ -128,11 +130,15 @@ def _attacks() -> Iterator[Case]:
 
 def _mission_attacks() -> Iterator[Case]:
     for defence in DEFENCES:
+        yield Case(f"errand/honest/{defence}", "errand", {"attack": None, "defence": defence})
         yield from (
             Case(f"errand/{it}/{defence}", "errand", {"attack": it, "defence": defence}) for it in ERRAND_ATTACKS
         )
         yield from (Case(f"guess/{it}/{defence}", "guess", {"attack": it, "defence": defence}) for it in FILE_ATTACKS)
         yield from (Case(f"team/{it}/{defence}", "team", {"attack": it, "defence": defence}) for it in TEAM_ATTACKS)
+    for name in ("flip-bit", "forge-graph", "replay-day", "replay-robot"):
+        inputs = {"attack": name, "defence": "bound", "unchecked": True}
+        yield Case(f"errand/{name}/bound/unchecked", "errand", inputs)
 
 
 def _missions() -> Iterator[Case]:
@@ -148,11 +154,16 @@ def _missions() -> Iterator[Case]:
     yield Case("mission/office/meet", "mission", {**alone, "duration_s": 60, "robots": 3, "meet_m": 6.0})
     delivery = {"mission": "delivery", "profile": "sealed", "defence": "none", "robots": 1, "duration_s": 200}
     yield Case("mission/delivery/long", "mission", delivery)
+    crew = {"mission": "office", "defence": "bound", "robots": 4, "attack": "drive-dark", "at_s": 10, "duration_s": 24}
+    yield Case("mission/office/crew", "crew", crew)
+    audited = {"mission": "inspection", "profile": "sealed", "defence": "bound", "robots": 4, "duration_s": 100}
+    yield Case("mission/inspection/long", "mission", audited)
 
 
 def _demo() -> Iterator[Case]:
     inputs = {"robots": 12, "duration_s": DEMO_S}
     yield Case("demo/honest", "demo", inputs)
+    yield Case("demo/unprotected", "dotbots", inputs)
     for attack in ("hijack", "omit-sends", "seize-orders"):
         yield Case(f"demo/{attack}", "demo", {**inputs, "attack": attack, "at_s": DEMO_ATTACK_S})
     for protocol in ("patrol", "tracking"):

@@ -35,22 +35,28 @@ from phalanx.bti import trusted
 from phalanx.bti.fleet import PAPER, PLAIN
 from phalanx.cli.mission.files import read_plain
 from phalanx.config import BtiConfig
+from phalanx.experiments.missions.attacked import ROBOT, Operator, plan_of, walk
+from phalanx.experiments.missions.errand import errand
 from phalanx.experiments.missions.team import try_in_team
 from phalanx.experiments.missions.trial import try_mission_attack
 from phalanx.mission import BuildOptions, Profile, build
 from phalanx.robot import Led, Point
 from phalanx.robot.attacks.library import ATTACKS
+from phalanx.robot.attacks.missions.between import Between
 from phalanx.sim.audited import loop
 from phalanx.sim.audited.events import next_us
 from phalanx.sim.building.floorplan import load_floorplan
+from phalanx.sim.missions.live import Crew, Lie
 from phalanx.sim.missions.orders import orders_of
-from phalanx.sim.missions.world import MissionWorld
+from phalanx.sim.missions.setup import MissionRun
+from phalanx.sim.missions.world import MissionWorld, walkers_of
 from phalanx.sim.radio.channel import TX_END
 from phalanx.sim.scenarios.attack_spec import AttackSpec, parse_attack
 from phalanx.sim.scenarios.file import find_scenario
-from phalanx.sim.scenarios.own import find_controller
+from phalanx.sim.scenarios.own import find_controller, find_planner
 from phalanx.sim.scenarios.run import Run
 from phalanx.sim.scenarios.scenario import Scenario
+from phalanx.sim.swarms.dotbots import Dotbots
 from phalanx.sim.swarms.protected import ProtectedSwarm
 
 ROOT = Path(__file__).parents[2]
@@ -63,7 +69,7 @@ AUDIT_COUNTS = (
 PACKET = struct.Struct("<iiii")
 VERDICT = struct.Struct("<iii")
 TOKEN = struct.Struct("<qq8s")
-POSE = struct.Struct("<6d")
+BODY = POSE = struct.Struct("<6d")
 # A copy of an a-node is asked for a token request this much later, when its bucket has refilled.
 LATER_MS = 10_000_000
 # Room for what a trusted node answers: a time, a chain's top and a MAC.
@@ -316,14 +322,21 @@ def _outcome(sink: Sink, figures: object) -> None:
 
 
 def _scenario(
-    sink: Sink, *, scenario: str, duration_s: int, radio: Any = None, plain: bool = False, **changes: Any
+    sink: Sink,
+    *,
+    scenario: str,
+    duration_s: int,
+    radio: Any = None,
+    plain: bool = False,
+    planner: str = "",
+    **changes: Any,
 ) -> None:
-    chosen = find_scenario(scenario)
+    chosen, advises = find_scenario(scenario), find_planner(str(ROOT / planner) if planner else None)
     if "defence" in changes:
         changes["defence"] = DEFENCE[changes["defence"]]
     if radio:
         changes["radio"] = replace(chosen.radio, **radio)
-    _run(sink, replace(chosen, duration_s=float(duration_s), **changes), plain=plain)
+    _run(sink, replace(chosen, duration_s=float(duration_s), **changes), planner=advises, plain=plain)
 
 
 def _own(sink: Sink, *, example: str, duration_s: int, attack: str | None, defence: str = "bound") -> None:
@@ -352,9 +365,13 @@ def _benchmark(sink: Sink, *, robots: int, grid_step_m: float, d_m: float, f_max
     _run(sink, Scenario(robots=robots, grid_step_m=grid_step_m, d_m=d_m, duration_s=float(duration_s), bti=bti))
 
 
-def _errand(sink: Sink, *, attack: str, defence: str) -> None:
-    attacked = try_mission_attack(ATTACKS[attack], DEFENCE[defence]).attacked
-    _outcome(sink, [getattr(attacked, each.name) for each in fields(attacked)])
+def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = False) -> None:
+    # Not `try_mission_attack`: it runs the same errand without an attack too, but only once in a process.
+    kind, defence = ATTACKS[attack].kind if attack else Between, DEFENCE[defence]
+    options = {"unchecked": 1.0} if unchecked else {}
+    made = kind(plan_of(defence, 0, kind.starts_s, options))
+    walked = walk(made, Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=not unchecked)
+    _outcome(sink, [getattr(walked, each.name) for each in fields(walked)])
 
 
 def _guess(sink: Sink, *, attack: str, defence: str) -> None:
@@ -368,22 +385,37 @@ def _team(sink: Sink, *, attack: str, defence: str) -> None:
     _outcome(sink, (*figures, trial.completed, trial.others, trial.in_safe_mode))
 
 
+def _mission_run(mission: str, profile: str, defence: str, **how: Any) -> MissionRun:
+    plain = read_plain(mission)
+    options, draw = BuildOptions(profile=Profile[profile.upper()]), random.Random(how["seed"]).randbytes
+    orders = orders_of(plain, build(plain, options, draw), load_floorplan(plain.floor_plan))
+    return orders.run(defence=DEFENCE[defence], **how)
+
+
 def _mission(
     sink: Sink, *, mission: str, profile: str, defence: str, robots: int, duration_s: int, seed: int = 0, **how: Any
 ) -> None:
-    plain = read_plain(mission)
-    options = BuildOptions(profile=Profile[profile.upper()])
-    orders = orders_of(plain, build(plain, options, random.Random(seed).randbytes), load_floorplan(plain.floor_plan))
-    run = orders.run(robots=robots, defence=DEFENCE[defence], seed=seed, duration_s=float(duration_s), **how)
-    worlds = [MissionWorld(run, (number,)) for number in range(robots)] if run.alone else [MissionWorld(run)]
-    reports = []
-    for world in worlds:
+    run = _mission_run(mission, profile, defence, robots=robots, seed=seed, duration_s=float(duration_s), **how)
+    walkers, reports = walkers_of(run), []
+    for numbers in [(number,) for number in range(robots)] if run.alone else [range(robots)]:
+        world = MissionWorld(run, numbers, walkers=walkers)
         for second in range(1, duration_s + 1):
             if world.over:
                 break
             world.advance(float(second))
         reports += world.finish()
     _outcome(sink, [(each.digest, each.done, each.drift, each.safe_mode_s, each.audits_passed) for each in reports])
+
+
+def _crew(sink: Sink, *, mission: str, defence: str, robots: int, attack: str, at_s: int, duration_s: int) -> None:
+    """Run the demo's mission, in which the operator compromises robot 1."""
+    crew = Crew(_mission_run(mission, "sealed", defence, robots=robots, seed=0, duration_s=float(duration_s)))
+    news: list[object] = []
+    for tick in range(10 * duration_s):
+        if tick == 10 * at_s:
+            crew.compromise(Lie(0, attack))
+        news += crew.tick().news
+    _outcome(sink, [tuple(getattr(each, name.name) for name in fields(each)) for each in news])
 
 
 def _demo(sink: Sink, *, robots: int, duration_s: int, attack: str = "", at_s: float = 0.0, protocol: str = "") -> None:
@@ -402,6 +434,24 @@ def _demo(sink: Sink, *, robots: int, duration_s: int, attack: str = "", at_s: f
     _outcome(sink, [(robot.at, robot.direction_deg, robot.led) for robot in swarm.robots()])
 
 
+def _dotbots(sink: Sink, *, robots: int, duration_s: int) -> None:
+    """Run the unprotected swarm: the same orders, without radio or audits."""
+    swarm = Dotbots(robots, 0, lambda: NOW_S)
+    names = [robot.address for robot in swarm.robots()]
+    swarm.follow(names[0], [Point(400, 400), Point(1600, 1500)], 50)
+    swarm.set_led(names[1], Led(10, 200, 30))
+    swarm.drive(names[2], 60, 40)
+    for second in range(1, duration_s + 1):
+        for _ in range(50):
+            swarm.step(0.02)
+        rows = [
+            BODY.pack(robot.at.x_mm, robot.at.y_mm, robot.direction_deg, robot.battery_v, 0.0, 0.0)
+            + bytes((robot.led.red, robot.led.green, robot.led.blue))
+            for robot in swarm.robots()
+        ]
+        sink.rows(0, second * SECOND_US, "body", rows)
+
+
 RUNNERS: dict[str, Callable[..., None]] = {
     "scenario": _scenario,
     "own": _own,
@@ -411,5 +461,7 @@ RUNNERS: dict[str, Callable[..., None]] = {
     "guess": _guess,
     "team": _team,
     "mission": _mission,
+    "crew": _crew,
     "demo": _demo,
+    "dotbots": _dotbots,
 }
