@@ -106,6 +106,8 @@ def first_difference(case: Case, recorded: dict[str, Any] | None, digests: list[
     if not differing:
         return None
     world, second, category = differing[0]
+    if category == "outcome":
+        return Difference(case.name, "the final outcome differs, and nothing before it")
     others = sorted({each[2] for each in differing[1:] if each[:2] == (world, second)} - {category, "outcome"})
     also = f" (also {', '.join(others)})" if others else ""
     which = f"world {world}, " if len(worlds) > 1 else ""

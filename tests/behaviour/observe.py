@@ -25,7 +25,9 @@ import contextlib
 import random
 import struct
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
+from enum import Enum
+from numbers import Number
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -48,6 +50,7 @@ from phalanx.sim.audited.events import next_us
 from phalanx.sim.building.floorplan import load_floorplan
 from phalanx.sim.missions.live import Crew, Lie
 from phalanx.sim.missions.orders import orders_of
+from phalanx.sim.missions.report import Logbook
 from phalanx.sim.missions.setup import MissionRun
 from phalanx.sim.missions.world import MissionWorld, walkers_of
 from phalanx.sim.radio.channel import TX_END
@@ -82,7 +85,8 @@ NOW_S = 1.7e9
 class Sink(Protocol):
     """Receives events.
 
-    `period_us` is the time between two samples of what changes continuously; `fine` asks for `command` events.
+    `period_us` is the time between two samples of what changes continuously; `fine` asks for `command` events, and for
+    a `mission` event after each step of a robot.
     """
 
     period_us: int
@@ -99,7 +103,7 @@ class WorldObserver:
     """Reports the events of one world of the audited event loop."""
 
     def __init__(self, number: int, world: Any, sink: Sink, run: Callable[[Any, int], int]) -> None:
-        self._number, self._world, self._sink, self._run = number, world, sink, run
+        self.number, self._world, self._sink, self._run = number, world, sink, run
         self._now, self._verdict_count = world.clock["now_us"], world.clock["verdicts"]
         event = world.queue.event
         self._due, self._kind, self._robot = event["t_us"], event["kind"], event["robot"]
@@ -168,7 +172,7 @@ class WorldObserver:
                 count = int(self._world.clock["receivers"][0])
                 receivers = self._world.receivers[:count].astype("<i4").tobytes()
             data = PACKET.pack(acknowledged, to, len(packet), count) + packet + receivers
-            self._sink.event(self._number, self._noted_us, "packet", sender, data)
+            self._sink.event(self.number, self._noted_us, "packet", sender, data)
 
     # --- audits ---
 
@@ -176,13 +180,13 @@ class WorldObserver:
         count = int(self._verdict_count[0])
         for k in range(self._verdicts, count):
             t_us, auditor, auditee, refusal = self._world.verdicts[k % len(self._world.verdicts)].tolist()
-            self._sink.event(self._number, t_us, "verdict", auditor - 1, VERDICT.pack(auditor, auditee, refusal))
+            self._sink.event(self.number, t_us, "verdict", auditor - 1, VERDICT.pack(auditor, auditee, refusal))
         self._verdicts = count
 
     def _report_commands(self) -> None:
         commanded = np.hstack((self._world.vel, self._world.acc))
         for i in np.flatnonzero((commanded != self._commanded).any(axis=1)).tolist():
-            self._sink.event(self._number, int(self._now[0]), "command", i, commanded[i].tobytes())
+            self._sink.event(self.number, int(self._now[0]), "command", i, commanded[i].tobytes())
         self._commanded = commanded
 
     # --- samples ---
@@ -191,17 +195,17 @@ class WorldObserver:
         world, fleet, sink, self._sampled_us = self._world, self._world.fleet, self._sink, t_us
         bodies = np.hstack((world.pos, world.vel, world.acc))
         rows = [body + led for body, led in zip(_split(bodies), _split(world.led), strict=True)]
-        sink.rows(self._number, t_us, "body", rows)
-        sink.rows(self._number, t_us, "radio", _split(world.air.counts))
+        sink.rows(self.number, t_us, "body", rows)
+        sink.rows(self.number, t_us, "radio", _split(world.air.counts))
         for i in np.flatnonzero(world.safe_us >= 0).tolist():
             if i not in self._stopped:
                 self._stopped.add(i)
-                sink.event(self._number, int(world.safe_us[i]), "stop", i, b"")
+                sink.event(self.number, int(world.safe_us[i]), "stop", i, b"")
         counts = np.stack([fleet.robot[name].astype(np.int64) for name in AUDIT_COUNTS], axis=1)
-        sink.rows(self._number, t_us, "audit", _split(counts))
+        sink.rows(self.number, t_us, "audit", _split(counts))
         if int(fleet.settings[0].profile) != PLAIN:
-            sink.rows(self._number, t_us, "chain", self._tops())
-            sink.rows(self._number, t_us, "token", self._tokens())
+            sink.rows(self.number, t_us, "chain", self._tops())
+            sink.rows(self.number, t_us, "token", self._tokens())
 
     def _tops(self) -> list[bytes]:
         """Return the tops of both chains of every robot, which copies of its trusted nodes reveal."""
@@ -250,9 +254,10 @@ def _split(array: np.ndarray[Any, Any]) -> list[bytes]:
 @contextlib.contextmanager
 def observed(sink: Sink) -> Iterator[None]:
     """Report to `sink` the events of every world that runs inside this context."""
-    run, advance = loop.run, MissionWorld.advance
+    run, advance, note = loop.run, MissionWorld.advance, Logbook.note
     # The observers keep their worlds, so that no later world has the same identity.
     observers: dict[int, tuple[WorldObserver, Any]] = {}
+    running = 0
 
     def observer_of(world: Any) -> WorldObserver:
         key = id(world.clock)
@@ -261,21 +266,30 @@ def observed(sink: Sink) -> Iterator[None]:
         return observers[key][0]
 
     def observed_run(world: Any, until_us: int) -> int:
-        return observer_of(world).run(int(until_us))
+        nonlocal running
+        observer = observer_of(world)
+        running = observer.number
+        return observer.run(int(until_us))
+
+    def observed_note(robot: Any, t_s: float) -> None:
+        note(robot, t_s)
+        sink.event(running, round(t_s * SECOND_US), "mission", robot.number, _mission_row(robot))
 
     def observed_advance(missions: MissionWorld, until_s: float) -> None:
         before_us = int(missions.world.clock["now_us"][0]) // sink.period_us
         advance(missions, until_s)
         now_us = int(missions.world.clock["now_us"][0])
         if now_us // sink.period_us > before_us:
-            number = list(observers).index(id(missions.world.clock))
+            number = observer_of(missions.world).number
             sink.rows(number, now_us, "mission", [_mission_row(robot) for robot in missions.robots])
 
-    loop.run, MissionWorld.advance = observed_run, observed_advance  # type: ignore[method-assign]
+    loop.run, MissionWorld.advance = observed_run, observed_advance
+    if sink.fine:
+        Logbook.note = observed_note
     try:
         yield
     finally:
-        loop.run, MissionWorld.advance = run, advance  # type: ignore[method-assign]
+        loop.run, MissionWorld.advance, Logbook.note = run, advance, note
 
 
 def _mission_row(robot: Any) -> bytes:
@@ -289,7 +303,20 @@ def _mission_row(robot: Any) -> bytes:
         report.done,
         memory.walk.phase.value,
     )
-    return POSE.pack(*robot.body.wheels.pose, *memory.belief.pose) + repr(words).encode()
+    return POSE.pack(*robot.body.wheels.pose, *memory.belief.pose) + as_text(words).encode()
+
+
+def as_text(value: Any) -> str:
+    """Return a value as text that does not depend on the types of numbers and containers."""
+    if isinstance(value, Enum):
+        value = value.value
+    if value is None or isinstance(value, str | bytes):
+        return repr(value)
+    if isinstance(value, Number | np.generic):
+        return repr(float(value))
+    if is_dataclass(value):
+        value = [getattr(value, each.name) for each in fields(value)]
+    return f"[{', '.join(map(as_text, value))}]"
 
 
 # --- runners ---
@@ -318,7 +345,7 @@ def _run(sink: Sink, scenario: Scenario, controller: Any = None, **how: Any) -> 
 
 
 def _outcome(sink: Sink, figures: object) -> None:
-    sink.event(0, 0, "outcome", ALL, repr(figures).encode())
+    sink.event(0, 0, "outcome", ALL, as_text(figures).encode())
 
 
 def _scenario(
@@ -371,7 +398,7 @@ def _errand(sink: Sink, *, attack: str | None, defence: str, unchecked: bool = F
     options = {"unchecked": 1.0} if unchecked else {}
     made = kind(plan_of(defence, 0, kind.starts_s, options))
     walked = walk(made, Operator(defence, 0).send(errand(), ROBOT, 1), defence, 0, checked=not unchecked)
-    _outcome(sink, [getattr(walked, each.name) for each in fields(walked)])
+    _outcome(sink, walked)
 
 
 def _guess(sink: Sink, *, attack: str, defence: str) -> None:
@@ -415,7 +442,7 @@ def _crew(sink: Sink, *, mission: str, defence: str, robots: int, attack: str, a
         if tick == 10 * at_s:
             crew.compromise(Lie(0, attack))
         news += crew.tick().news
-    _outcome(sink, [tuple(getattr(each, name.name) for name in fields(each)) for each in news])
+    _outcome(sink, news)
 
 
 def _demo(sink: Sink, *, robots: int, duration_s: int, attack: str = "", at_s: float = 0.0, protocol: str = "") -> None:
