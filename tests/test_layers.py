@@ -9,7 +9,7 @@ import pytest
 
 SRC = Path(__file__).parent.parent / "src" / "phalanx"
 LAYERS = [
-    "errors kernel loading pages",
+    "errors kernel loading pages arrays",
     "config bundle memory",
     "wire pool _firmware_bound _firmware_paper",
     "crypto",

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I32x1, I64x1, U8x2
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.pages import sparse
@@ -21,9 +21,9 @@ NO_ROW = -1
 class Pool(NamedTuple):
     """As many rows as there can be borrowers: there is always one left."""
 
-    rows: NDArray[np.uint8]  # (P, R)
-    free: NDArray[np.int32]  # (P,), those that nobody has, the next at the end
-    left: NDArray[np.int64]  # (1,), how many those are
+    rows: U8x2  # (P, R)
+    free: I32x1  # (P,), those that nobody has, the next at the end
+    left: I64x1  # (1,), how many those are
 
 
 pack = bundled(Pool)

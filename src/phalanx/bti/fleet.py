@@ -5,11 +5,12 @@ Nothing here is trusted: the trusted nodes' own memory lies in `snode` and `anod
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, I64x2, Records, U8x2, U8x3, U16x2
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.pages import PAGE_BYTES, dense, filled, lines, sparse
@@ -127,24 +128,24 @@ SETTINGS = np.dtype(
 class Fleet(NamedTuple):
     """N robots' c-nodes; every array but `settings`, `params` and what is lent has one row a robot."""
 
-    settings: NDArray[Any]  # (1,) SETTINGS
-    params: NDArray[np.float64]  # (P,), the controllers' parameters, the same for all: the mission
-    robot: NDArray[Any]  # (N,) ROBOT
-    snode: NDArray[np.uint8]  # (N, size), the trusted nodes' memory
-    anode: NDArray[np.uint8]  # the same
-    log: NDArray[np.uint8]  # (N, front); begins at the start checkpoint (log.py)
-    log_rest: NDArray[np.uint8]  # (N, L - front or more), what of a log does not fit there
-    state: NDArray[np.uint8]  # (N, C in whole lines), the controller's live state, which is its own encoding
-    checkpoint: NDArray[np.uint8]  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
-    hckpt: NDArray[np.uint8]  # (N, 2, 20): their hashes
-    token: NDArray[Any]  # (N, 2, K) TOKEN: the tokens that cover them
-    peer: NDArray[Any]  # (N, n_max) PEER: robots whose AUDIT frames or tokens were heard
-    peer_id: NDArray[np.uint16]  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
+    settings: Annotated[Any, Records(SETTINGS)]  # (1,)
+    params: F64x1  # (P,), the controllers' parameters, the same for all: the mission
+    robot: Annotated[Any, Records(ROBOT)]  # (N,)
+    snode: U8x2  # (N, size), the trusted nodes' memory
+    anode: U8x2  # the same
+    log: U8x2  # (N, front); begins at the start checkpoint (log.py)
+    log_rest: U8x2  # (N, L - front or more), what of a log does not fit there
+    state: U8x2  # (N, C in whole lines), the controller's live state, which is its own encoding
+    checkpoint: U8x3  # (N, 2, C + 48): the one at which the log begins, and the one that waits for tokens
+    hckpt: U8x3  # (N, 2, 20): their hashes
+    token: Annotated[Any, Records(TOKEN, 3)]  # (N, 2, K): the tokens that cover them
+    peer: Annotated[Any, Records(PEER, 2)]  # (N, n_max): robots whose AUDIT frames or tokens were heard
+    peer_id: U16x2  # (N, n_max), who they are: beside the rest, as most of what is asked is who is known
     request: Pool  # of R bytes: requests under way
     rx: Pool  # of R bytes: requests that arrive in fragments
-    rx_info: NDArray[Any]  # (N, f_max + RX_SLOTS) RX
+    rx_info: Annotated[Any, Records(RX, 2)]  # (N, f_max + RX_SLOTS)
     memo: Memo  # audits that passed
-    taken: NDArray[np.int64]  # (N, audits_taken): when the last requests were taken for audit
+    taken: I64x2  # (N, audits_taken): when the last requests were taken for audit
 
 
 pack = bundled(Fleet)

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import U64x1, U64x2
 from phalanx.kernel import counting_kernel, written
 
 DIGEST_BYTES = 32
@@ -65,7 +66,7 @@ def _rounds() -> list[str]:
     return ["for step in range(24):", "    for j in range(8):", *(f"        {line}" for line in lines)]
 
 
-def _permute(a: NDArray[np.uint64]) -> None:
+def _permute(a: U64x1) -> None:
     """Keccak-f[1600] on 25 rows of 8 lanes, (200,)."""
 
 
@@ -73,7 +74,7 @@ _permute = written(_permute, _rounds(), {"turn": _turn, "iota": _IOTA})
 
 
 @counting_kernel
-def _hash_many(messages: NDArray[np.uint64], blocks: int, digests: NDArray[np.uint64]) -> None:
+def _hash_many(messages: U64x2, blocks: int, digests: U64x2) -> None:
     """Digests (n, 4) of messages (n, lanes) that have their suffix; the last bit of the padding is put here."""
     a = np.empty(200, np.uint64)
     n, lanes = messages.shape
@@ -95,11 +96,7 @@ def _hash_many(messages: NDArray[np.uint64], blocks: int, digests: NDArray[np.ui
 
 @counting_kernel
 def find(  # noqa: C901, PLR0912  # a kernel is one function
-    template: NDArray[np.uint64],
-    word: int,
-    shift: np.uint64,
-    patches: NDArray[np.uint64],
-    targets: NDArray[np.uint64],
+    template: U64x1, word: int, shift: np.uint64, patches: U64x1, targets: U64x2
 ) -> tuple[int, int]:
     """(index of the first patch whose digest is a target, the target), or (-1, -1). targets: (t, 4), sorted."""
     a = np.empty(200, np.uint64)

@@ -171,6 +171,10 @@ class Previous:
 Observable = Landmark | Position | Sensor | Action | Direction | Time | Message | Previous
 
 
+# The upper triangle of one of three numbers, row by row.
+Covariance = tuple[float, float, float, float, float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class Experience:
     """All that a robot can try at one moment.
@@ -197,7 +201,7 @@ class Experience:
     actions: tuple[Action, ...] = ()
     messages: tuple[bytes, ...] = ()
     blocked: bool = False
-    spread: tuple[float, ...] = UNSURE
+    spread: Covariance = UNSURE
 
 
 class Offset(NamedTuple):

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, I64x1
 from phalanx.kernel import counting_kernel, kernel
 from phalanx.wire.fields import whole
 
@@ -45,9 +45,7 @@ def _nearest(value: float) -> int:
 
 
 @counting_kernel
-def wheels_towards(
-    ahead_mm: NDArray[np.float64], right_mm: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def wheels_towards(ahead_mm: F64x1, right_mm: F64x1) -> tuple[I64x1, I64x1]:
     """`steer` for N robots with a goal each: (N,) all."""
     left, right = np.zeros(len(ahead_mm), np.int64), np.zeros(len(ahead_mm), np.int64)
     for i in range(len(ahead_mm)):

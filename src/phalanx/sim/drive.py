@@ -5,8 +5,6 @@ What walls do, and where a robot then is, is each world's own affair: their unit
 
 from __future__ import annotations
 
-from typing import Any
-
 from phalanx.kernel import kernel
 
 # The demo's robots.
@@ -15,7 +13,7 @@ AXLE_M = 0.075
 TOP_SPEED_MPS = 0.3  # of a wheel at 100 %
 
 
-def turned(left: Any, right: Any, axle: Any, dt_s: Any) -> Any:
+def turned(left: float, right: float, axle: float, dt_s: float) -> tuple[float, float]:
     """(way ahead of the middle, radians from the left wheel's side to the right's) of a robot in `dt_s`.
 
     The wheels' speeds, numbers or arrays, and `axle`, from wheel to wheel, are of one unit of length.

@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import Any, SupportsInt, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phalanx import memory
+from phalanx.arrays import U8x1
 from phalanx.kernel import kernel
 
 from .record import LARGEST_NUMBER, Field
 
-Row: TypeAlias = NDArray[np.uint8]
+Row: TypeAlias = U8x1
 
 U32_BYTES, F32_BYTES = (Field("", kind, "").size for kind in ("u32", "f32"))
 _INT64: Any = np.int64

@@ -22,6 +22,7 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import U64x1, U64x2
 from phalanx.config.mission import MissionConfig
 from phalanx.errors import Unavailable
 from phalanx.experiments.plot import BLUE, VERMILION, boxes
@@ -33,7 +34,6 @@ from phalanx.mission.observable import MM_PER_M
 from phalanx.mission.walk.cells import search_cells, search_shapes
 from phalanx.mission.walk.search import Budget
 from phalanx.mission.walk.search_paper import PaperSearch
-from phalanx.mission.walk.searched import Words
 
 from .drive import encoded, record
 
@@ -153,7 +153,7 @@ def plainly() -> Iterator[None]:
         yield
 
 
-def plain_find(template: Words, word: int, shift: np.uint64, patches: Words, targets: Words) -> tuple[int, int]:
+def plain_find(template: U64x1, word: int, shift: np.uint64, patches: U64x1, targets: U64x2) -> tuple[int, int]:
     """`find` of phalanx.crypto.sha3, uncompiled."""
     wanted = {row.tobytes(): k for k, row in reversed(list(enumerate(targets)))}
     padded, at = bytearray(template.tobytes()), 8 * word + int(shift) // 8

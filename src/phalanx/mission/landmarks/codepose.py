@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos, wrap
 from phalanx.mission.observable import Landmark
-
-from .walls import Floats
 
 ROUNDS = 12
 # The other tilt's error exceeds the best one's by so much, or both normals are nearly the same (5 degrees); or else the
@@ -114,7 +113,7 @@ def qr_landmark(text: str, pose: CodePose, mount: Mount, x_m: float, y_m: float,
 
 
 @counting_kernel
-def _normalised(corners: Floats, fx: float, fy: float, cx: float, cy: float, k1: float, k2: float) -> Floats:
+def _normalised(corners: F64x2, fx: float, fy: float, cx: float, cy: float, k1: float, k2: float) -> F64x2:
     """Pixels → x / z and y / z, without the distortion."""
     points = np.empty((4, 2))
     for i in range(4):
@@ -131,7 +130,7 @@ def _normalised(corners: Floats, fx: float, fy: float, cx: float, cy: float, k1:
 
 
 @counting_kernel
-def _first_guess(points: Floats, rotation: Floats, at: Floats, half: float) -> bool:
+def _first_guess(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> bool:
     """The pose of the square -half..half by its homography."""
     x0, y0, x1, y1 = points[0, 0], points[0, 1], points[1, 0], points[1, 1]
     x2, y2, x3, y3 = points[2, 0], points[2, 1], points[3, 0], points[3, 1]
@@ -170,14 +169,14 @@ def _first_guess(points: Floats, rotation: Floats, at: Floats, half: float) -> b
 
 
 @counting_kernel
-def _third_column(rotation: Floats) -> None:
+def _third_column(rotation: F64x2) -> None:
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         rotation[i, 2] = rotation[j, 0] * rotation[k, 1] - rotation[k, 0] * rotation[j, 1]
 
 
 @counting_kernel
-def _refine(points: Floats, rotation: Floats, at: Floats, half: float) -> float:  # noqa: C901  # one system
+def _refine(points: F64x2, rotation: F64x2, at: F64x1, half: float) -> float:  # noqa: C901  # one system
     """Moves the pose to the least squared error; returns its root mean square, or inf."""
     matrix = np.empty((6, 7))
     row = np.empty(7)
@@ -222,7 +221,7 @@ def _refine(points: Floats, rotation: Floats, at: Floats, half: float) -> float:
 
 
 @counting_kernel
-def _solve(matrix: Floats) -> bool:
+def _solve(matrix: F64x2) -> bool:
     """Gauss-Jordan with pivots on a (6, 7) system; the solution is left in the last column."""
     for p in range(6):
         best = p
@@ -244,7 +243,7 @@ def _solve(matrix: Floats) -> bool:
 
 
 @counting_kernel
-def _turn(rotation: Floats, wx: float, wy: float, wz: float) -> None:
+def _turn(rotation: F64x2, wx: float, wy: float, wz: float) -> None:
     """Turns a rotation by the vector w, for small w, and keeps its columns square (Gram-Schmidt)."""
     for column in range(2):
         x, y, z = rotation[0, column], rotation[1, column], rotation[2, column]
@@ -267,7 +266,7 @@ def _turn(rotation: Floats, wx: float, wy: float, wz: float) -> None:
 
 
 @counting_kernel
-def _pose(points: Floats, size_m: float) -> tuple[bool, Floats, float, float]:
+def _pose(points: F64x2, size_m: float) -> tuple[bool, F64x1, float, float]:
     """(found, [position, normal into the wall, the other tilt's normal], error, the other's); in focal lengths."""
     half = 0.5 * size_m
     best = np.zeros(9)

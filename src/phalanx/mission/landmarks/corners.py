@@ -10,10 +10,11 @@ import math
 
 import numpy as np
 
+from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import counting_kernel
 
 from .view import Limits, View
-from .walls import ALONG_X, ALONG_Y, ROUND, Floats, Ints, X, Y, bow
+from .walls import ALONG_X, ALONG_Y, ROUND, X, Y, bow
 
 # As many silent beams may lie at an edge; behind more it is not trusted.
 SILENT_BEAMS = 1
@@ -28,7 +29,7 @@ CORNER_X, CORNER_Y, BEAM, BEFORE, AFTER, CONVEX = range(6)
 
 
 @counting_kernel
-def meet(walls: Floats, a: int, b: int) -> tuple[float, float, float]:
+def meet(walls: F64x2, a: int, b: int) -> tuple[float, float, float]:
     """(x, y, sine of the angle from wall a to wall b) of the crossing of two walls' lines; the sine must not be 0."""
     ax, ay, bx, by = walls[a, ALONG_X], walls[a, ALONG_Y], walls[b, ALONG_X], walls[b, ALONG_Y]
     sine = ax * by - ay * bx
@@ -39,14 +40,14 @@ def meet(walls: Floats, a: int, b: int) -> tuple[float, float, float]:
 
 
 @counting_kernel
-def _grazes(x: float, y: float, walls: Floats, w: int, graze_sine: float) -> bool:
+def _grazes(x: float, y: float, walls: F64x2, w: int, graze_sine: float) -> bool:
     """Whether the robot sees the point of wall `w` at too flat an angle."""
     grazes: bool = abs(x * walls[w, ALONG_Y] - y * walls[w, ALONG_X]) < graze_sine * math.sqrt(x * x + y * y)
     return grazes
 
 
 @counting_kernel
-def _runs_away(v: View, walls: Floats, spans: Ints, w: int, graze_sine: float) -> bool:
+def _runs_away(v: View, walls: F64x2, spans: I64x2, w: int, graze_sine: float) -> bool:
     """Whether the robot looks along the farther half of a short wall.
 
     It has few points there, and of what stands across its nearer end many lie within `split_m` of it. Those turn its
@@ -66,7 +67,7 @@ def _runs_away(v: View, walls: Floats, spans: Ints, w: int, graze_sine: float) -
 
 
 @counting_kernel
-def _off_line(v: View, i: int, walls: Floats, w: int) -> float:
+def _off_line(v: View, i: int, walls: F64x2, w: int) -> float:
     """Distance of point i from the line of wall `w`, positive on the robot's side."""
     off: float = walls[w, ALONG_X] * (v.y[i] - walls[w, Y]) - walls[w, ALONG_Y] * (v.x[i] - walls[w, X])
     robot = walls[w, ALONG_Y] * walls[w, X] - walls[w, ALONG_X] * walls[w, Y]
@@ -74,7 +75,7 @@ def _off_line(v: View, i: int, walls: Floats, w: int) -> float:
 
 
 @counting_kernel
-def _outermost(v: View, walls: Floats, w: int, at: int, step: int, line_m: float) -> int:
+def _outermost(v: View, walls: F64x2, w: int, at: int, step: int, line_m: float) -> int:
     """The last point on the wall's line, near the wall's end `at`, in the direction of `step`."""
     i = at
     for _ in range(SLACK_POINTS):
@@ -104,7 +105,7 @@ def next_beam(v: View, beam: int, step: int) -> int:
 
 
 @counting_kernel
-def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -> bool:
+def _turns_back(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
     """Whether the surface goes on behind the line of the wall that ends at point i."""
     j = i + step
     if _off_line(v, j, walls, w) > -limits.line_m:
@@ -118,7 +119,7 @@ def _turns_back(v: View, limits: Limits, walls: Floats, w: int, i: int, step: in
 
 
 @counting_kernel
-def _slides(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -> bool:
+def _slides(v: View, limits: Limits, walls: F64x2, w: int, i: int, step: int) -> bool:
     """Whether the surface leaves the line of the wall little by little before point i: what is round does so."""
     ax, ay, p = walls[w, ALONG_X], walls[w, ALONG_Y], i
     while 0 < p < len(v.x) - 1 and _off_line(v, p, walls, w) < -ROUND * limits.line_m:
@@ -131,7 +132,7 @@ def _slides(v: View, limits: Limits, walls: Floats, w: int, i: int, step: int) -
 
 
 @counting_kernel
-def _edge(v: View, limits: Limits, walls: Floats, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
+def _edge(v: View, limits: Limits, walls: F64x2, w: int, at: int, step: int) -> tuple[bool, float, float, float]:
     """(is one, x, y, beam): the edge at which wall `w` ends in the direction of `step`."""
     nothing = (False, 0.0, 0.0, 0.0)
     ranges, cosines, sines, x, y = v.ranges, v.cosines, v.sines, v.x, v.y
@@ -179,7 +180,7 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
 
 
 @counting_kernel
-def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[bool, float, float, float]:
+def _bend(v: View, limits: Limits, walls: F64x2, spans: I64x2, w: int) -> tuple[bool, float, float, float]:
     """(whether walls w and w + 1 meet, x, y, sine of the angle between them)."""
     last, first = spans[w, 1], spans[w + 1, 0]
     meet_x, meet_y, sine = meet(walls, w, w + 1)
@@ -195,14 +196,14 @@ def _bend(v: View, limits: Limits, walls: Floats, spans: Ints, w: int) -> tuple[
 
 
 @counting_kernel
-def _store(corners: Floats, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
+def _store(corners: F64x2, row: int, at: tuple[float, float, float], before: int, after: int, convex: float) -> int:
     corners[row, CORNER_X], corners[row, CORNER_Y], corners[row, BEAM] = at
     corners[row, BEFORE], corners[row, AFTER], corners[row, CONVEX] = float(before), float(after), convex
     return row + 1
 
 
 @counting_kernel
-def corners_of(v: View, limits: Limits, walls: Floats, spans: Ints) -> Floats:
+def corners_of(v: View, limits: Limits, walls: F64x2, spans: I64x2) -> F64x2:
     """(c, 6) corners in the order of their bearings. Source: Encoded graphs Alg. 1 (getCv, getCx), §V-A."""
     corners = np.empty((2 * len(walls), 6))
     found = 0

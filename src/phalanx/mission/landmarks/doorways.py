@@ -10,11 +10,12 @@ import math
 
 import numpy as np
 
+from phalanx.arrays import BOOLx1, F64x2, I64x1
 from phalanx.kernel import counting_kernel
 
 from .corners import AFTER, BEAM, BEFORE, CONVEX, CORNER_X, CORNER_Y, next_beam
 from .view import Limits, View
-from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y, Bools, Floats, Ints
+from .walls import ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y
 
 Pair = tuple[float, float]
 
@@ -89,7 +90,7 @@ def _depth_behind(v: View, i: int, step: int, jamb: Pair, along: Pair, limit_m: 
 
 
 @counting_kernel
-def _point_at(beam: Ints, at: float) -> int:
+def _point_at(beam: I64x1, at: float) -> int:
     """The first point whose beam is past `at`."""
     low, high = 0, len(beam)
     while low < high:
@@ -102,7 +103,7 @@ def _point_at(beam: Ints, at: float) -> int:
 
 
 @counting_kernel
-def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tuple[Floats, Bools]:
+def doorways_of(v: View, limits: Limits, walls: F64x2, corners: F64x2) -> tuple[F64x2, BOOLx1]:
     """(d, 6) doorways, and which corners are jambs.
 
     Source: Encoded graphs Alg. 1, Eq. 1; free rays, mid-wall: docs/adr/0019.
@@ -165,13 +166,13 @@ def doorways_of(v: View, limits: Limits, walls: Floats, corners: Floats) -> tupl
 
 
 @counting_kernel
-def _length(walls: Floats, w: int) -> float:
+def _length(walls: F64x2, w: int) -> float:
     dx, dy = walls[w, TO_X] - walls[w, FROM_X], walls[w, TO_Y] - walls[w, FROM_Y]
     return math.sqrt(dx * dx + dy * dy)
 
 
 @counting_kernel
-def rooms_of(corners: Floats, room_min_m2: float) -> Floats:
+def rooms_of(corners: F64x2, room_min_m2: float) -> F64x2:
     """(r, 3): centroid and area of the triangle of each three consecutive convex corners.
 
     Source: Encoded graphs Alg. 1, Eq. 3.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import BOOLx1, F64x1, F64x2
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import HALF_PI, PI, atan2, sin_cos, wrap
@@ -16,7 +17,7 @@ from .corners import AFTER, BEFORE, CONVEX, CORNER_X, CORNER_Y, corners_of
 from .doorways import DOOR_ALONG_X, DOOR_ALONG_Y, DOOR_X, DOOR_Y, doorways_of, rooms_of
 from .scan import LaserScan
 from .view import Limits, View, limits_of
-from .walls import ALONG_X, ALONG_Y, Bools, Floats, breaks_of, points_of, walls_of
+from .walls import ALONG_X, ALONG_Y, breaks_of, points_of, walls_of
 
 # Instead of a corner's wall that is not seen.
 UNSEEN = -1.0
@@ -60,9 +61,7 @@ def landmarks_in(scan: LaserScan, config: ExtractionConfig, x_m: float, y_m: flo
     return InSight(_sighted(*_swept(scan, config), float(x_m), float(y_m), float(heading_rad)))
 
 
-def _swept(
-    scan: LaserScan, config: ExtractionConfig
-) -> tuple[Floats, Floats, Floats, bool, float, float, float, Limits]:
+def _swept(scan: LaserScan, config: ExtractionConfig) -> tuple[F64x1, F64x1, F64x1, bool, float, float, float, Limits]:
     """What `_extract` takes."""
     ranges, (cosines, sines) = scan.ranges_m, scan.beams
     if scan.full_turn:
@@ -75,7 +74,7 @@ def _swept(
 
 
 @counting_kernel
-def _seam(ranges: Floats) -> int:
+def _seam(ranges: F64x1) -> int:
     """Where to cut a full turn open: at the largest step of the range, so that no wall is cut."""
     n = len(ranges)
     best, at = -1.0, 0
@@ -94,15 +93,15 @@ def _seam(ranges: Floats) -> int:
 
 @counting_kernel
 def _extract(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
+    ranges: F64x1,
+    cosines: F64x1,
+    sines: F64x1,
     full_turn: bool,
     step_rad: float,
     range_max_m: float,
     feature_range_m: float,
     limits: Limits,
-) -> tuple[Floats, Floats, Bools, Floats, Floats]:
+) -> tuple[F64x2, F64x2, BOOLx1, F64x2, F64x2]:
     x, y, beam = points_of(ranges, cosines, sines, feature_range_m)
     new_run = breaks_of(ranges, beam, step_rad, limits.jump_m, limits.graze_slope)
     view = View(ranges, cosines, sines, full_turn, range_max_m, x, y, beam, new_run)
@@ -116,15 +115,15 @@ def _extract(
 
 @counting_kernel
 def _placed(
-    walls: Floats,
-    corners: Floats,
-    is_jamb: Bools,
-    doorways: Floats,
-    rooms: Floats,
+    walls: F64x2,
+    corners: F64x2,
+    is_jamb: BOOLx1,
+    doorways: F64x2,
+    rooms: F64x2,
     x_m: float,
     y_m: float,
     heading_rad: float,
-) -> Floats:
+) -> F64x2:
     """(k, 5): type, x, y, orientation and area of each landmark, as `rows_of` has them, map frame; doorways first."""
     sine, cosine = sin_cos(heading_rad)
     rows = np.full((len(doorways) + 2 * len(corners) + len(rooms), 5), np.nan)
@@ -171,9 +170,9 @@ def _placed(
 
 @counting_kernel
 def _sighted(
-    ranges: Floats,
-    cosines: Floats,
-    sines: Floats,
+    ranges: F64x1,
+    cosines: F64x1,
+    sines: F64x1,
     full_turn: bool,
     step_rad: float,
     range_max_m: float,
@@ -182,7 +181,7 @@ def _sighted(
     x_m: float,
     y_m: float,
     heading_rad: float,
-) -> Floats:
+) -> F64x2:
     walls, corners, is_jamb, doorways, rooms = _extract(
         ranges, cosines, sines, full_turn, step_rad, range_max_m, feature_range_m, limits
     )

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x2
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.written import compose, words_of
 from phalanx.errors import UsageError
@@ -119,7 +120,7 @@ class FloorPlan:
 
 
 @counting_kernel
-def clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
+def clearance(walls: F64x2, x: float, y: float) -> float:
     """As `FloorPlan.clearance_m`."""
     nearest = np.inf
     for i in range(len(walls)):
@@ -134,7 +135,7 @@ def clearance(walls: NDArray[np.float64], x: float, y: float) -> float:
 
 
 @counting_kernel
-def _is_crossed(walls: NDArray[np.float64], x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
+def _is_crossed(walls: F64x2, x: float, y: float, way_x: float, way_y: float, margin: float) -> bool:
     """Whether a wall meets the way from x, y, but for such a share of it at both ends."""
     for i in range(len(walls)):
         along_x, along_y = walls[i, 2] - walls[i, 0], walls[i, 3] - walls[i, 1]

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1, U8x2
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
@@ -22,7 +23,7 @@ from phalanx.kernel import counting_kernel
 from .dust import without_dust
 from .floorplan import FloorPlan, extraction_of, numbers, read_yaml, start_pose
 from .outlines import Outline, ways_around
-from .walls import Bools, Floats, Ints, fit_line, split_run
+from .walls import fit_line, split_run
 
 CELLS_MAX = 50_000_000
 FREE, UNKNOWN, WALL = 0, 1, 2
@@ -180,7 +181,7 @@ def _to_map(points: NDArray[np.float64], words: MapWords) -> NDArray[np.float64]
 
 
 @counting_kernel
-def _contours(cells: NDArray[np.uint8]) -> tuple[Floats, Ints, Bools]:  # noqa: C901  # one walk
+def _contours(cells: U8x2) -> tuple[F64x2, I64x1, BOOLx1]:  # noqa: C901  # one walk
     """The borders of all that is not free, walked with free space on the left: middles of cells' edges, in cells.
 
     Returns: (n, 2) points, (contours + 1,) where each contour starts, (n,) whether a wall's cell is on the right.
@@ -242,7 +243,7 @@ def _straight(points: NDArray[np.float64], of_wall: NDArray[np.bool_]) -> tuple[
 
 
 @counting_kernel
-def _pieces(x: Floats, y: Floats, of_wall: Bools) -> tuple[Floats, Bools]:
+def _pieces(x: F64x1, y: F64x1, of_wall: BOOLx1) -> tuple[F64x2, BOOLx1]:
     """Corners of a closed contour whose last point is its first, and whether the piece after each is a wall."""
     last = len(x) - 1
     starts = np.empty(len(x) + 1, np.int64)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2
 from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import counting_kernel
 
-from .raycast import Beams, Floats, Tiles, cast, packed_beams, tiles_of
+from .raycast import Beams, Tiles, cast, packed_beams, tiles_of
 from .scan import LaserScan, beam_table, sort_out
 
 Pose = tuple[float, float, float]
@@ -19,11 +20,11 @@ _NOBODY, _NOTHING = np.zeros((0, 3)), np.zeros(0)
 def _sensed(
     pose: Pose,
     tiles: Tiles,
-    people: Floats,
+    people: F64x2,
     beams: Beams,
-    draws: tuple[Floats, Floats],
+    draws: tuple[F64x1, F64x1],
     wrong: tuple[float, float, float],
-    ranges: Floats,
+    ranges: F64x1,
 ) -> None:
     """What a lidar tells: with noise, and some beams say nothing; either where there are draws for it.
 

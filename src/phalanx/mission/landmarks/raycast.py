@@ -11,14 +11,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2, I64x1
 from phalanx.bundle import bundled
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import TWO_PI, atan2, sin_cos
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 TILE_M = 2.0
 # So far behind what all its beams met a tile is hidden; and a circle around it is so much wider, against rounding.
 BEHIND_M, WIDER_M = 0.2, 1e-6
@@ -31,23 +29,23 @@ class Beams(NamedTuple):
 
     first_rad: float  # bearing of the first, robot frame
     step_rad: float  # from one to the next
-    cosines: Floats  # (b,) of their bearings
-    sines: Floats  # likewise
+    cosines: F64x1  # (b,) of their bearings
+    sines: F64x1  # likewise
     range_max_m: float
 
 
 class Tiles(NamedTuple):
     """Walls, those that lie together one after the other; one that is longer than a tile is its own."""
 
-    walls: Floats  # (n, 4) ends of segments, map frame
-    ends: Ints  # (t + 1,) tile i has those from ends[i] to ends[i + 1]
-    circles: Floats  # (t, 3) centre and radius
+    walls: F64x2  # (n, 4) ends of segments, map frame
+    ends: I64x1  # (t + 1,) tile i has those from ends[i] to ends[i + 1]
+    circles: F64x2  # (t, 3) centre and radius
 
 
 packed_beams, _packed_tiles = bundled(Beams), bundled(Tiles)
 
 
-def tiles_of(walls: Floats) -> Tiles:
+def tiles_of(walls: F64x2) -> Tiles:
     """Walls, (n, 4), in tiles, packed."""
     middles = (walls[:, :2] + walls[:, 2:]) / 2
     squares = np.column_stack([np.floor(middles / TILE_M), np.zeros(len(walls))])
@@ -76,7 +74,7 @@ def _span(from_rad: float, to_rad: float, beams: Beams) -> tuple[int, int]:
 
 
 @counting_kernel
-def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges: Floats) -> None:
+def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges: F64x1) -> None:
     """Shortens the beams that meet the wall from a to b, robot frame."""
     along_x, along_y = bx - ax, by - ay
     offset = ax * along_y - ay * along_x
@@ -98,7 +96,7 @@ def _cast_wall(ax: float, ay: float, bx: float, by: float, beams: Beams, ranges:
 
 
 @counting_kernel
-def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: Floats) -> None:
+def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> None:
     """Shortens the beams that meet a disc, robot frame; one around the sensor is not seen."""
     squared = x * x + y * y - radius * radius
     if squared <= 0.0 or squared > beams.range_max_m * beams.range_max_m:
@@ -114,7 +112,7 @@ def _cast_disc(x: float, y: float, radius: float, beams: Beams, ranges: Floats) 
 
 
 @counting_kernel
-def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: Floats) -> bool:
+def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: F64x1) -> bool:
     """Whether all beams that may meet something in a circle, robot frame, have met something before it."""
     squared = x * x + y * y - radius * radius
     if squared <= 0.0:
@@ -130,7 +128,7 @@ def _is_hidden(x: float, y: float, radius: float, beams: Beams, ranges: Floats) 
 
 
 @counting_kernel
-def _nearest_first(x: float, y: float, circles: Floats, range_max_m: float) -> Ints:
+def _nearest_first(x: float, y: float, circles: F64x2, range_max_m: float) -> I64x1:
     """The circles in reach, by the whole metres that they are off."""
     metres, counts = np.empty(len(circles), np.int64), np.zeros(int(range_max_m) + 3, np.int64)
     for i in range(len(circles)):
@@ -150,7 +148,7 @@ def _nearest_first(x: float, y: float, circles: Floats, range_max_m: float) -> I
 
 
 @counting_kernel
-def cast(pose: tuple[float, float, float], tiles: Tiles, discs: Floats, beams: Beams, ranges: Floats) -> None:
+def cast(pose: tuple[float, float, float], tiles: Tiles, discs: F64x2, beams: Beams, ranges: F64x1) -> None:
     """Writes to `ranges` the distance to the first thing in each beam's way, +inf beyond the farthest.
 
     Args:

@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1
 from phalanx.config.lidar import LidarConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
@@ -23,7 +24,7 @@ FARTHEST_M = 65_534
 
 
 @counting_kernel
-def sort_out(ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
+def sort_out(ranges: F64x1, least_m: float, most_m: float) -> None:
     """Ranges beyond the farthest are misses, and those before the nearest say nothing."""
     for k in range(len(ranges)):
         if ranges[k] > most_m:

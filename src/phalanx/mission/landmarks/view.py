@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from phalanx.arrays import BOOLx1, F64x1, I64x1
 from phalanx.config.lidar import ExtractionConfig
 from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos
-
-from .walls import Bools, Floats, Ints
 
 
 class View(NamedTuple):
     """A scan, and the points that it hits."""
 
-    ranges: Floats  # (b,), of each beam; NaN where it says nothing, infinite where it misses
-    cosines: Floats  # likewise
-    sines: Floats  # likewise
+    ranges: F64x1  # (b,), of each beam; NaN where it says nothing, infinite where it misses
+    cosines: F64x1  # likewise
+    sines: F64x1  # likewise
     full_turn: bool  # the last beam is beside the first
     range_max_m: float  # what is farther is missed
-    x: Floats  # (p,), each point and the beam that hit it; in the order of the beams
-    y: Floats  # likewise
-    beam: Ints  # likewise
-    new_run: Bools  # (p,), whether the surface before a point is another
+    x: F64x1  # (p,), each point and the beam that hit it; in the order of the beams
+    y: F64x1  # likewise
+    beam: I64x1  # likewise
+    new_run: BOOLx1  # (p,), whether the surface before a point is another
 
 
 class Limits(NamedTuple):

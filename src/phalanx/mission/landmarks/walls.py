@@ -9,13 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import BOOLx1, F64x1, F64x2, I64x1, I64x2
 from phalanx.kernel import counting_kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 # Beams that may be silent between two neighbours on one wall.
 GAP_BEAMS = 4
@@ -30,7 +26,7 @@ X, Y, ALONG_X, ALONG_Y, FROM_X, FROM_Y, TO_X, TO_Y = range(8)
 
 
 @counting_kernel
-def points_of(ranges: Floats, cosines: Floats, sines: Floats, range_m: float) -> tuple[Floats, Floats, Ints]:
+def points_of(ranges: F64x1, cosines: F64x1, sines: F64x1, range_m: float) -> tuple[F64x1, F64x1, I64x1]:
     """(x, y, beam) of the beams that saw something nearer than `range_m`; robot frame, metres."""
     count = 0
     for k in range(len(ranges)):
@@ -48,7 +44,7 @@ def points_of(ranges: Floats, cosines: Floats, sines: Floats, range_m: float) ->
 
 
 @counting_kernel
-def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_slope: float) -> Bools:
+def breaks_of(ranges: F64x1, beam: I64x1, step_rad: float, jump_m: float, graze_slope: float) -> BOOLx1:
     """For each point, whether it begins a new run: not on one surface with the point before it.
 
     `graze_slope` is the cotangent of the smallest angle at which a wall counts as one surface: its range then grows by
@@ -73,7 +69,7 @@ def breaks_of(ranges: Floats, beam: Ints, step_rad: float, jump_m: float, graze_
 
 
 @counting_kernel
-def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[int, float]:
+def _farthest_from_chord(x: F64x1, y: F64x1, first: int, last: int) -> tuple[int, float]:
     chord_x, chord_y = x[last] - x[first], y[last] - y[first]
     length = math.sqrt(chord_x * chord_x + chord_y * chord_y)
     worst, at = -1.0, first
@@ -86,7 +82,7 @@ def _farthest_from_chord(x: Floats, y: Floats, first: int, last: int) -> tuple[i
 
 
 @counting_kernel
-def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, starts: Ints) -> int:
+def split_run(x: F64x1, y: F64x1, first: int, last: int, split_m: float, starts: I64x1) -> int:
     """Writes the first points of the straight pieces of the run first..last to `starts`; returns how many.
 
     A piece ends where the next one starts.
@@ -110,7 +106,7 @@ def split_run(x: Floats, y: Floats, first: int, last: int, split_m: float, start
 
 
 @counting_kernel
-def fit_line(x: Floats, y: Floats, first: int, last: int) -> tuple[float, float, float, float]:
+def fit_line(x: F64x1, y: F64x1, first: int, last: int) -> tuple[float, float, float, float]:
     """(x, y, along_x, along_y): the line with the least squared distances, from `first` towards `last`."""
     n = last - first + 1
     sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -138,7 +134,7 @@ def fit_line(x: Floats, y: Floats, first: int, last: int) -> tuple[float, float,
 
 
 @counting_kernel
-def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool:
+def _strays(x: F64x1, y: F64x1, first: int, last: int, split_m: float) -> bool:
     """Whether a point of first..last is farther than `split_m` from the line through them all."""
     cx, cy, ax, ay = fit_line(x, y, first, last)
     for i in range(first, last + 1):  # noqa: SIM110  # numba knows no generators
@@ -148,7 +144,7 @@ def _strays(x: Floats, y: Floats, first: int, last: int, split_m: float) -> bool
 
 
 @counting_kernel
-def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
+def _bow(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """How far the middle third lies on the left of the line of both ends: 0 for a wall, not for a leg or a column."""
     cx, cy, ax, ay = line
     third = (last - first + 1) // 3
@@ -163,7 +159,7 @@ def _bow(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, 
 
 
 @counting_kernel
-def _step(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float]) -> float:
+def _step(x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float]) -> float:
     """By how much one part of a wall stands out before the other, where two parallel lines fit best.
 
     Each part is FACE_M long or more: what a wall shows of the next one around its corner is shorter.
@@ -190,7 +186,7 @@ def _step(x: Floats, y: Floats, first: int, last: int, line: tuple[float, float,
 
 
 @counting_kernel
-def _off(x: Floats, y: Floats, i: int, line: tuple[float, float, float, float]) -> float:
+def _off(x: F64x1, y: F64x1, i: int, line: tuple[float, float, float, float]) -> float:
     """How far a point is from a line."""
     off: float = line[2] * (y[i] - line[1]) - line[3] * (x[i] - line[0])
     return abs(off)
@@ -198,7 +194,7 @@ def _off(x: Floats, y: Floats, i: int, line: tuple[float, float, float, float]) 
 
 @counting_kernel
 def _is_flat(
-    x: Floats, y: Floats, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
+    x: F64x1, y: F64x1, first: int, last: int, line: tuple[float, float, float, float], long_m: float, line_m: float
 ) -> bool:
     """Whether points of a wall so long are of one face, and not of a leg or of two faces."""
     if long_m < ROUND_M and abs(_bow(x, y, first, last, line)) > ROUND * line_m:
@@ -207,7 +203,7 @@ def _is_flat(
 
 
 @counting_kernel
-def bow(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> float:
+def bow(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> float:
     """How far wall w stands out towards the robot in its middle."""
     first, last = spans[w, 0] + 1, spans[w, 1] - 1
     line = walls[w, X], walls[w, Y], walls[w, ALONG_X], walls[w, ALONG_Y]
@@ -215,7 +211,7 @@ def bow(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> float:
 
 
 @counting_kernel
-def _border(x: Floats, y: Floats, walls: Floats, spans: Ints, w: int) -> int:
+def _border(x: F64x1, y: F64x1, walls: F64x2, spans: I64x2, w: int) -> int:
     """The last point of wall w, where w and w + 1 meet: with it, all points lie best on the one line or the other."""
     best, sum_ = 0.0, 0.0
     at: int = spans[w, 0] - 1
@@ -237,7 +233,7 @@ def _trimmed(first: int, last: int) -> tuple[int, int]:
 
 
 @counting_kernel
-def _part(x: Floats, y: Floats, new_run: Bools, walls: Floats, spans: Ints) -> Floats:
+def _part(x: F64x1, y: F64x1, new_run: BOOLx1, walls: F64x2, spans: I64x2) -> F64x2:
     """The walls, each fitted to its own points alone.
 
     Who looks along one wall and straight at the next sees a few points of the first, and hundreds of the next within
@@ -258,8 +254,8 @@ def _part(x: Floats, y: Floats, new_run: Bools, walls: Floats, spans: Ints) -> F
 
 @counting_kernel
 def walls_of(
-    x: Floats, y: Floats, new_run: Bools, split_m: float, line_m: float, wall_min_m: float, min_points: int
-) -> tuple[Floats, Ints]:
+    x: F64x1, y: F64x1, new_run: BOOLx1, split_m: float, line_m: float, wall_min_m: float, min_points: int
+) -> tuple[F64x2, I64x2]:
     """The walls, (w, 8), and the (w, 2) first and last point of each.
 
     Source: Encoded graphs Alg. 1, getF. How lines are found is split and merge (Pavlidis and Horowitz, 1974).

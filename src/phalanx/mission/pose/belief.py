@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from phalanx.arrays import F64x1, F64x2
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import sin_cos, wrap
 
-from .spread import Floats, Sight, Sighting, corrected, not_surer
+from .spread import Sight, Sighting, corrected, not_surer
 
 Pose = tuple[float, float, float]
 # x, y, heading; then per metre of way, per radian of turn, and radians per metre: what odometry leaves out.
@@ -42,8 +43,8 @@ class Wheels(NamedTuple):
 
 @counting_kernel
 def moved(
-    mean: Floats, spread: Floats, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
-) -> tuple[Floats, Floats]:
+    mean: F64x1, spread: F64x2, way_m: float, turn_rad: float, touches: bool, wheels: Wheels
+) -> tuple[F64x1, F64x2]:
     """(mean, spread) after odometry says: so far, forwards or backwards, and turned by so much.
 
     Args:
@@ -90,8 +91,8 @@ def moved(
 
 @counting_kernel
 def _driven(
-    mean: Floats, spread: Floats, before: Pose, after: Pose, touches: bool, wheels: Wheels
-) -> tuple[Floats, Floats]:
+    mean: F64x1, spread: F64x2, before: Pose, after: Pose, touches: bool, wheels: Wheels
+) -> tuple[F64x1, F64x2]:
     turn = wrap(after[2] - before[2])
     sine, cosine = sin_cos(before[2] + 0.5 * turn)
     way = cosine * (after[0] - before[0]) + sine * (after[1] - before[1])
@@ -102,8 +103,8 @@ def _driven(
 class Belief:
     """Pose and drift as a filter knows them; nothing that holds one changes it."""
 
-    mean: Floats  # (6,)
-    spread: Floats  # (6, 6) covariance
+    mean: F64x1  # (6,)
+    spread: F64x2  # (6, 6) covariance
 
     @property
     def pose(self) -> tuple[float, float, float]:

@@ -10,12 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import wrap
-
-Floats = NDArray[np.float64]
 
 
 class Sight(NamedTuple):
@@ -36,14 +34,14 @@ class Sighting(NamedTuple):
     turn_rad: float  # from the orientation seen to the true one; NaN without one
 
 
-def pose_spread(spread: tuple[float, ...]) -> Floats:
+def pose_spread(spread: tuple[float, ...]) -> F64x2:
     """(3, 3) covariance of x, y and heading from its upper triangle, row by row."""
     xx, xy, xt, yy, yt, tt = spread
     return np.array((xx, xy, xt, xy, yy, yt, xt, yt, tt), np.float64).reshape(3, 3)  # flat, it is read faster
 
 
 @counting_kernel
-def not_surer(spread: Floats, place_m: float, turn_rad: float) -> Floats:
+def not_surer(spread: F64x2, place_m: float, turn_rad: float) -> F64x2:
     """The spread, nowhere smaller than a map allows: the same landmark seen twice errs twice the same way."""
     sure = spread.copy()
     for i in range(2):
@@ -53,7 +51,7 @@ def not_surer(spread: Floats, place_m: float, turn_rad: float) -> Floats:
 
 
 @counting_kernel
-def _doubt(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
+def _doubt(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(xx, xy, yy) of the covariance of where a landmark is that is seen at an offset."""
     away = math.sqrt(ox * ox + oy * oy)
     own = (sight.place_m + sight.per_m * away) * (sight.place_m + sight.per_m * away)
@@ -65,7 +63,7 @@ def _doubt(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, f
 
 
 @counting_kernel
-def doubt_of(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
+def doubt_of(spread: F64x2, ox: float, oy: float, sight: Sight) -> tuple[float, float, float]:
     """(along x, along y, at most) standard deviations of where a landmark is that is seen at an offset.
 
     Args:
@@ -79,7 +77,7 @@ def doubt_of(spread: Floats, ox: float, oy: float, sight: Sight) -> tuple[float,
 
 
 @counting_kernel
-def _gain(spread: Floats, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[Floats, Floats, Floats]:
+def _gain(spread: F64x2, ox: float, oy: float, sight: Sight, oriented: bool) -> tuple[F64x2, F64x2, F64x2]:
     """(H, S inverted, P H^T) for a landmark at an offset; without an orientation its row says nothing."""
     h = np.zeros((3, 3))
     h[0, 0], h[1, 1], h[0, 2], h[1, 2] = 1.0, 1.0, -oy, ox
@@ -102,7 +100,7 @@ def _gain(spread: Floats, ox: float, oy: float, sight: Sight, oriented: bool) ->
 
 
 @counting_kernel
-def inverse(s: Floats) -> Floats:
+def inverse(s: F64x2) -> F64x2:
     """Of a symmetric, positive (3, 3)."""
     a = s[1, 1] * s[2, 2] - s[1, 2] * s[1, 2]
     b = s[0, 2] * s[1, 2] - s[0, 1] * s[2, 2]
@@ -118,7 +116,7 @@ def inverse(s: Floats) -> Floats:
 
 
 @counting_kernel
-def misfit(spread: Floats, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
+def misfit(spread: F64x2, x_m: float, y_m: float, sighting: Sighting, sight: Sight) -> float:
     """How badly a match fits: the square of its Mahalanobis distance, of 3 degrees of freedom, of 2 if not oriented."""
     oriented = not np.isnan(sighting.turn_rad)
     ox, oy = sighting.seen_x_m - x_m, sighting.seen_y_m - y_m
@@ -131,7 +129,7 @@ def misfit(spread: Floats, x_m: float, y_m: float, sighting: Sighting, sight: Si
 
 
 @counting_kernel
-def corrected(mean: Floats, spread: Floats, sighting: Sighting, sight: Sight) -> tuple[Floats, Floats]:
+def corrected(mean: F64x1, spread: F64x2, sighting: Sighting, sight: Sight) -> tuple[F64x1, F64x2]:
     """(mean, spread) after a match; of a pose, or of a pose and more that is correlated with it.
 
     Args:

@@ -11,27 +11,26 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2, I64x1, I64x2, U64x1, U64x2
 from phalanx.bundle import bundled
 from phalanx.crypto.sha3 import find
 from phalanx.kernel import counting_kernel
 from phalanx.mission.pose.spread import Sight, doubt_of
 
-from .searched import RINGS_MOST, SPIRAL, Known, Numbers, Table, Words, keep, keep_tiles, row_of, untried
+from .searched import RINGS_MOST, SPIRAL, Known, Numbers, keep, keep_tiles, row_of, untried
 
 CELL_LIMIT = 1 << 30  # cells from the origin: further away is nonsense, and would not fit
 
-Floats = NDArray[np.float64]
 Steps = tuple[float, float, float, float]
 
 
 class Groups(NamedTuple):
     """What is searched for together, as kernels take it."""
 
-    rows: Floats  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
-    targets: Words  # (t, 4) digests, those of a group together and sorted
-    ends: Table  # (m + 1,) group g has those from ends[g] to ends[g + 1]
+    rows: F64x2  # (m, 5) offset of the cells, and the reach in 0.1 m from which things count, or 0
+    targets: U64x2  # (t, 4) digests, those of a group together and sorted
+    ends: I64x1  # (m + 1,) group g has those from ends[g] to ends[g + 1]
 
 
 class Doubt(NamedTuple):
@@ -39,7 +38,7 @@ class Doubt(NamedTuple):
 
     x_m: float  # where it believes to be
     y_m: float
-    spread: Floats  # (3, 3)
+    spread: F64x2  # (3, 3)
     sight: Sight
     sigmas: float
     tolerance_m: float
@@ -48,7 +47,7 @@ class Doubt(NamedTuple):
 class Message(NamedTuple):
     """What is hashed, in words of eight bytes with SHA3's padding, zeros where x, y, bin and area go."""
 
-    template: Words
+    template: U64x1
     word: int  # where x begins
     shift: int  # by so many bits
 
@@ -56,17 +55,17 @@ class Message(NamedTuple):
 class Shapes(NamedTuple):
     """Shapes of which nothing but a place goes into the hash, with what they are searched among: one call for all."""
 
-    asks: Table  # (s, 3) kind of the landmark, or OWN for the robot's own place; whether its orientation, its area
-    at: Table  # (s, 3) bins, and of the message: the word where x begins, by so many bits
-    lanes: Table  # (s, m) of each group
-    templates: Words  # (s, w) messages
+    asks: I64x2  # (s, 3) kind of the landmark, or OWN for the robot's own place; whether its orientation, its area
+    at: I64x2  # (s, 3) bins, and of the message: the word where x begins, by so many bits
+    lanes: I64x2  # (s, m) of each group
+    templates: U64x2  # (s, w) messages
     # As in `Groups` and `Known`
-    rows: Floats
-    targets: Words
-    ends: Table
-    table: Table
-    tiles: Table
-    used: Table
+    rows: F64x2
+    targets: U64x2
+    ends: I64x1
+    table: I64x2
+    tiles: I64x2
+    used: I64x1
 
 
 pack = bundled(Shapes)
@@ -105,7 +104,7 @@ def numbers_of(
 
 
 @counting_kernel
-def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
+def region_of(thing: F64x1, place: bool, group: F64x1, steps: Steps, doubt: Doubt) -> tuple[int, int, bool, bool]:
     """(level of RINGS, rings, whether the next bin may be meant, whether the one before may) around a thing's cell.
 
     Args:
@@ -119,7 +118,7 @@ def region_of(thing: Floats, place: bool, group: Floats, steps: Steps, doubt: Do
 
 
 @counting_kernel
-def _level_of(thing: Floats, place: bool, steps: Steps, doubt: Doubt) -> int:
+def _level_of(thing: F64x1, place: bool, steps: Steps, doubt: Doubt) -> int:
     """Of RINGS, around a thing's cell."""
     ox, oy = thing[0] - doubt.x_m, thing[1] - doubt.y_m
     _, _, most = doubt_of(doubt.spread, ox, oy, doubt.sight)
@@ -148,14 +147,14 @@ def _beside(turn_rad: float, offset_rad: float, step_rad: float, doubt: Doubt) -
 @counting_kernel
 def search_cells(  # noqa: C901  # a kernel is one function
     first: int,
-    things: Floats,
+    things: F64x2,
     place: bool,
     doubt: Doubt,
     groups: Groups,
     steps: Steps,
     bins: int,
     known: Known,
-    lanes: Table,
+    lanes: I64x1,
     left: int,
     message: Message,
 ) -> tuple[int, int, int, Numbers, int]:
@@ -217,7 +216,7 @@ def search_cells(  # noqa: C901  # a kernel is one function
 
 @counting_kernel
 def search_shapes(
-    begin: tuple[int, int], shapes: Shapes, seen: Floats, doubt: Doubt, steps: Steps, left: int
+    begin: tuple[int, int], shapes: Shapes, seen: F64x2, doubt: Doubt, steps: Steps, left: int
 ) -> tuple[int, int, int, int, int, Numbers, int]:
     """(shape, thing seen, pair, row of the targets, tries left, cell, next pair) of the next match of any shape.
 
@@ -254,7 +253,7 @@ def search_shapes(
 
 
 @counting_kernel
-def _put(trial: Words, message: Message, six: np.uint64) -> None:
+def _put(trial: U64x1, message: Message, six: np.uint64) -> None:
     """Six bytes, behind the eight of x and y: bin and area."""
     shift = np.uint64(message.shift)
     trial[message.word + 1] ^= six << shift

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x2, I64x2
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import PI, wrap_rad_kernel
 from phalanx.mission.observable import HALF_TURN_TYPES, LANDMARK_TYPES, Experience, Landmark, rows_of
-from phalanx.mission.pose.spread import Floats, Sight, Sighting, misfit, pose_spread
+from phalanx.mission.pose.spread import Sight, Sighting, misfit, pose_spread
 
 # The square of a Mahalanobis distance that one match in twenty exceeds, by degrees of freedom.
 MISFIT_2, MISFIT_3 = 6.0, 7.8
@@ -38,7 +38,7 @@ class Chart:
         self._texts: dict[str | None, int] = {None: NO_TEXT} | {text: i for i, text in enumerate(told)}
         self.rows = self._of(self.landmarks)
 
-    def _of(self, landmarks: Sequence[Landmark]) -> Floats:
+    def _of(self, landmarks: Sequence[Landmark]) -> F64x2:
         rows = rows_of(landmarks).copy()
         rows[:, TEXT] = [self._texts.get(each.text, OTHER_TEXT) for each in landmarks]
         return rows
@@ -72,8 +72,8 @@ def most_of(turn_rad: float) -> float:
 
 @counting_kernel
 def _fitting(
-    seen: Floats, known: Floats, place: tuple[float, float], spread: Floats, sight: Sight, within_m: float
-) -> NDArray[np.int64]:
+    seen: F64x2, known: F64x2, place: tuple[float, float], spread: F64x2, sight: Sight, within_m: float
+) -> I64x2:
     """(m, 2) rows of things seen, each with that of a known thing that it may be."""
     pairs = np.empty((len(seen) * len(known), 2), np.int64)
     count = 0
@@ -87,12 +87,12 @@ def _fitting(
 
 @counting_kernel
 def may_mean(
-    seen: Floats,
+    seen: F64x2,
     i: int,
-    known: Floats,
+    known: F64x2,
     j: int,
     place: tuple[float, float],
-    spread: Floats,
+    spread: F64x2,
     sight: Sight,
     within_m: float,
 ) -> bool:

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phalanx.arrays import F64x1, F64x2
 from phalanx.config.mission import MissionConfig
 from phalanx.config.parameter import made_once
 from phalanx.mission.angles import sin_cos, wrap_rad
 from phalanx.mission.observable import HALF_TURN_TYPES, Experience, Landmark, number_or_nan
 from phalanx.mission.pose.belief import Belief, Wheels, begun
-from phalanx.mission.pose.spread import Floats, Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
+from phalanx.mission.pose.spread import Sight, Sighting, corrected, doubt_of, misfit, not_surer, pose_spread
 
 from .chart import Chart, most_of, turn_to
 
@@ -138,12 +139,12 @@ def sighting(observed: Landmark, truth: Landmark, x_m: float, y_m: float, turned
     return Sighting(float(x_m), float(y_m), float(truth.x_m), float(truth.y_m), turn)
 
 
-def fits(config: MissionConfig, spread: Floats, x_m: float, y_m: float, match: Sighting) -> bool:
+def fits(config: MissionConfig, spread: F64x2, x_m: float, y_m: float, match: Sighting) -> bool:
     """Whether what was seen from a pose so unsure may be what it is matched with."""
     return bool(misfit(spread, x_m, y_m, match, sight_of(config)) <= most_of(match.turn_rad))
 
 
-def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> bool:
+def is_alone(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> bool:
     """Whether nothing else that looks the same can be meant: the robot's doubt does not reach to the next such thing.
 
     If another one were seen, it would be within the doubt of that one, and that is `apart_m` from here.
@@ -196,7 +197,7 @@ def agreeing(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     return kept if 2 * len(kept) > len(matches) else []
 
 
-def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: Floats, spread: Floats) -> float:
+def misfit_of(config: MissionConfig, seen: Experience, pair: Match, mean: F64x1, spread: F64x2) -> float:
     """How badly a match fits another pose than that of the experience; more than 1 is too badly."""
     match = _from_pose(seen, pair, mean)
     return float(misfit(spread, float(mean[0]), float(mean[1]), match, sight_of(config))) / most_of(match.turn_rad)
@@ -210,7 +211,7 @@ def fix_from(config: MissionConfig, seen: Experience, matches: Sequence[Match]) 
     return Fix(x, y, heading, moved_m, wrap_rad(heading - seen.heading_rad), tuple(sightings))
 
 
-def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> tuple[Floats, Floats, list[Sighting]]:
+def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -> tuple[F64x1, F64x2, list[Sighting]]:
     """(mean, spread, sightings) of the pose after matches, each as the pose after those before puts it."""
     mean, spread = np.array([seen.x_m, seen.y_m, seen.heading_rad], np.float64), pose_spread(seen.spread)
     sightings = []
@@ -222,13 +223,13 @@ def told_by(config: MissionConfig, seen: Experience, matches: Sequence[Match]) -
     return mean, spread, sightings
 
 
-def _from_pose(seen: Experience, pair: Match, mean: Floats) -> Sighting:
+def _from_pose(seen: Experience, pair: Match, mean: F64x1) -> Sighting:
     """What a match means to a robot that is at another pose now."""
     observed, truth = pair
     return sighting(observed, truth, *as_known(seen, observed, mean), wrap_rad(float(mean[2]) - seen.heading_rad))
 
 
-def as_known(seen: Experience, landmark: Landmark, mean: Floats) -> tuple[float, float]:
+def as_known(seen: Experience, landmark: Landmark, mean: F64x1) -> tuple[float, float]:
     """Where a landmark lies, had the robot been at another pose."""
     sine, cosine = sin_cos(float(mean[2]) - seen.heading_rad)
     dx, dy = float(landmark.x_m - seen.x_m), float(landmark.y_m - seen.y_m)

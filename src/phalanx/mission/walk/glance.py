@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x2, I64x1
 from phalanx.bundle import bundled
 from phalanx.config.mission import MissionConfig
 from phalanx.kernel import counting_kernel
 from phalanx.mission.file.canonical import Shape
-from phalanx.mission.pose.spread import Floats, Sight
+from phalanx.mission.observable import Covariance
+from phalanx.mission.pose.spread import Sight
 
 from .cells import Doubt, Shapes, Steps, search_shapes
 from .chart import KIND, NO_TEXT, TEXT, TURN, Chart, X, Y, may_mean
@@ -32,11 +33,11 @@ AREA = 4  # of what is seen, where a chart has the text
 class Gaze(NamedTuple):
     """What is looked for, and how: the same until a node is decoded or given up."""
 
-    known: Floats  # (n, 5) landmarks decoded before, as `Chart` has them
-    nodes: NDArray[np.int64]  # (n,) of each its node
+    known: F64x2  # (n, 5) landmarks decoded before, as `Chart` has them
+    nodes: I64x1  # (n,) of each its node
     target: int  # or NOBODY
     shapes: Shapes  # of what is searched here
-    asked: Floats  # (m, 4) of what is searched elsewhere: kind, whether an orientation, an area; reach in 0.1 m, or 0
+    asked: F64x2  # (m, 4) of what is searched elsewhere: kind, whether an orientation, an area; reach in 0.1 m, or 0
     steps: Steps  # from one cell to the next
     sight: tuple[float, float, float]
     sigmas: float
@@ -80,7 +81,7 @@ def gaze_of(
 
 
 @counting_kernel
-def _is_asked(gaze: Gaze, seen: Floats, i: int, away_dm: float) -> bool:
+def _is_asked(gaze: Gaze, seen: F64x2, i: int, away_dm: float) -> bool:
     """Whether a thing in sight is of a shape that is searched elsewhere."""
     for k in range(len(gaze.asked)):
         kind, oriented, area, reach_dm = gaze.asked[k, 0], gaze.asked[k, 1], gaze.asked[k, 2], gaze.asked[k, 3]
@@ -91,7 +92,7 @@ def _is_asked(gaze: Gaze, seen: Floats, i: int, away_dm: float) -> bool:
 
 
 @counting_kernel
-def glance(gaze: Gaze, seen: Floats, x_m: float, y_m: float, doubt: tuple[float, ...], tries: int) -> int:
+def glance(gaze: Gaze, seen: F64x2, x_m: float, y_m: float, doubt: Covariance, tries: int) -> int:
     """Tries that are left if nothing is found, and nothing known corrects the pose; else NOBODY.
 
     Args:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, I64x1, I64x2
 from phalanx.config.mission import CodingConfig, MissionConfig
 from phalanx.crypto.sha3 import sha3_256
 from phalanx.kernel import counting_kernel
@@ -27,7 +27,7 @@ from phalanx.mission.observable import (
     middle_of,
     number_or_nan,
 )
-from phalanx.mission.pose.spread import Floats, Sighting, misfit
+from phalanx.mission.pose.spread import Sighting, misfit
 
 from .cells import Doubt
 from .chart import most_of, turn_to
@@ -141,14 +141,14 @@ def cells_that_fit(
 def _that_fit(
     centre: tuple[int, int, int],
     rings: int,
-    steps: NDArray[np.int64],
+    steps: I64x1,
     bins: int,
     thing: tuple[float, float, float],
     half: bool,
     offset: tuple[int, int, int],
     units: tuple[int, float],
     doubt: Doubt,
-) -> tuple[NDArray[np.int64], Floats]:
+) -> tuple[I64x2, F64x1]:
     """((k, 3) x, y and bin, (k,) misfit) of cells around.
 
     Args:

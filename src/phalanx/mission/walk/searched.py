@@ -10,16 +10,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I64x1, I64x2, U64x1
 from phalanx.kernel import counting_kernel
 
 TABLE_ROWS = 1 << 14
 LANES_LIMIT = 1 << 16
 TILE_BITS = 3  # a tile has 8 by 8 cells, each a bit
 
-Table = NDArray[np.int64]
-Words = NDArray[np.uint64]
 Numbers = tuple[int, int, int, int]
 RINGS_MOST = 40
 
@@ -27,9 +25,9 @@ RINGS_MOST = 40
 class Known(NamedTuple):
     """Cells that nothing is around, and cells that nothing is in."""
 
-    table: Table  # (n, 5) lane, 0 where a row is free; x, y, bin, area
-    tiles: Table  # (n, 6) likewise, x and y of tiles, and the bits of their cells
-    used: Table  # (2,) rows of both
+    table: I64x2  # (n, 5) lane, 0 where a row is free; x, y, bin, area
+    tiles: I64x2  # (n, 6) likewise, x and y of tiles, and the bits of their cells
+    used: I64x1  # (2,) rows of both
 
 
 @lru_cache(maxsize=64)
@@ -52,7 +50,7 @@ SPIRAL = np.array(spiral(RINGS_MOST), np.int64)
 
 
 @counting_kernel
-def row_of(table: Table, lane: int, numbers: Numbers) -> int:
+def row_of(table: I64x2, lane: int, numbers: Numbers) -> int:
     """Where this cell is in the table, or the free row where it would be."""
     x, y, turn, area = numbers
     mask = len(table) - 1
@@ -69,7 +67,7 @@ def row_of(table: Table, lane: int, numbers: Numbers) -> int:
 
 
 @counting_kernel
-def _add(table: Table, lane: int, numbers: Numbers) -> bool:
+def _add(table: I64x2, lane: int, numbers: Numbers) -> bool:
     """Puts a cell into the table; whether it is new."""
     row = row_of(table, lane, numbers)
     is_new = table[row, 0] == 0
@@ -96,7 +94,7 @@ def tiles_around(numbers: Numbers, rings: int) -> tuple[int, int, int, int]:
 
 
 @counting_kernel
-def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[Words, Table, Table]:
+def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[U64x1, I64x1, I64x1]:
     """(x and y of each cell around that was not tried, in eight bytes; their places on the spiral; all tiles' bits)."""
     first_x, first_y, wide, high = tiles_around(numbers, rings)
     bits = np.zeros(wide * high, np.int64)
@@ -119,7 +117,7 @@ def untried(known: Known, lane: int, numbers: Numbers, rings: int) -> tuple[Word
 
 
 @counting_kernel
-def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: Table) -> None:
+def keep_tiles(known: Known, lane: int, numbers: Numbers, rings: int, bits: I64x1) -> None:
     """Nothing is in these cells: `bits` as `untried` has them."""
     first_x, first_y, wide, _ = tiles_around(numbers, rings)
     if known.used[1] + len(bits) >= len(known.tiles) * 3 // 4:

@@ -8,17 +8,18 @@ the same to the bit. Source: none.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import I64x1, Records, U8x1
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.memory import PATIENCE, look, rest, tell, wait_until
 from phalanx.pages import dense
 from phalanx.sim.radio.channel import SHORT_BYTES
-from phalanx.wire.fields import copy
+from phalanx.wire.fields import Row, copy
 
 ROOM = 1024
 # Kinds: a robot's sensors are due, a frame has arrived, a request is on its way.
@@ -41,11 +42,11 @@ ERRAND = np.dtype(
 class Errands(NamedTuple):
     """Errands that wait, in the order in which they were given."""
 
-    on: NDArray[np.uint8]  # (1,), whether there is a second processor
-    errand: NDArray[Any]  # (ROOM,) ERRAND, each in its turn
-    last: NDArray[np.int64]  # (N,), how many had been given with each robot's last
-    steps: NDArray[np.int64]  # (N,), readings so far, as `Fleet.robot` has them when errands are done
-    counts: NDArray[np.int64]  # (COUNT_WORDS,), that of what is foretold
+    on: U8x1  # (1,), whether there is a second processor
+    errand: Annotated[Any, Records(ERRAND)]  # (ROOM,), each in its turn
+    last: I64x1  # (N,), how many had been given with each robot's last
+    steps: I64x1  # (N,), readings so far, as `Fleet.robot` has them when errands are done
+    counts: I64x1  # (COUNT_WORDS,), that of what is foretold
 
 
 pack = bundled(Errands)
@@ -64,7 +65,7 @@ def make_errands(robots: int, counts: NDArray[np.int64]) -> Errands:
 
 
 @kernel
-def give(errands: Errands, kind: int, robot: int, now_us: int, frame: NDArray[np.uint8], length: int) -> None:
+def give(errands: Errands, kind: int, robot: int, now_us: int, frame: Row, length: int) -> None:
     """The errand will be done; the first `length` bytes of `frame`, SHORT_BYTES at most, are its own."""
     given = errands.counts[GIVEN]
     wait_for(errands, given + 1 - ROOM)

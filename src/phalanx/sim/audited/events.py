@@ -7,11 +7,11 @@ Events of one microsecond come out in the order in which they went in, so that a
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I32x1, I64x1, Records
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
@@ -45,10 +45,10 @@ EVENT = np.dtype(
 class Queue(NamedTuple):
     """Room for a fixed number of events, each of which has a place while it waits."""
 
-    heap: NDArray[np.int32]  # (C,), places of the events that are near, the earliest first
-    event: NDArray[Any]  # (C,) EVENT
-    bucket: NDArray[np.int32]  # (BUCKETS,): the first place of each
-    tally: NDArray[np.int64]  # (8,)
+    heap: I32x1  # (C,), places of the events that are near, the earliest first
+    event: Annotated[Any, Records(EVENT)]  # (C,)
+    bucket: I32x1  # (BUCKETS,): the first place of each
+    tally: I64x1  # (8,)
 
 
 pack = bundled(Queue)

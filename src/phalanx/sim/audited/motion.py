@@ -7,22 +7,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from phalanx.arrays import F64x1, F64x2, I64x1
 from phalanx.kernel import kernel
 from phalanx.sim.radio.reach import Reach, walled
 
 
 @kernel
-def advance(
-    pos: NDArray[np.float64],
-    vel: NDArray[np.float64],
-    acc: NDArray[np.float64],
-    at_us: NDArray[np.int64],
-    i: int,
-    now_us: int,
-) -> None:
+def advance(pos: F64x2, vel: F64x2, acc: F64x2, at_us: I64x1, i: int, now_us: int) -> None:
     """Robot i is where its last command has brought it by now: exact, as the acceleration is constant in between.
 
     `pos`, `vel` and `acc`, (N, 2), m, m/s and m/s², are those of at_us[i], (N,), which is `now_us` afterwards.
@@ -36,7 +27,7 @@ def advance(
 
 
 @kernel
-def command(acc: NDArray[np.float64], i: int, ax: float, ay: float, most_mps2: float) -> None:
+def command(acc: F64x2, i: int, ax: float, ay: float, most_mps2: float) -> None:
     """Robot i accelerates so from now on, each axis clipped to what it can; what is not a number is no acceleration.
 
     The robot must have been advanced to now. `acc`: (N, 2), m/s².
@@ -46,7 +37,7 @@ def command(acc: NDArray[np.float64], i: int, ax: float, ay: float, most_mps2: f
 
 
 @kernel
-def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: Reach, contact_m: float) -> int:
+def robot_contacts(pos: F64x2, last: F64x2, reach: Reach, contact_m: float) -> int:
     """How many pairs of robots came closer than `contact_m` since the last look, counted once until they part again.
 
     Between two looks robots are taken to go straight, so none passes through another unseen. `pos`, (N, 2), metres, is
@@ -75,7 +66,7 @@ def robot_contacts(pos: NDArray[np.float64], last: NDArray[np.float64], reach: R
 
 
 @kernel
-def _longest_step(pos: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+def _longest_step(pos: F64x2, last: F64x2) -> float:
     """How far somebody has gone at most since the last look, metres; who was not there then has gone nowhere."""
     longest = 0.0
     for i in range(len(pos)):
@@ -86,13 +77,7 @@ def _longest_step(pos: NDArray[np.float64], last: NDArray[np.float64]) -> float:
 
 
 @kernel
-def obstacle_contacts(
-    pos: NDArray[np.float64],
-    last: NDArray[np.float64],
-    discs: NDArray[np.float64],
-    boxes: NDArray[np.float64],
-    contact_m: float,
-) -> int:
+def obstacle_contacts(pos: F64x2, last: F64x2, discs: F64x2, boxes: F64x2, contact_m: float) -> int:
     """How many times a robot has come to touch an obstacle since the last look, counted once until they part again.
 
     An obstacle is touched when its edge is less than half of `contact_m` from a robot's centre. Seen at the two looks
@@ -134,13 +119,13 @@ def _closest(from_x: float, from_y: float, to_x: float, to_y: float) -> float:
 
 
 @kernel
-def _in_disc(at: NDArray[np.float64], disc: NDArray[np.float64], radius: float) -> bool:
+def _in_disc(at: F64x1, disc: F64x1, radius: float) -> bool:
     x, y, reach = at[0] - disc[0], at[1] - disc[1], disc[2] + radius
     return x * x + y * y < reach * reach  # type: ignore[no-any-return]
 
 
 @kernel
-def _in_box(at: NDArray[np.float64], box: NDArray[np.float64], radius: float) -> bool:
+def _in_box(at: F64x1, box: F64x1, radius: float) -> bool:
     if not (math.isfinite(at[0]) and math.isfinite(at[1])):
         return False
     x = max(box[0] - at[0], 0.0, at[0] - box[2])

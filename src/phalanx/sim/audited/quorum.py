@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import BOOLx1, I64x1
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import AIRTIME_US, Air
@@ -66,7 +67,7 @@ class Quorum:
 
 
 @kernel
-def _spent_us(air: Air, spent_us: NDArray[np.int64]) -> None:
+def _spent_us(air: Air, spent_us: I64x1) -> None:
     """`spent_us`, (N,): for how long each robot has been on the air."""
     for i in range(len(spent_us)):
         spent_us[i] = 0
@@ -75,7 +76,7 @@ def _spent_us(air: Air, spent_us: NDArray[np.int64]) -> None:
 
 
 @kernel
-def _full(reach: Reach, sent_us: NDArray[np.int64], passed_us: int, full: NDArray[np.bool_]) -> None:
+def _full(reach: Reach, sent_us: I64x1, passed_us: int, full: BOOLx1) -> None:
     """`full`, (N,): where those in range have sent for longer than there was time."""
     for i in range(len(full)):
         total = sent_us[i]
@@ -86,9 +87,7 @@ def _full(reach: Reach, sent_us: NDArray[np.int64], passed_us: int, full: NDArra
 
 
 @kernel
-def _enough(
-    reach: Reach, auditors: NDArray[np.bool_], lost: NDArray[np.bool_], needed: int, most: int, has: NDArray[np.bool_]
-) -> None:
+def _enough(reach: Reach, auditors: BOOLx1, lost: BOOLx1, needed: int, most: int, has: BOOLx1) -> None:
     """`has`, (N,): who has so many auditors in range, no more robots than `most`, and half of them not `lost`."""
     for i in range(len(has)):
         begin, end, can, cannot = reach.near[i], in_range(reach, i), 0, 0

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from phalanx.arrays import F64x2
 from phalanx.config.parameter import check_limits, within
 from phalanx.kernel import kernel
 from phalanx.mission.landmarks import FloorPlan
 from phalanx.mission.landmarks.floorplan import clearance
-from phalanx.mission.pose.spread import Floats
 from phalanx.sim.drive import turned_kernel
 
 from .odometry import Pose, along_arc
@@ -87,7 +87,7 @@ def wheels_of(speed_mps: float, turn_radps: float, body: Body) -> tuple[float, f
 
 @kernel
 def stepped(
-    pose: Pose, speeds_mps: tuple[float, float], dt_s: float, body: Body, walls: Floats
+    pose: Pose, speeds_mps: tuple[float, float], dt_s: float, body: Body, walls: F64x2
 ) -> tuple[Pose, tuple[float, float]]:
     """(pose, motion of the wheels) as `DiffDrive.step` has them."""
     top = body.wheel_max_mps

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x2
 from phalanx.config.lidar import LidarConfig
 from phalanx.kernel import kernel
 from phalanx.mission.file.canonical import parse_action
@@ -73,7 +74,7 @@ def _drive(
     moment: Moment,
     factors: tuple[float, float],
     body: Body,
-    walls: NDArray[np.float64],
+    walls: F64x2,
 ) -> tuple[Pose, tuple[Pose, float], float]:
     """(where the robot is, what odometry tells, when), from the same; the wheels turn for a moment."""
     now_s = moment.begin_s

@@ -10,11 +10,11 @@ own state, so that no robot's luck depends on the order of the others.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I32x1, I64x3, Records, U8x3
 from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
@@ -23,16 +23,18 @@ from phalanx.memory import fetch
 from phalanx.pages import dense
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
-from phalanx.wire.fields import copy, whole
+from phalanx.wire.fields import Row, copy, whole
 
 from .airtime import Rates, ack_us, broadcast_us, rates_of, unicast_us
 from .nic import (
     AIFS_US,
     NEVER,
+    NIC,
     SIFS_US,
     SLOT_US,
     WINDOW_MAX,
     WINDOW_MIN,
+    Nic,
     draw,
     hold,
     listen,
@@ -72,12 +74,12 @@ SLOT = np.dtype(
 class Air(NamedTuple):
     """The channel and everybody's NIC; half a kB a robot."""
 
-    nic: NDArray[np.void]  # (N,) NIC
+    nic: Annotated[Any, Records(NIC)]  # (N,)
     # By place first: most rings have one frame, so what lies behind the first places is never touched.
-    short: NDArray[np.uint8]  # (SLOTS, N, SHORT_BYTES), frames of the ring
+    short: U8x3  # (SLOTS, N, SHORT_BYTES), frames of the ring
     long: Pool  # of long_bytes: the one longer frame of each ring
-    slot: NDArray[Any]  # (SLOTS, N) SLOT
-    counts: NDArray[np.int64]  # (N, 4, 8), see APP_BROADCAST … and SENT …
+    slot: Annotated[Any, Records(SLOT, 2)]  # (SLOTS, N)
+    counts: I64x3  # (N, 4, 8), see APP_BROADCAST … and SENT …
     rates: Rates  # bits and times of a symbol
     half_exponents: int  # twice the exponent of the path loss
     capture: float  # how many times as strong as all that overlaps it a broadcast must be
@@ -95,7 +97,7 @@ class End(NamedTuple):
     receivers: int  # how many robots have the frame now; their ids are in the caller's array
     left: int  # robot whose NIC is done with the frame, or NOBODY: it may hand over the next one
     arrived: int  # for `left`: 1, or 0 if a unicast frame was given up
-    frame: NDArray[np.uint8]  # its bytes, until somebody next calls `enqueue`
+    frame: Row  # its bytes, until somebody next calls `enqueue`
 
 
 def make_air(robots: int, config: RadioConfig, seed: int) -> Air:
@@ -130,7 +132,7 @@ def delivery(air: Air, kind: int) -> float:
 
 
 @kernel
-def enqueue(air: Air, queue: Queue, robot: int, frame: NDArray[np.uint8], length: int, dst: int, now_us: int) -> int:
+def enqueue(air: Air, queue: Queue, robot: int, frame: Row, length: int, dst: int, now_us: int) -> int:
     """0, and the robot's NIC will send the frame, a copy; -1 if it has no room, the length is not legal, or it is off.
 
     `dst` is a robot, or BROADCAST. A frame to nobody is tried like one to a robot out of range.
@@ -203,9 +205,7 @@ def attempt(air: Air, reach: Reach, queue: Queue, robot: int, now_us: int) -> No
 
 
 @counting_kernel
-def finish(
-    air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: NDArray[np.int32]
-) -> End:
+def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: int, receivers: I32x1) -> End:
     """What a TX_END says has happened: who received, and whether the NIC is done with the frame.
 
     `receivers`, (≥ N,), is filled with the ids of those who received the frame now; `robot` and `arg` are the event's.
@@ -310,7 +310,7 @@ def _transmit(
 
 
 @kernel
-def _contend(nic: Any, queue: Queue, robot: int, now_us: int) -> None:
+def _contend(nic: Nic, queue: Queue, robot: int, now_us: int) -> None:
     """The NIC attempts when its back-off is over, at the next boundary of a slot."""
     idle_from = nic.busy_until + AIFS_US
     begun = (now_us - idle_from) // SLOT_US + 1 if now_us > idle_from else 0
@@ -326,7 +326,7 @@ def _class(first_byte: int, dst: int) -> int:
 
 
 @counting_kernel
-def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
+def _bytes(air: Air, robot: int, slot: int) -> Row:
     length = whole(air.slot[slot, robot].length)
     if length > SHORT_BYTES:
         return air.long.rows[air.nic[robot].long_row, :length]
@@ -334,7 +334,7 @@ def _bytes(air: Air, robot: int, slot: int) -> NDArray[np.uint8]:
 
 
 @kernel
-def _account(air: Air, robot: int, slot: int, receivers: NDArray[np.int32], count: int, now_us: int) -> None:
+def _account(air: Air, robot: int, slot: int, receivers: I32x1, count: int, now_us: int) -> None:
     sent = air.slot[slot, robot]
     row = _class(_bytes(air, robot, slot)[0], sent.dst)
     air.counts[robot, row, ARRIVED] += count

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import Records
 from phalanx.kernel import kernel
 from phalanx.pages import dense
 
@@ -49,6 +50,7 @@ NIC = np.dtype(
     ],
     align=True,
 )
+Nic: TypeAlias = Annotated[Any, Records(NIC, 0)]
 
 
 def make_nics(robots: int, seed: int) -> NDArray[np.void]:
@@ -64,7 +66,7 @@ def make_nics(robots: int, seed: int) -> NDArray[np.void]:
 
 
 @kernel
-def listen(nic: Any, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
+def listen(nic: Nic, sender: int, strong: float, capture: float, now_us: int, end_us: int) -> bool:
     """Whether the NIC turns to the frame that begins; if not, the frame is noise to what the NIC listens to.
 
     A preamble is found if it is `capture` times as strong as the noise.
@@ -85,7 +87,7 @@ def listen(nic: Any, sender: int, strong: float, capture: float, now_us: int, en
 
 
 @kernel
-def received(nic: Any, sender: int, now_us: int, capture: float, loss: float) -> bool:
+def received(nic: Nic, sender: int, now_us: int, capture: float, loss: float) -> bool:
     """Whether the NIC now has the sender's frame, which ends: it listened to that one, and the noise was low enough.
 
     Of those frames it loses a share of `loss` by chance, its own; without a loss it asks no chance.
@@ -113,7 +115,7 @@ def strength(square: float, half_exponents: int) -> float:
 
 
 @kernel
-def hold(nic: Any, now_us: int, until_us: int) -> None:
+def hold(nic: Nic, now_us: int, until_us: int) -> None:
     """The idle slots so far are counted, and the NIC's attempt waits until the channel is free again.
 
     Source: IEEE 802.11-2020 §10.23.2.4.
@@ -127,15 +129,15 @@ def hold(nic: Any, now_us: int, until_us: int) -> None:
 
 
 @kernel
-def draw(nic: Any) -> int:
+def draw(nic: Nic) -> int:
     """A back-off in slots, from the NIC's own state and its window."""
     return np.int64(_step(nic) >> np.uint64(33)) & nic.window  # type: ignore[no-any-return]
 
 
 @kernel
-def _step(nic: Any) -> Any:
+def _step(nic: Nic) -> np.uint64:
     """The NIC's next 64 random bits. Source: Marsaglia, Xorshift RNGs (2003)."""
-    state = nic.random
+    state: np.uint64 = nic.random
     state ^= state << np.uint64(13)
     state ^= state >> np.uint64(7)
     state ^= state << np.uint64(17)

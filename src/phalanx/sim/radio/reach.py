@@ -15,8 +15,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F32x1, F64x1, F64x2, I32x1, I64x1, I64x2
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
@@ -35,20 +35,20 @@ class Reach(NamedTuple):
 
     range_m: float  # what counts as near, metres, inclusive
     skin_m: float  # candidates are from so much farther away; 0: robots are sorted anew each time that one has moved
-    at: NDArray[np.float64]  # (N, 2), where robots are, metres
-    looks: NDArray[np.int64]  # (1,), how often they have been looked at
-    listed: NDArray[np.int64]  # (N,), the look at which a robot's neighbours were listed last
-    end: NDArray[np.int64]  # (N,), where they end
-    ids: NDArray[np.int32]  # (room,)
-    square: NDArray[np.float32]  # (room,), how far each of them is, metres squared
-    cell: NDArray[np.int64]  # (N, 2), the cell each robot is in
-    first: NDArray[np.int32]  # (power of two ≥ N,), the first robot of each bucket of cells
-    after: NDArray[np.int32]  # (N,), the next robot of the same bucket
-    sorted_at: NDArray[np.float64]  # (N, 2), where robots were when candidates were noted, NaN before
-    near: NDArray[np.int64]  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
-    maybe: NDArray[np.int32]  # (room,)
-    least_m: NDArray[np.float64]  # (N,), how far the nearest of them was then; infinite if there were none
-    aisle: NDArray[np.int32]  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
+    at: F64x2  # (N, 2), where robots are, metres
+    looks: I64x1  # (1,), how often they have been looked at
+    listed: I64x1  # (N,), the look at which a robot's neighbours were listed last
+    end: I64x1  # (N,), where they end
+    ids: I32x1  # (room,)
+    square: F32x1  # (room,), how far each of them is, metres squared
+    cell: I64x2  # (N, 2), the cell each robot is in
+    first: I32x1  # (power of two ≥ N,), the first robot of each bucket of cells
+    after: I32x1  # (N,), the next robot of the same bucket
+    sorted_at: F64x2  # (N, 2), where robots were when candidates were noted, NaN before
+    near: I64x1  # (N + 1,), candidates of robot i are maybe[near[i]:near[i + 1]]
+    maybe: I32x1  # (room,)
+    least_m: F64x1  # (N,), how far the nearest of them was then; infinite if there were none
+    aisle: I32x1  # (N,), 0 where all aisles meet; robots of different aisles are never near each other
 
 
 pack = bundled(Reach)
@@ -91,7 +91,7 @@ def make_reach(robots: int, range_m: float, capacity: int | None = None, skin: f
 
 
 @kernel
-def rebuild(reach: Reach, pos: NDArray[np.float64]) -> int:
+def rebuild(reach: Reach, pos: F64x2) -> int:
     """Robots are looked at: lists are those of `pos` from now on. Returns: the number of candidates of all together.
 
     If that number is greater than `len(reach.maybe)` the lists are cut short (robots at the end have none or too few):
@@ -130,7 +130,7 @@ def in_range(reach: Reach, i: int) -> int:
 
 
 @kernel
-def _has_moved(reach: Reach, pos: NDArray[np.float64]) -> bool:
+def _has_moved(reach: Reach, pos: F64x2) -> bool:
     """Whether somebody has gone so far since candidates were noted that others may be in range.
 
     What all have gone together, and that all have come nearer to each other by the same share, as a flock does on its
@@ -168,7 +168,7 @@ def _has_moved(reach: Reach, pos: NDArray[np.float64]) -> bool:
 
 
 @kernel
-def _sort(reach: Reach, pos: NDArray[np.float64], width_m: float) -> int:
+def _sort(reach: Reach, pos: F64x2, width_m: float) -> int:
     """Everybody's candidates within `width_m` are noted, in the order of robots; their number, or more than fit."""
     count = len(pos)
     mask = len(reach.first) - 1

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from phalanx.arrays import F64x2, U8x1
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos
 
@@ -29,7 +30,7 @@ from .field import (
     spread,
     weights,
 )
-from .surroundings import CELL_M, HALF, PER_M, SIDE, Bytes, Floats, Pose, Seen, Stop, free_way, look
+from .surroundings import CELL_M, HALF, PER_M, SIDE, Pose, Seen, Stop, free_way, look
 
 SPEED_MPS = 0.6
 TURN_RADPS = 1.2
@@ -69,7 +70,7 @@ class Course(NamedTuple):
 
 @counting_kernel
 def around(
-    cells: Bytes, base: Stop, moved: Pose, goal: tuple[float, float], points: Floats, count: int
+    cells: U8x1, base: Stop, moved: Pose, goal: tuple[float, float], points: F64x2, count: int
 ) -> tuple[float, float, bool, bool]:
     """(place to go to, robot frame; whether to wait before it; whether it leads far aside)."""
     wide = SIDE + 2
@@ -118,7 +119,7 @@ def around(
 
 
 @counting_kernel
-def touches(points: Floats, count: int, speed_mps: float, turn_radps: float) -> bool:
+def touches(points: F64x2, count: int, speed_mps: float, turn_radps: float) -> bool:
     """Whether a robot that drives so for a second comes too near to something, and nearer than it is."""
     part = ARC_S / ARC_STEPS
     xs, ys = np.empty(ARC_STEPS), np.empty(ARC_STEPS)
@@ -142,7 +143,7 @@ def touches(points: Floats, count: int, speed_mps: float, turn_radps: float) -> 
 
 @counting_kernel
 def command(
-    points: Floats, count: int, to: tuple[float, float], left_m: float, turning: int
+    points: F64x2, count: int, to: tuple[float, float], left_m: float, turning: int
 ) -> tuple[float, float, int]:
     """(speed, turn, how it turns about) to a place that can be reached straight; `left_m` to the goal.
 
@@ -201,7 +202,7 @@ def _rested(waited_s: float, way_m: float) -> float:
 
 
 @counting_kernel
-def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: Bytes) -> tuple[float, float, Stop, Course]:
+def steer(seen: Seen, wanted: Goal, course: Course, past_s: float, cells: U8x1) -> tuple[float, float, Stop, Course]:
     """The next command.
 
     Args:

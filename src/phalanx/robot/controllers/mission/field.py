@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from phalanx.arrays import F64x2, I64x1, U8x1
 from phalanx.kernel import counting_kernel
 
-from .surroundings import HALF, PER_M, SIDE, Bytes, Floats
+from .surroundings import HALF, PER_M, SIDE
 
-Ints = NDArray[np.int64]
 Point = tuple[float, float]
 
 # Of the robot's middle from everything, where it may choose; on a way once chosen; and by what it does in a second.
@@ -48,7 +45,7 @@ def weight(near: int) -> int:
 
 
 @counting_kernel
-def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floats, near: Ints, out: Ints) -> None:
+def standing(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, near: I64x1, out: I64x1) -> None:
     """Where the robot stands, it stands, and may go on to where nothing is nearer, and nowhere else.
 
     Behind it cells cost more.
@@ -75,7 +72,7 @@ def standing(cells: Bytes, here: Point, along: tuple[float, float], points: Floa
 
 
 @counting_kernel
-def is_nearer(points: Floats, here: Point, to_x: float, to_y: float) -> bool:
+def is_nearer(points: F64x2, here: Point, to_x: float, to_y: float) -> bool:
     """Whether a robot that goes straight so far, in cells, comes too near to something, and nearer than it is."""
     whole = to_x * to_x + to_y * to_y
     for k in range(len(points)):
@@ -89,7 +86,7 @@ def is_nearer(points: Floats, here: Point, to_x: float, to_y: float) -> bool:
 
 
 @counting_kernel
-def weights(cells: Bytes, here: Point, along: tuple[float, float], points: Floats, out: Ints) -> None:
+def weights(cells: U8x1, here: Point, along: tuple[float, float], points: F64x2, out: I64x1) -> None:
     """(SIDE + 2)^2, with an edge: what it costs to leave a cell, by how near the nearest thing is.
 
     Args:
@@ -120,7 +117,7 @@ def weights(cells: Bytes, here: Point, along: tuple[float, float], points: Float
 
 
 @counting_kernel
-def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) -> None:
+def seeds(leave: I64x1, goal_x: float, goal_y: float, points: F64x2, out: I64x1) -> None:
     """(SIDE + 2)^2: from cells at the goal and at the edge straight to the goal, hundredths of a metre.
 
     Args:
@@ -144,7 +141,7 @@ def seeds(leave: Ints, goal_x: float, goal_y: float, points: Floats, out: Ints) 
 
 
 @counting_kernel
-def is_between(points: Floats, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
+def is_between(points: F64x2, here: tuple[float, float], along: tuple[float, float], away: float) -> bool:
     """Whether something is on the straight way from here, in cells."""
     for k in range(len(points)):
         dx, dy = points[k, 0] - here[0], points[k, 1] - here[1]
@@ -155,7 +152,7 @@ def is_between(points: Floats, here: tuple[float, float], along: tuple[float, fl
 
 
 @counting_kernel
-def spread(leave: Ints, out: Ints) -> None:
+def spread(leave: I64x1, out: I64x1) -> None:
     """(SIDE + 2)^2: the cheapest way from each cell to a seed, and on."""
     wide = SIDE + 2
     for _ in range(PASSES):
@@ -181,7 +178,7 @@ def spread(leave: Ints, out: Ints) -> None:
 
 
 @counting_kernel
-def downhill(costs: Ints, leave: Ints, i: int) -> int:
+def downhill(costs: I64x1, leave: I64x1, i: int) -> int:
     """The next cell of the way; the same where it ends."""
     wide = SIDE + 2
     best, least = i, costs[i]

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, U8x1, U16x1
 from phalanx.config.lidar import ExtractionConfig, LidarConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel
@@ -40,14 +41,14 @@ _CLEAR_STEP_MM = round(CLEAR_STEP_M * MM_PER_M)
 
 
 @counting_kernel
-def _words_of(ranges: NDArray[np.float64], words: NDArray[np.uint16]) -> None:
+def _words_of(ranges: F64x1, words: U16x1) -> None:
     for k in range(len(ranges)):
         millimetres = np.rint(ranges[k] * MM_PER_M)
         words[k] = SILENT if np.isnan(millimetres) else int(min(millimetres, float(MISS)))
 
 
 @counting_kernel
-def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64], least_m: float, most_m: float) -> None:
+def _ranges_of(words: U16x1, ranges: F64x1, least_m: float, most_m: float) -> None:
     for k in range(len(words)):
         if words[k] == SILENT:
             ranges[k] = np.nan
@@ -57,7 +58,7 @@ def _ranges_of(words: NDArray[np.uint16], ranges: NDArray[np.float64], least_m: 
 
 
 @counting_kernel
-def _room_in(words: NDArray[np.uint16], each: int, clear: NDArray[np.uint8]) -> None:
+def _room_in(words: U16x1, each: int, clear: U8x1) -> None:
     for sector in range(len(clear)):
         nearest = int(MISS)
         for k in range(sector * each, (sector + 1) * each):

@@ -13,18 +13,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import F64x1, F64x2, U8x1
 from phalanx.kernel import counting_kernel
 from phalanx.mission.angles import atan2, sin_cos
 
 from .readings import CLEAR, CLEAR_STEP_M
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 Pose = tuple[float, float, float]
 Stop = tuple[int, int]
-Fan = tuple[Floats, Floats, float, float]
+Fan = tuple[F64x1, F64x1, float, float]
 
 SIDE = 48  # cells; the robot is in the middle
 CELL_M = 0.125
@@ -42,11 +40,11 @@ _SEEN_M = 0.13
 class Seen(NamedTuple):
     """A reading, and what was remembered before it."""
 
-    old: Bytes  # cells as remembered
+    old: U8x1  # cells as remembered
     base: Stop  # the numbers of the first of them
     fade: int  # by how much cells fade in this step
     moved: Pose  # by odometry
-    clear: Bytes  # (sectors,) as in a reading
+    clear: U8x1  # (sectors,) as in a reading
     fan: Fan  # cosines and sines of the sectors, where the field of view begins, and a sector's width
 
 
@@ -83,7 +81,7 @@ def cell_at(value_m: float) -> int:
 
 
 @counting_kernel
-def look(seen: Seen, cells: Bytes, points: Floats) -> tuple[int, int, int]:
+def look(seen: Seen, cells: U8x1, points: F64x2) -> tuple[int, int, int]:
     """Takes a reading in.
 
     Args:
@@ -133,7 +131,7 @@ def look(seen: Seen, cells: Bytes, points: Floats) -> tuple[int, int, int]:
 
 
 @counting_kernel
-def free_way(points: Floats, count: int, cosine: float, sine: float, margin_m: float) -> float:
+def free_way(points: F64x2, count: int, cosine: float, sine: float, margin_m: float) -> float:
     """How far a robot gets in a direction before something comes nearer to its middle than the margin."""
     free = np.inf
     for k in range(count):
@@ -144,7 +142,7 @@ def free_way(points: Floats, count: int, cosine: float, sine: float, margin_m: f
 
 
 @counting_kernel
-def sight(clear: Bytes, cosines: Floats, sines: Floats, goal_x: float, goal_y: float, margin_m: float) -> bool:
+def sight(clear: U8x1, cosines: F64x1, sines: F64x1, goal_x: float, goal_y: float, margin_m: float) -> bool:
     """Whether a reading shows the straight way to a place, robot frame, to be free."""
     away = math.sqrt(goal_x * goal_x + goal_y * goal_y)
     # What is farther than a sector's byte can say may have any wall before it.

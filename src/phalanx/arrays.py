@@ -1,0 +1,38 @@
+"""Array types of kernels: the element type and the number of axes, for mypy and for the kernel compiler.
+
+`F64x2` is an array of float64 with two axes. Arrays of records name their dtype: `Annotated[Any, Records(ROBOT)]` has
+one axis, `Records(TOKEN, 3)` has three, and `Records(ROBOT, 0)` is a single record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Records:
+    """Records of one dtype in an array of so many axes; without axes, a single record."""
+
+    dtype: np.dtype[Any]
+    axes: int = 1
+
+
+U8x1: TypeAlias = Annotated[NDArray[np.uint8], 1]
+U8x2: TypeAlias = Annotated[NDArray[np.uint8], 2]
+U8x3: TypeAlias = Annotated[NDArray[np.uint8], 3]
+U16x1: TypeAlias = Annotated[NDArray[np.uint16], 1]
+U16x2: TypeAlias = Annotated[NDArray[np.uint16], 2]
+I32x1: TypeAlias = Annotated[NDArray[np.int32], 1]
+I64x1: TypeAlias = Annotated[NDArray[np.int64], 1]
+I64x2: TypeAlias = Annotated[NDArray[np.int64], 2]
+I64x3: TypeAlias = Annotated[NDArray[np.int64], 3]
+U64x1: TypeAlias = Annotated[NDArray[np.uint64], 1]
+U64x2: TypeAlias = Annotated[NDArray[np.uint64], 2]
+F32x1: TypeAlias = Annotated[NDArray[np.float32], 1]
+F64x1: TypeAlias = Annotated[NDArray[np.float64], 1]
+F64x2: TypeAlias = Annotated[NDArray[np.float64], 2]
+BOOLx1: TypeAlias = Annotated[NDArray[np.bool_], 1]
