@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from phalanx.bti import rounds
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import make_fleet
 from phalanx.bti.log import logged
+from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.radio import RadioConfig
 from phalanx.robot.cnode import CNode, Transmit

@@ -13,9 +13,9 @@ import numpy as np
 from trials import scenario
 
 from phalanx.bti import request
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.work import make_work
 from phalanx.robot import node
 from phalanx.sim.scenarios.run import Run
 from shown_requests import requests_of

@@ -40,7 +40,6 @@ KERNELS = {
     "robot/auditor": (),
     "robot/node": ("hear_audit", "hear_fragment", "knock", "judge", "answer"),
 }
-MADE_ONCE = "make_work"  # memory for all audits: not a step of one
 FEW = 60  # mistakes: for so few it does not pay to see which tests run them
 CPU_S = 20  # a mistake may be a loop without an end
 OTHER_COMPARISON = {
@@ -131,7 +130,7 @@ def mutants() -> Iterator[Mutant]:
         tree, lines = ast.parse(path.read_text()), path.read_text().splitlines()
         scope = vars(importlib.import_module(f"phalanx.{module.replace('/', '.')}"))
         for function in [each for each in tree.body if isinstance(each, ast.FunctionDef)]:
-            if function.name == MADE_ONCE or (wanted and function.name not in wanted):
+            if wanted and function.name not in wanted:
                 continue
             seen: Counter[str] = Counter()
             for parent, field, index in list(_places(function)):

@@ -11,9 +11,9 @@ from caught import Judge
 from trials import F_MAX, attacked, run, scenario
 
 from phalanx.bti import request, rounds, trusted
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PENDING, START, make_fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig, RadioConfig
 from phalanx.config.flock import FlockConfig
 from phalanx.robot import node

@@ -8,92 +8,21 @@ Source: RoboRebound §3.7.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from phalanx.bundle import bundled
-from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32, same
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
 from . import log, memo, request, rounds, trusted
-from .fleet import BOUND, PAPER, Fleet, records
+from .fleet import BOUND, PAPER, Fleet
 from .log import CHECKPOINT, ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T, EVIDENCE, FLUSH_A, FLUSH_S, MARK
 from .refusal import Refusal
+from .work import Work
 
 INPUT, RECV, SEND, ACMD = table.ENTRY_INPUT, table.ENTRY_RECV, table.ENTRY_SEND, table.ENTRY_ACMD
 END = 0
 OUTPUT_LENGTH = table.OUTPUT.at("payload")
 OUTPUT_HEAD_BYTES = table.OUTPUT.size
-
-CASE = np.dtype(
-    [
-        ("tee", "i8"),
-        ("t", "i8"),  # of the token request
-        ("tokens", "i8"),
-        ("start_at", "i8"),
-        ("start_len", "i8"),
-        ("at", "i8"),  # where in the request the replay stands
-        ("end", "i8"),
-        ("step", "i8"),
-        ("due", "i8"),  # of the next INPUT, ms of the auditee's clock; at first what the start says
-        ("entry_t", "i8"),
-        ("payload_at", "i8"),
-        ("payload_len", "i8"),
-        ("evidence_len", "i8"),  # of the INPUT's, in `work.evidence`
-        ("waiting", "i8"),  # bytes of expected outputs in `work.waiting`
-        ("newest", "i8"),  # time of the newest entry
-        ("checkpoints", "i8"),  # marks of one so far
-        ("marked", "i8"),  # the last that replay saw was a mark
-        ("state_len", "i8"),  # of the controller's state
-        ("known", "i8"),  # bytes of the request that an earlier audit has found right (memo.py)
-    ],
-    align=True,
-)
-
-
-class Work(NamedTuple):
-    """Scratch memory of one auditor at a time."""
-
-    case: NDArray[Any]  # (1,) CASE, how far the audit is
-    batch: NDArray[np.uint8]  # (2, ...): entries of the s- and of the a-chain that are not hashed yet
-    held: NDArray[np.int64]  # (2, 2): of each, how many entries, and bytes
-    tops: NDArray[np.uint8]  # (2, 20): s- and a-chain while they are re-hashed
-    state: NDArray[np.uint8]  # the replayed controller's state, behind the rest of a checkpoint
-    out: NDArray[np.uint8]  # outputs of one step of the controller
-    waiting: NDArray[np.uint8]  # outputs that the log still has to show, as entries of their cause's time
-    evidence: NDArray[np.uint8]  # what the log keeps beside the INPUT; as long as the longest that is read
-    small: NDArray[np.uint8]  # (4, 32): token requests, authenticators, hashes
-    frame: NDArray[np.uint8]  # a radio frame
-    entry: NDArray[np.uint8]  # a chained entry
-    told: NDArray[np.int64]  # (8,): what happened, for whoever called (see robot/node.py)
-
-
-pack = bundled(Work)
-
-
-def make_work(config: BtiConfig) -> Work:
-    """Scratch memory for fleets of this configuration."""
-    entry = ENTRY_HEAD_BYTES + config.frame_max_bytes
-    work = Work(
-        case=records(1, CASE),
-        batch=np.zeros((2, config.batch_size * entry), np.uint8),
-        held=np.zeros((2, 2), np.int64),
-        tops=np.zeros((2, HASH_BYTES), np.uint8),
-        state=np.zeros(config.checkpoint_capacity_bytes + rounds.CHECKPOINT_BYTES, np.uint8),
-        out=np.zeros(2 * entry, np.uint8),
-        waiting=np.zeros(4 * entry, np.uint8),
-        evidence=np.zeros(config.evidence_max_bytes, np.uint8),
-        small=np.zeros((4, table.TOKEN_REQUEST.size), np.uint8),
-        frame=np.zeros(entry, np.uint8),
-        entry=np.zeros(entry, np.uint8),
-        told=np.zeros(8, np.int64),
-    )
-    return pack(work)
 
 
 @kernel

@@ -10,11 +10,11 @@ A robot in the world keeps no such memo: its auditors are other machines.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phalanx.arrays import I64x1, Records, U8x2, U8x3
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.memory import wait_until
@@ -22,6 +22,8 @@ from phalanx.pages import dense, sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
 from phalanx.wire.table import HASH_BYTES
+
+from .work import Work
 
 FLAGS, HCKPT, LENGTH = map(table.REQUEST.at, ("flags", "hckpt", "segment_length"))
 HEAD_BYTES, CHECKPOINT_BYTES = table.REQUEST.size, table.CHECKPOINT.size
@@ -57,10 +59,10 @@ MOST_FORETOLD, COUNT_WORDS = 128, 48
 class Foretold(NamedTuple):
     """Requests that a second processor audits while they are on the air: the verdict is in their bytes."""
 
-    shown: NDArray[np.uint8]  # (F, R), the requests
-    told: NDArray[Any]  # (F,) FORETOLD
-    place: NDArray[np.int64]  # (N,), where each robot's last one is or was
-    counts: NDArray[np.int64]  # of errands; the first is how many are done
+    shown: U8x2  # (F, R), the requests
+    told: Annotated[Any, Records(FORETOLD)]  # (F,)
+    place: I64x1  # (N,), where each robot's last one is or was
+    counts: I64x1  # of errands; the first is how many are done
 
 
 pack_foretold = bundled(Foretold)
@@ -69,11 +71,11 @@ pack_foretold = bundled(Foretold)
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
-    passed: NDArray[Any]  # (S,) PASSED
-    shown: NDArray[np.uint8]  # (S, R), the request
-    tops: NDArray[np.uint8]  # (S, 2, 20)
-    state: NDArray[np.uint8]  # (S, C + 48), the controller's, behind the rest of a checkpoint
-    waiting: NDArray[np.uint8]  # (S, W), outputs that the log still has to show
+    passed: Annotated[Any, Records(PASSED)]  # (S,)
+    shown: U8x2  # (S, R), the request
+    tops: U8x3  # (S, 2, 20)
+    state: U8x2  # (S, C + 48), the controller's, behind the rest of a checkpoint
+    waiting: U8x2  # (S, W), outputs that the log still has to show
     foretold: Foretold
 
 
@@ -121,7 +123,7 @@ def foretold(memo: Memo, q: Row, length: int, src: int) -> int:
 
 
 @kernel
-def recall(memo: Memo, w: Any, q: Row) -> int:
+def recall(memo: Memo, w: Work, q: Row) -> int:
     """How much of the request in `q`, of which `w.case` has the parts, has passed before; 0 if nothing.
 
     If something has, `w` is as it was where that audit ended: the case, both chains, the controller's state, and the
@@ -152,7 +154,7 @@ def recall(memo: Memo, w: Any, q: Row) -> int:
 
 
 @kernel
-def remember(memo: Memo, w: Any, q: Row, known: int) -> None:
+def remember(memo: Memo, w: Work, q: Row, known: int) -> None:
     """The request in `q` has passed, `known` bytes of it by what is remembered; `w` is as its audit left it.
 
     Not if it ends right behind an entry: evidence for that entry may follow, and would change what it calls for.

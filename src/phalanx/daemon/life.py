@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from phalanx.bti import elsewhere
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.work import make_work
 from phalanx.errors import UsageError
 from phalanx.io.udp_radio import Radio
 from phalanx.robot.attacks.liar import Liar, lying

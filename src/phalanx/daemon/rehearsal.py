@@ -5,9 +5,9 @@ From the mission key on a reading is due each quarter of a second, and nothing m
 
 from __future__ import annotations
 
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
+from phalanx.bti.work import make_work
 from phalanx.robot.cnode import Actuate, CNode, Transmit, Verdict
 from phalanx.robot.controllers import dispatch
 from phalanx.robot.controllers.declaration import Declaration

@@ -6,11 +6,11 @@ Source: RoboRebound §3.7; docs/spec/rebound.md (Auditor).
 from __future__ import annotations
 
 from phalanx.bti import audit, log, memo
-from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.request import AT_FLAGS
 from phalanx.bti.rounds import CHECKPOINT_BYTES
+from phalanx.bti.work import Work
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row
 

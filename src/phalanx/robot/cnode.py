@@ -15,11 +15,12 @@ from typing import Final
 import numpy as np
 
 from phalanx.bti import audit, log, memo, request, rounds, trusted
-from phalanx.bti.audit import ACMD, INPUT, SEND, Work
+from phalanx.bti.audit import ACMD, INPUT, SEND
 from phalanx.bti.fleet import PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_T
 from phalanx.bti.refusal import Refusal
 from phalanx.bti.rounds import CHECKPOINT_BYTES
+from phalanx.bti.work import CASE, Work
 from phalanx.errors import PeerError
 from phalanx.wire import guarded, table
 from phalanx.wire.fields import Row, get_u32, row
@@ -41,7 +42,7 @@ from .controllers.python_controller import (
 EVERYBODY: Final = -1
 # What a replay reads of each event. A record of numpy takes 2 us for a field, and all of them as a tuple 0.2.
 _EVENT: Final = itemgetter(
-    *map(list(audit.CASE.fields or ()).index, ("payload_at", "payload_len", "entry_t", "step", "evidence_len"))
+    *map(list(CASE.fields or ()).index, ("payload_at", "payload_len", "entry_t", "step", "evidence_len"))
 )
 
 

@@ -8,9 +8,10 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 from __future__ import annotations
 
 from phalanx.bti import audit, log, memo, request, rounds, trusted
-from phalanx.bti.audit import ACMD, INPUT, RECV, SEND, Work
+from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
+from phalanx.bti.work import Work
 from phalanx.kernel import kernel
 from phalanx.wire.fields import Row, copy, get_u16, get_u32, put_u16, put_u32
 from phalanx.wire.table import MAC_BYTES, STATE

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phalanx.bti import audit, log, request, rounds
-from phalanx.bti.audit import INPUT, make_work
+from phalanx.bti.audit import INPUT
 from phalanx.bti.fleet import BOUND, make_fleet
 from phalanx.bti.refusal import Refusal
+from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.robot.controllers.python_controller import Controller, pack_outputs
 from phalanx.wire.fields import get_u32, row

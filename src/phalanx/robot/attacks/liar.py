@@ -14,9 +14,10 @@ from typing import ClassVar
 import numpy as np
 
 from phalanx.bti import audit, request
-from phalanx.bti.audit import INPUT, RECV, Work
+from phalanx.bti.audit import INPUT, RECV
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES
+from phalanx.bti.work import Work
 from phalanx.robot import node
 from phalanx.robot.cnode import Action, CNode
 from phalanx.robot.controllers import dispatch

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import Fleet, memo_for
 from phalanx.bti.fleet import pack as pack_fleet
+from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
 from phalanx.memory import look, tell

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti.audit import make_work
 from phalanx.bti.fleet import BOUND, PAPER, PLAIN, make_fleet
 from phalanx.bti.nodes import Limits, MissionKey, Nodes, TrustedNodes, seal_mission_key
+from phalanx.bti.work import make_work
 from phalanx.config import BtiConfig
 from phalanx.config.bti import FRAGMENT_HEAD_BYTES, REQUEST_OVERHEAD_BYTES
 from phalanx.config.flock import Box, Disc

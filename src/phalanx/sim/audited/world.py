@@ -6,13 +6,14 @@ without trusted nodes and without a controller.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phalanx.bti.audit import Work
+from phalanx.arrays import F64x1, F64x2, I32x1, I64x1, I64x2, Records, U8x1, U8x2
 from phalanx.bti.fleet import Fleet, records
+from phalanx.bti.work import Work
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
@@ -55,32 +56,32 @@ CLOCK = np.dtype(
 class World(NamedTuple):
     """Everything a run changes. Of M bodies the first N are robots."""
 
-    clock: NDArray[Any]  # (1,) CLOCK
+    clock: Annotated[Any, Records(CLOCK)]  # (1,)
     fleet: Fleet  # the robots' nodes
     work: Work  # scratch memory
     queue: Queue  # events to come
     errands: Errands  # what the second processor does
     air: Air  # the channel
     reach: Reach  # who hears whom, as of the last 50 ms
-    pos: NDArray[np.float64]  # (M, 2), m
-    vel: NDArray[np.float64]  # (M, 2), m/s; with wheels, [:, 0] is the direction in degrees
-    acc: NDArray[np.float64]  # (M, 2), m/s²; with wheels, each one's share of its speed
-    last: NDArray[np.float64]  # (M, 2), `pos` at the last look at contacts
-    led: NDArray[np.uint8]  # (M, 3)
-    area: NDArray[np.float64]  # (2,), m, what wheels stay within
-    discs: NDArray[np.float64]  # (D, 3), obstacles (motion.obstacle_contacts)
-    boxes: NDArray[np.float64]  # (B, 4), the same
-    moved_us: NDArray[np.int64]  # (M,), the moment for which `pos` and `vel` hold
-    boot_us: NDArray[np.int64]  # (N,), by how much a robot's clock is ahead of the world's
-    runs: NDArray[np.uint8]  # (N,), COMPILED or PYTHON
-    safe: NDArray[np.uint8]  # (N,), in Safe Mode
-    safe_us: NDArray[np.int64]  # (N,), since when, -1 never
-    retry_us: NDArray[np.int64]  # (N,), when the next RETRY is due, -1 if none is
-    receivers: NDArray[np.int32]  # (M,), of the transmission that is being delivered
-    frame: NDArray[np.uint8]  # that transmission's bytes, or the frame for Python
-    frame_len: NDArray[np.int64]  # (1,), its length
-    reading: NDArray[np.uint8]  # (64,)
-    verdicts: NDArray[np.int64]  # (VERDICTS, 4): time µs, auditor, auditee, refusal
+    pos: F64x2  # (M, 2), m
+    vel: F64x2  # (M, 2), m/s; with wheels, [:, 0] is the direction in degrees
+    acc: F64x2  # (M, 2), m/s²; with wheels, each one's share of its speed
+    last: F64x2  # (M, 2), `pos` at the last look at contacts
+    led: U8x2  # (M, 3)
+    area: F64x1  # (2,), m, what wheels stay within
+    discs: F64x2  # (D, 3), obstacles (motion.obstacle_contacts)
+    boxes: F64x2  # (B, 4), the same
+    moved_us: I64x1  # (M,), the moment for which `pos` and `vel` hold
+    boot_us: I64x1  # (N,), by how much a robot's clock is ahead of the world's
+    runs: U8x1  # (N,), COMPILED or PYTHON
+    safe: U8x1  # (N,), in Safe Mode
+    safe_us: I64x1  # (N,), since when, -1 never
+    retry_us: I64x1  # (N,), when the next RETRY is due, -1 if none is
+    receivers: I32x1  # (M,), of the transmission that is being delivered
+    frame: U8x1  # that transmission's bytes, or the frame for Python
+    frame_len: I64x1  # (1,), its length
+    reading: U8x1  # (64,)
+    verdicts: I64x2  # (VERDICTS, 4): time µs, auditor, auditee, refusal
 
 
 pack = bundled(World)

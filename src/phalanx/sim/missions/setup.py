@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 
-from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
+from phalanx.bti.work import Work
 from phalanx.config.defence import DEFENCES
 from phalanx.config.lidar import LidarConfig
 from phalanx.config.mission import MissionConfig

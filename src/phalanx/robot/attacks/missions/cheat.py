@@ -13,9 +13,9 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from phalanx.bti import request
-from phalanx.bti.audit import Work
 from phalanx.bti.fleet import Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES
+from phalanx.bti.work import Work
 from phalanx.mission import OpenWay
 from phalanx.mission.angles import wrap
 from phalanx.mission.walk.keyring import Keyring
