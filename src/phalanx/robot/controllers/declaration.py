@@ -10,16 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from phalanx.config.flock import FlockConfig
 from phalanx.wire.record import Record
 
 if TYPE_CHECKING:  # whoever asks for names need not wait for numpy
-    import numpy as np
-    from numpy.typing import NDArray
-
-Params: TypeAlias = "NDArray[np.float64]"
+    from .parameters import Params
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

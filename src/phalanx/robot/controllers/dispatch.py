@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 from phalanx.kernel import written
 from phalanx.wire.fields import Row, whole
 
-from .declaration import Declaration, Params, bundled
+from .declaration import Declaration, bundled
+from .parameters import Params
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 

@@ -13,7 +13,7 @@ from phalanx.config.flock import FlockConfig
 from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 
-from .declaration import Params
+from .parameters import Params
 from .sine import HALF_PI, sine
 
 # Places in the parameters; the obstacles follow, three numbers a disc, four a box.

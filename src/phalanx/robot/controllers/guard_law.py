@@ -19,7 +19,7 @@ from phalanx.kernel import kernel
 from phalanx.wire.fields import whole
 from phalanx.wire.guarded import ENVELOPE_BYTES
 
-from .declaration import Params
+from .parameters import Params
 
 # Of a robot at a reading: place, m; velocity, m/s; and the command that is still in force, m/s²; x and y of each.
 Motion: TypeAlias = tuple[float, float, float, float, float, float]

@@ -18,8 +18,8 @@ from phalanx.wire.table import ACCELERATION, KIND_ACCELERATION, KIND_STATE, SENS
 
 from . import dispatch
 from .bundled import wheels
-from .declaration import Params
 from .orders import POINT_BYTES
+from .parameters import Params
 from .protocol import Point
 from .python_controller import Act, Output, Send, compiled
 from .sine import sine_cosine

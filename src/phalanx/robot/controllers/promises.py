@@ -16,7 +16,7 @@ from phalanx.wire import guarded
 from phalanx.wire.fields import F32_BYTES, Row, get_f32, get_u64, put_f32, put_u64, whole
 
 from . import guard_law
-from .declaration import Params
+from .parameters import Params
 
 WIDE = 0.8
 # A disc has speeds up to (1/2 + WIDE) |g|: a promise of more than so much of the envelope's speed would be none.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, ClassVar
 from phalanx.config.flock import Box
 
 if TYPE_CHECKING:  # whoever asks for names need not wait for a compiler
-    from .declaration import Params
+    from .parameters import Params
     from .python_controller import Controller
 
 Point = tuple[float, float]

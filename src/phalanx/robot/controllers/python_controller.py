@@ -33,8 +33,8 @@ from phalanx.wire.record import MalformedRecord
 from phalanx.wire.table import ENTRY_ACMD, ENTRY_SEND, KIND_AUDIT, OUTPUT
 
 from . import dispatch
-from .declaration import Params
 from .outputs import OUT_BYTES
+from .parameters import Params
 from .senses import Senses
 
 

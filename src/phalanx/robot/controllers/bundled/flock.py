@@ -19,8 +19,9 @@ from __future__ import annotations
 
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import flock_law, neighbours
-from phalanx.robot.controllers.declaration import Declaration, Params
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
+from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import table
 from phalanx.wire.fields import (
     F32_BYTES,

@@ -27,8 +27,9 @@ from phalanx.bti import trusted
 from phalanx.config.guard import GuardConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import guard_law, neighbours, promises
-from phalanx.robot.controllers.declaration import Declaration, Params
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
+from phalanx.robot.controllers.parameters import Params
 from phalanx.wire import driven, guarded, table
 from phalanx.wire.fields import (
     F32_BYTES,

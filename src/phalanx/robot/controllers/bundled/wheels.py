@@ -22,8 +22,9 @@ import numpy as np
 from phalanx.config.wheels import WheelsConfig
 from phalanx.kernel import kernel
 from phalanx.robot.controllers import orders
-from phalanx.robot.controllers.declaration import Declaration, Params
+from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
+from phalanx.robot.controllers.parameters import Params
 from phalanx.robot.controllers.sine import sine_cosine
 from phalanx.robot.follow import FULL_PCT, percent, steer
 from phalanx.wire import driven, table
