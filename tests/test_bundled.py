@@ -30,7 +30,8 @@ import numpy as np
 from phalanx.kernel import kernel
 from phalanx.robot.controllers.declaration import Declaration
 from phalanx.robot.controllers.outputs import put_head
-from phalanx.wire.fields import get_u32, put_f32, put_u32
+from phalanx.robot.controllers.parameters import Params
+from phalanx.wire.fields import Row, get_u32, put_f32, put_u32
 from phalanx.wire.record import Field, Record
 from phalanx.wire.table import ACCELERATION, ENTRY_ACMD, KIND_ACCELERATION, SENSOR, STATE
 
@@ -49,33 +50,35 @@ CONTROLLER = Declaration(reads=SENSOR, commands=ACCELERATION, says=STATE, rememb
 
 
 @kernel
-def capacity(_params):
+def capacity(_params: Params) -> int:
     return CAPACITY
 
 
 @kernel
-def size(_state):
+def size(_state: Row) -> int:
     return CAPACITY
 
 
 @kernel
-def begin(_params, _rob_id, state):
+def begin(_params: Params, _rob_id: int, state: Row) -> int:
     put_u32(state, STEPS, 0)
     return CAPACITY
 
 
 @kernel
-def is_encoding(_params, _rob_id, _state, length):
+def is_encoding(_params: Params, _rob_id: int, _state: Row, length: int) -> bool:
     return length == CAPACITY
 
 
 @kernel
-def on_recv(_params, _rob_id, _t_ms, _frame, _length, _state):
+def on_recv(_params: Params, _rob_id: int, _t_ms: int, _frame: Row, _length: int, _state: Row) -> int:
     return CAPACITY
 
 
 @kernel
-def on_input(params, rob_id, _step, t_ms, _reading, _length, state, out):
+def on_input(
+    params: Params, rob_id: int, _step: int, t_ms: int, _reading: Row, _length: int, state: Row, out: Row
+) -> int:
     put_u32(state, STEPS, get_u32(state, STEPS) + 1)
     at = put_head(out, 0, ENTRY_ACMD, LENGTH, KIND_ACCELERATION, rob_id, t_ms)
     put_f32(out, at + AX, params[0])

@@ -28,9 +28,10 @@ from phalanx.bti import trusted
 from phalanx.bti.nodes import Limits, Nodes, seal_mission_key
 from phalanx.config import BtiConfig
 from phalanx.kernel import kernel
+from phalanx.wire.fields import Row
 
 @kernel
-def story(profile, anode, snode, entry, frame, out):
+def story(profile: int, anode: Row, snode: Row, entry: Row, frame: Row, out: Row) -> int:
     total = 0
     for now in range(50):
         total += trusted.anode_send(profile, anode, 3000 + now, frame, frame.size, entry)

@@ -8,17 +8,17 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
 from numba.core import types
-from numpy.typing import NDArray
 
 from phalanx import kernel as kernel_module
-from phalanx.bti.audit import make_work
+from phalanx.arrays import Records, U8x3
 from phalanx.bti.fleet import records
+from phalanx.bti.work import make_work
 from phalanx.bundle import bundled
 from phalanx.config import BtiConfig
 from phalanx.sim.audited import loop
@@ -52,22 +52,25 @@ def test_a_bundle_is_itself_where_nothing_is_compiled(monkeypatch):
     assert pack(queue) is queue
 
 
+SEEN = np.dtype([("small", "u1"), ("large", "i8")], align=True)
+
+
 class Inner(NamedTuple):
-    seen: NDArray[Any]
+    seen: Annotated[Any, Records(SEEN, 2)]
     half: float
     pair: tuple[int, int]
 
 
 class Outer(NamedTuple):
     inner: Inner
-    bytes: NDArray[np.uint8]
+    bytes: U8x3
 
 
 pack_inner, pack_outer = bundled(Inner), bundled(Outer)
 
 
 def nested():
-    seen = records((3, 2), np.dtype([("small", "u1"), ("large", "i8")], align=True))
+    seen = records((3, 2), SEEN)
     return pack_outer(Outer(pack_inner(Inner(seen, 0.5, (3, 4))), np.zeros((2, 3, 4), np.uint8)))
 
 
@@ -158,7 +161,7 @@ def test_nobody_counts_in_the_loop_but_what_returns_a_view_of_a_bundles_array():
 
 
 MAKES = re.compile(
-    r"np\.(empty|zeros|ones|full|eye|array|arange)|\.(copy|astype)\(|-> .*(NDArray|Row|Floats|Ints|Bools|End)\b"
+    r"np\.(empty|zeros|ones|full|eye|array|arange)|\.(copy|astype)\(|-> .*(NDArray|Row|[A-Z]+\d*x\d|End)\b"
 )
 
 
@@ -171,7 +174,7 @@ def test_what_makes_arrays_or_returns_them_counts():
 
 def test_a_kernel_that_does_not_count_makes_no_array_and_keeps_none():
     @kernel_module.kernel
-    def borrowing(n):
+    def borrowing(n: int) -> float:
         made = np.empty(n)
         return made[0]
 

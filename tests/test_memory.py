@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx import pages
+from phalanx.arrays import U8x2
 from phalanx.bti import log
 from phalanx.bti.fleet import ROBOT, SETTINGS, records
 from phalanx.kernel import kernel
@@ -135,7 +136,7 @@ def test_a_small_array_and_one_with_values():
 
 
 @kernel
-def fetched(rows, i):
+def fetched(rows: U8x2, i: int) -> int:
     """What is asked for ahead of time is there."""
     fetch(rows, i, 0, 200)
     return rows[i % len(rows), 3]
