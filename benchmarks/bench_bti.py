@@ -58,7 +58,6 @@ class Swarm:
     limit: float | None
     seconds: int  # simulated, behind the warm-up
     times: int = 3
-    cores: int = 1
 
     @property
     def scenario(self) -> Scenario:
@@ -68,8 +67,7 @@ class Swarm:
 
     @property
     def name(self) -> str:
-        more = ", on two processors" if self.cores > 1 else ""
-        return f"{self.robots} robots at {self.step_m:g} m, f_max {self.f_max}{more}"
+        return f"{self.robots} robots at {self.step_m:g} m, f_max {self.f_max}"
 
 
 SWARMS = (
@@ -78,7 +76,6 @@ SWARMS = (
     Swarm(100, 4.0, 4.0, 3, 150.0, 12, 10),
     Swarm(1000, 64.0, 64.0, 2, 90.0, 8, 6),
     Swarm(10_000, 64.0, 64.0, 2, 5.0, 4, 3),
-    Swarm(10_000, 64.0, 64.0, 2, 8.0, 4, 3, cores=2),
     Swarm(60_000, 64.0, 64.0, 2, None, 2, 1),
 )
 
@@ -96,20 +93,19 @@ class Timed:
     alone: int
 
 
-def timed(scenario: Scenario, times: int, cores: int = 1) -> Timed:
-    """So many runs; setting up does not count. On two processors it is not their time that counts, but the clock's."""
-    clock = time.process_time if cores == 1 else time.perf_counter
+def timed(scenario: Scenario, times: int) -> Timed:
+    """Return the least processor time of `times` runs; setting up does not count."""
     seconds = round(scenario.duration_s - WARM_UP_S)
     least = [math.inf] * seconds
     for nth in range(times):
         before_mb = rss_mb(os.getpid())
-        run = Run(scenario, cores=cores)
+        run = Run(scenario)
         run.advance(WARM_UP_S)
         steps, (hashed, encrypted) = _steps(run), trusted.counted()
         for k in range(seconds):
-            began = clock()
+            began = time.process_time()
             run.advance(WARM_UP_S + k + 1)
-            least[k] = min(least[k], clock() - began)
+            least[k] = min(least[k], time.process_time() - began)
         if nth == 0:  # what a run leaves behind, the next one uses
             memory_mb = rss_mb(os.getpid()) - before_mb
     hashed_then, encrypted_then = trusted.counted()
@@ -179,20 +175,9 @@ def primitives() -> Primitives:
 
 def rows_of(swarm: Swarm, alone: Primitives) -> list[Row]:
     """The CPU time, by stage, beside the floor of the same run."""
-    told = timed(swarm.scenario, swarm.times, swarm.cores)
+    told = timed(swarm.scenario, swarm.times)
     note = f"{swarm.seconds} s, each the least of {swarm.times}; correct robots stopped {told.stopped}, "
     note += f"without quorum {told.alone}"
-    factor = Row(
-        section=1,
-        what=swarm.name,
-        measured=0.0 if told.stopped else 1000 / told.cpu_ms,
-        unit="x real time",
-        limit=swarm.limit,
-        at_least=True,
-        note=note,
-    )
-    if swarm.cores > 1:
-        return [factor]
     plain = timed(replace(swarm.scenario, defence="none"), swarm.times).cpu_ms
     hashing, encrypting = told.hashed * alone.hash_ns / 1e6, told.encrypted * alone.encrypt_ns / 1e6
     deciding = 2 * told.steps * alone.step_ns / 1e6
@@ -207,7 +192,15 @@ def rows_of(swarm: Swarm, alone: Primitives) -> list[Row]:
     large = swarm.robots >= 1000
     kb_a_robot = told.memory_mb * MB / swarm.robots
     return [
-        factor,
+        Row(
+            section=1,
+            what=swarm.name,
+            measured=0.0 if told.stopped else 1000 / told.cpu_ms,
+            unit="x real time",
+            limit=swarm.limit,
+            at_least=True,
+            note=note,
+        ),
         *(Row(section=0, what=f"  {what}", measured=ms, unit="ms/s", note=said) for what, ms, said in parts),
         Row(section=0, what="  times the floor", measured=told.cpu_ms / floor, unit=""),
         Row(section=0, what="  memory", measured=kb_a_robot, unit="kB/robot", limit=KB_A_ROBOT if large else None),
@@ -216,8 +209,7 @@ def rows_of(swarm: Swarm, alone: Primitives) -> list[Row]:
 
 def rows_of_all(rows: list[Row]) -> list[Row]:
     """What several swarms say together, and what is no swarm's."""
-    one = [swarm for swarm in SWARMS if swarm.cores == 1]
-    factor = {swarm.robots: row.measured for swarm in one for row in rows if row.what == swarm.name}
+    factor = {swarm.robots: row.measured for swarm in SWARMS for row in rows if row.what == swarm.name}
     peak_mb = max(swarm.robots for swarm in SWARMS) * rows[-1].measured / MB
     grown = (factor[1000] * 1000) / (factor[10_000] * 10_000) if factor[10_000] else math.inf
     return [
@@ -266,7 +258,7 @@ def machine() -> str:
     able = " and ".join(word for bit, word in does.items() if can & bit) or "neither SHA instructions nor AVX2"
     load = os.getloadavg()[0]
     return (
-        f"{cpu} ({os.cpu_count()} processors, of which mostly one is used; {able}), "
+        f"{cpu} ({os.cpu_count()} processors, of which one is used; {able}), "
         f"Linux {platform.release().split('-')[0]}, Python {platform.python_version()}, "
         f"numba {version('numba')}; {time.strftime('%-d %B %Y')}, "
         f"while {load:.0f} programs wanted a processor"

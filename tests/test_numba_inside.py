@@ -32,7 +32,7 @@ builtins.__import__ = of_another
 import numpy as np
 from phalanx.bti import trusted
 from phalanx.kernel import kept_in
-from phalanx.memory import fetch, look, tell
+from phalanx.memory import fetch
 from phalanx.pool import lend, make_pool
 from phalanx.sim import compiling
 from phalanx.sim.audited.events import make_queue, peek, pop, push

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from llvmlite import ir as llvm
 from numba import extending
@@ -33,9 +32,6 @@ types: Any = numba_types
 extend: Any = extending
 arrays: Any = arrayobj
 utils: Any = cgutils
-_CONFIG: Any = numba.config
-# Whether one thread can tell another, compiled, what it has done.
-CAN_TELL = arrays is not None and not _CONFIG.DISABLE_JIT
 WORD_BITS = 64
 
 
@@ -102,82 +98,6 @@ def _stores(bits: int) -> Callable[[Any, int, int], None]:
 load_16, load_32, load_64 = _loads(16), _loads(32), _loads(64)
 # The lowest so many bits of `value` lie at `at`.
 store_16, store_32, store_64 = _stores(16), _stores(32), _stores(64)
-
-
-def tell(words: Any, at: int, value: int) -> None:
-    """words[at], of int64, is `value`, and so is all that was written before to who finds that by `look`."""
-    words[at] = value
-
-
-def look(words: Any, at: int) -> int:
-    """words[at] as another thread told it last."""
-    return int(words[at])
-
-
-def rest() -> None:
-    """Another thread may have the processor, if it waits for one."""
-
-
-# Looks at what another thread has done before the processor is offered to whoever waits for it.
-PATIENCE = 200
-
-
-def wait_until(words: Any, at: int, value: int) -> None:
-    """words[at] is `value` or more."""
-    looks = 0
-    while look(words, at) < value:
-        looks += 1
-        if looks % PATIENCE == 0:
-            rest()
-
-
-def _word_at(context: Any, builder: Any, kind: Any, words: Any, at: Any) -> Any:
-    return builder.gep(arrays.make_array(kind)(context, builder, words).data, [at])
-
-
-@extend.intrinsic  # type: ignore[untyped-decorator]
-def _told(_: Any, words: Any, at: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        place = _word_at(context, builder, signature.args[0], *given[:2])
-        builder.store_atomic(given[2], place, "release", 8)
-        return context.get_dummy_value()
-
-    return types.none(words, types.int64, types.int64), generate
-
-
-@extend.intrinsic  # type: ignore[untyped-decorator]
-def _looked(_: Any, words: Any, at: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        return builder.load_atomic(_word_at(context, builder, signature.args[0], *given), "acquire", 8)
-
-    return types.int64(words, types.int64), generate
-
-
-@extend.intrinsic  # type: ignore[untyped-decorator]
-def _rested(_: Any) -> Any:
-    def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
-        of_c = ir.FunctionType(ir.IntType(32), [])
-        builder.call(utils.get_or_insert_function(builder.module, of_c, "sched_yield"), [])
-        return context.get_dummy_value()
-
-    return types.none(), generate
-
-
-def _tell_plainly(words, at, value) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
-    words[at] = value
-
-
-extend.overload(tell)(
-    lambda words, at, value: (lambda words, at, value: _told(words, at, value)) if arrays else _tell_plainly
-)
-extend.overload(look)(
-    lambda words, at: (lambda words, at: _looked(words, at)) if arrays else lambda words, at: words[at]
-)
-extend.overload(rest)(lambda: (lambda: _rested()) if arrays else lambda: None)
-
-
-# Compiled, it is itself.
-extend.register_jitable(wait_until)
 
 
 def move(to: Any, to_at: int, source: Any, source_at: int, length: int) -> None:

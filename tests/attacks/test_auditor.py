@@ -11,7 +11,7 @@ from caught import meaning, quiet_run
 
 from phalanx.bti import request
 from phalanx.bti.fleet import Fleet
-from phalanx.bti.memo import Foretold, Memo
+from phalanx.bti.memo import Memo
 from phalanx.bti.refusal import Refusal
 from phalanx.robot import node
 
@@ -170,8 +170,7 @@ def untouched(f: Fleet, lent: set[int]) -> dict[str, bytes]:
     own = set(Fleet._fields) - {"memo", "request", "rx"}
     robots = {name: getattr(f, name)[int(name in taken_in) :].tobytes() for name in own}
     robots |= {"request": f.request.rows.tobytes(), "rx": np.delete(f.rx.rows, sorted(lent), axis=0).tobytes()}
-    robots |= {name: getattr(f.memo, name).tobytes() for name in Memo._fields if name != "foretold"}
-    return robots | {name: getattr(f.memo.foretold, name).tobytes() for name in Foretold._fields}
+    return robots | {name: getattr(f.memo, name).tobytes() for name in Memo._fields}
 
 
 def test_fragments_of_any_bytes_do_no_harm(caught):

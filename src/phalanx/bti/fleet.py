@@ -18,7 +18,7 @@ from phalanx.pool import NO_ROW, Pool, make_pool
 from phalanx.wire import table
 from phalanx.wire.table import HASH_BYTES, MAC_BYTES
 
-from .memo import Foretold, Memo, make_memo
+from .memo import Memo, make_memo
 
 # The firmware's profiles, and none: a robot without trusted nodes, whose entries nobody chains or logs.
 BOUND, PAPER, PLAIN = 0, 1, 2
@@ -157,12 +157,6 @@ def records(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     return made
 
 
-def memo_for(n: int, config: BtiConfig, request_bytes: int, foretold: Foretold | None = None) -> Memo:
-    """An auditor's memo of `n` robots' requests."""
-    waiting_bytes = 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)
-    return make_memo(n, request_bytes, config.checkpoint_capacity_bytes, waiting_bytes, foretold)
-
-
 def _pages(size: int) -> int:
     return -(-size // PAGE_BYTES) * PAGE_BYTES
 
@@ -221,7 +215,7 @@ def make_fleet(
         request=make_pool(n, requests),
         rx=make_pool(n * places, requests),
         rx_info=records((n, places), RX),
-        memo=memo_for(n, config, requests),
+        memo=make_memo(n, requests, state_bytes, 4 * (table.ENTRY_HEADER_BYTES + config.frame_max_bytes)),
         taken=filled((n, config.audits_taken), LONG_AGO, np.int64),
     )
     return pack(fleet)

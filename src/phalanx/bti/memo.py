@@ -14,10 +14,9 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from phalanx.arrays import I64x1, Records, U8x2, U8x3
+from phalanx.arrays import Records, U8x2, U8x3
 from phalanx.bundle import bundled
 from phalanx.kernel import kernel
-from phalanx.memory import wait_until
 from phalanx.pages import dense, sparse
 from phalanx.wire import table
 from phalanx.wire.fields import Row, copy, same
@@ -44,30 +43,6 @@ PASSED = np.dtype(
 )
 
 
-FORETOLD = np.dtype(
-    [
-        ("number", "i8"),  # of the errand by which it is told (sim/audited/errands.py), 0 of none
-        ("tee", "i8"),
-        ("length", "i8"),
-        ("refused", "i8"),  # what its audit says, once the errand is done
-    ],
-    align=True,
-)
-MOST_FORETOLD, COUNT_WORDS = 128, 48
-
-
-class Foretold(NamedTuple):
-    """Requests that a second processor audits while they are on the air: the verdict is in their bytes."""
-
-    shown: U8x2  # (F, R), the requests
-    told: Annotated[Any, Records(FORETOLD)]  # (F,)
-    place: I64x1  # (N,), where each robot's last one is or was
-    counts: I64x1  # of errands; the first is how many are done
-
-
-pack_foretold = bundled(Foretold)
-
-
 class Memo(NamedTuple):
     """The last request of each robot that passed, until another's takes its slot."""
 
@@ -76,16 +51,13 @@ class Memo(NamedTuple):
     tops: U8x3  # (S, 2, 20)
     state: U8x2  # (S, C + 48), the controller's, behind the rest of a checkpoint
     waiting: U8x2  # (S, W), outputs that the log still has to show
-    foretold: Foretold
 
 
 pack = bundled(Memo)
 
 
-def make_memo(
-    robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int, foretold: Foretold | None = None
-) -> Memo:
-    """Nothing has passed yet; what is foretold may be another's."""
+def make_memo(robots: int, request_bytes: int, state_bytes: int, waiting_bytes: int) -> Memo:
+    """Return an empty memo: no request has passed yet."""
     slots = min(robots, MOST_SLOTS)
     made = Memo(
         passed=np.zeros(slots, PASSED).view(np.recarray),
@@ -93,33 +65,8 @@ def make_memo(
         tops=np.zeros((slots, 2, HASH_BYTES), np.uint8),
         state=dense((slots, state_bytes + CHECKPOINT_BYTES), np.uint8),
         waiting=sparse(slots, waiting_bytes),
-        foretold=foretold or _nothing_foretold(robots, request_bytes),
     )
     return pack(made)
-
-
-def _nothing_foretold(robots: int, request_bytes: int) -> Foretold:
-    made = Foretold(
-        shown=sparse(MOST_FORETOLD, request_bytes),
-        told=np.zeros(MOST_FORETOLD, FORETOLD).view(np.recarray),
-        place=dense(robots, np.int64),
-        counts=np.zeros(COUNT_WORDS, np.int64),
-    )
-    return pack_foretold(made)
-
-
-@kernel
-def foretold(memo: Memo, q: Row, length: int, src: int) -> int:
-    """What the audit of the request `q[:length]` has said already, 0 or a `Refusal`; -1 if there was none."""
-    known = memo.foretold
-    if src > len(known.place):
-        return -1
-    at = known.place[src - 1]
-    told = known.told[at]
-    if told.number == 0 or told.tee != src or told.length != length or not same(q, 0, known.shown[at], 0, length):
-        return -1
-    wait_until(known.counts, 0, told.number)
-    return int(told.refused)
 
 
 @kernel

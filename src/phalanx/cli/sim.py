@@ -65,7 +65,7 @@ def choose(
         return Chosen(found, own, find_planner(planner), (controller, planner, *attacks))
 
 
-def run(scenario: str, record: Path | None, plain: bool, cores: int, as_json: bool, **said: Any) -> int:
+def run(scenario: str, record: Path | None, plain: bool, as_json: bool, **said: Any) -> int:
     """Runs a scenario and sums it up on stdout."""
     before = _written(record)
     chosen = choose(scenario, **said)
@@ -73,9 +73,7 @@ def run(scenario: str, record: Path | None, plain: bool, cores: int, as_json: bo
     tell = progress(chosen.scenario.duration_s)
     try:
         with said_aside(), mistakes_in(*chosen.files):
-            ended = play(
-                chosen.scenario, record, tell, chosen.controller, planner=chosen.planner, plain=plain, cores=cores
-            )
+            ended = play(chosen.scenario, record, tell, chosen.controller, planner=chosen.planner, plain=plain)
     except KeyboardInterrupt:
         end_status_line()
         click.echo("stopped" + (f"; recorded until then: {record}" if _written(record) != before else ""), err=True)

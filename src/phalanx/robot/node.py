@@ -7,7 +7,7 @@ Source: RoboRebound §3; docs/spec/rebound.md (c-node).
 
 from __future__ import annotations
 
-from phalanx.bti import audit, log, memo, request, rounds, trusted
+from phalanx.bti import audit, log, request, rounds, trusted
 from phalanx.bti.audit import ACMD, INPUT, RECV, SEND
 from phalanx.bti.fleet import PAPER, PLAIN, Fleet
 from phalanx.bti.log import ENTRY_HEAD_BYTES, ENTRY_LENGTH, ENTRY_T
@@ -200,13 +200,6 @@ def judge(f: Fleet, i: int, w: Work, place: int, src: int) -> int:
     """
     info = f.rx_info[i, place]
     q, length = f.rx.rows[info.row], info.len
-    foretold = memo.foretold(f.memo, q, length, src)
-    return foretold if foretold >= 0 else verdict(f, i, w, q, length, src)
-
-
-@kernel
-def verdict(f: Fleet, i: int, w: Work, q: Row, length: int, src: int) -> int:
-    """What the audit of the request `q[:length]` says, by any robot that has the mission's key. See `judge`."""
     refused = audit.examine(f, i, w, q, length, src)
     if refused == 0:
         refused = auditor.replay(f, w, q)

@@ -49,12 +49,6 @@ def sim() -> None:
 @chosen_options
 @record_option
 @option("--plain", help="Compute each thing in the simplest way: slower, and the same digest.", is_flag=True)
-@option(
-    "--cores",
-    help="Processors: 2 is faster for large swarms, with the same digest.",
-    type=click.IntRange(1, 2),
-    default=1,
-)
 @json_option
 @runs("sim", "run")
 def run() -> None:

@@ -66,12 +66,6 @@ def is_encoding(kind: int, params: Params, rob_id: int, state: Row, length: int)
 
 
 @_of_the_chosen
-def is_silent(kind: int, params: Params, rob_id: int, step: int) -> bool:
-    """Whether it is known that the robot will say nothing at its input number `step`; False of who does not tell."""
-    raise NotImplementedError
-
-
-@_of_the_chosen
 def on_advice(kind: int, params: Params, rob_id: int, advice: Row, length: int, state: Row) -> int:
     """A planner said something; the new length of the encoding, 0 of a controller that nobody advises."""
     raise NotImplementedError

@@ -11,9 +11,7 @@ from phalanx.pages import LINE_BYTES
 from phalanx.sim.radio.channel import ATTEMPT, SHORT_BYTES, TX_END
 from phalanx.wire.fields import whole
 
-from .alone import will_decide_alone
-from .errands import CONTROL
-from .events import NOTHING, peek
+from .events import CONTROL, NOTHING, peek
 from .world import World
 
 # What is read of each robot at every event lies at the front of its rows; of its controller's state, most are so long.
@@ -27,7 +25,7 @@ def fetch_next(world: World) -> None:
     """What the next event reads is on its way."""
     kind, i, arg = peek(world.queue)
     air = world.air
-    if kind == CONTROL and not will_decide_alone(world, i):
+    if kind == CONTROL:
         fetch_robot(world, i)
         fetch_body(world, i)
     elif kind == ATTEMPT:
@@ -37,7 +35,7 @@ def fetch_next(world: World) -> None:
     elif kind == TX_END:
         # An answer lets its hearer go on; a frame for one robot is heard by that.
         fetch_robot(world, arg - 1 if arg > 0 else whole(air.slot[air.nic[i].head, i].dst))
-    elif kind not in (CONTROL, NOTHING):
+    elif kind != NOTHING:
         fetch_robot(world, i)
 
 

@@ -19,6 +19,8 @@ from phalanx.memory import fetch
 from phalanx.wire.fields import whole
 
 NOTHING = -1
+# Kinds of events of a robot: its sensors are due, a packet has arrived.
+CONTROL, MESSAGE = 10, 16
 NEVER_US = np.iinfo(np.int64).max
 # A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10

@@ -20,13 +20,11 @@ from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
 from .ahead import fetch_log, fetch_next, fetch_robot, fetch_tokens
-from .alone import decides_alone, foretell, hears_alone, meet
-from .errands import CONTROL, MESSAGE, give, wait_for_all
-from .events import next_us, pop, push
+from .events import CONTROL, MESSAGE, next_us, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import PYTHON, VERDICTS, World, clock_ms
 
-# Kinds of events beside the radio's ATTEMPT and TX_END.
+# Kinds of events beside CONTROL, MESSAGE and the radio's ATTEMPT and TX_END.
 ROUND, RETRY, CHECK, MOVE, WAKE = 11, 12, 13, 14, 15
 # What only Python sees: its last fragment is gone.
 SENT = 17
@@ -36,19 +34,12 @@ LISTENED = 1
 
 
 @kernel
-def run(world: World, until_us: int) -> int:
+def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeline, in one place
     """The world at `until_us`, or at the first event that a robot in Python has to handle.
 
     Returns: REACHED or FOR_PYTHON; then `clock.kind`, `clock.robot`, `clock.arrived` and `frame` tell the event.
     Source: docs/spec/world.md.
     """
-    told = _go_on(world, until_us)
-    wait_for_all(world.errands)
-    return told
-
-
-@kernel
-def _go_on(world: World, until_us: int) -> int:  # noqa: C901, PLR0912, PLR0915 - the pipeline, in one place
     clock = world.clock[0]
     for profile in (trusted.BOUND, trusted.PAPER):
         trusted.host_use(profile, 1 - world.fleet.settings[0].plain)
@@ -56,18 +47,13 @@ def _go_on(world: World, until_us: int) -> int:  # noqa: C901, PLR0912, PLR0915 
         while clock.next < clock.receivers:
             j = world.receivers[clock.next]
             clock.next += 1
-            if hears_alone(world, j):
-                give(world.errands, MESSAGE, j, clock.now_us, world.frame, world.frame_len[0])
-                continue
             if clock.next + 1 < clock.receivers:
                 fetch_robot(world, world.receivers[clock.next + 1])
-            meet(world, j)
             if deliver(world, j):
                 return FOR_PYTHON
         if clock.sender != NOBODY:
             i = clock.sender
             clock.sender = NOBODY
-            meet(world, i)
             if frame_left(world, i, clock.arrived):
                 return FOR_PYTHON
         if next_us(world.queue) > until_us:
@@ -82,22 +68,15 @@ def _go_on(world: World, until_us: int) -> int:  # noqa: C901, PLR0912, PLR0915 
             transmitted(world, i, arg)
         elif kind == CONTROL:
             push(world.queue, now_us + clock.control_us, CONTROL, i, 0)
-            if decides_alone(world, i):
-                give(world.errands, CONTROL, i, now_us, world.frame, 0)
-                continue
-            meet(world, i)
             if control(world, i):
                 return FOR_PYTHON
         elif kind == CHECK:
             push(world.queue, now_us + clock.check_us, CHECK, 0, 0)
-            wait_for_all(world.errands)
             enforce(world)
         elif kind == MOVE:
             push(world.queue, now_us + clock.move_us, MOVE, 0, 0)
-            wait_for_all(world.errands)
             move(world)
         elif world.safe[i] == 0:
-            meet(world, i)
             if kind == ROUND:
                 if arg != LISTENED:
                     push(world.queue, now_us + clock.audit_us, ROUND, i, 0)
@@ -153,9 +132,6 @@ def control(world: World, i: int) -> int:
 @kernel
 def transmit(world: World, i: int, frame: Row, length: int, to: int) -> int:
     """The frame is in the robot's radio, for `to` (a robot's index) or BROADCAST; -1 if it is full."""
-    if world.clock[0].alone:
-        world.clock[0].said = 1
-        return -1
     return radio.enqueue(world.air, world.queue, i, frame, length, to, world.clock[0].now_us)
 
 
@@ -175,8 +151,7 @@ def transmitted(world: World, i: int, arg: int) -> None:
     copy(world.frame, 0, end.frame, 0, n)
     world.frame_len[0] = n
     for k in range(min(2, end.receivers)):
-        if not hears_alone(world, world.receivers[k]):
-            fetch_robot(world, world.receivers[k])
+        fetch_robot(world, world.receivers[k])
 
 
 @kernel
@@ -250,10 +225,7 @@ def pump(world: World, i: int) -> None:
     if world.air.nic[i].long_used:
         return
     now = clock_ms(world, i)
-    made = f.robot[i].requests_sent
     n = node.next_frame(f, i, world.work, now)
-    if world.errands.on[0] and f.robot[i].requests_sent != made:
-        foretell(world, i)
     if n > 0:
         if pass_on(world, i, now, n, world.work.told[node.TOLD_TO] - 1) < 0:
             rounds.withdraw(f, i)

@@ -16,8 +16,7 @@ from phalanx.sim.radio.channel import BROADCAST
 from phalanx.wire.fields import get_u16, row
 
 from . import body, loop
-from .errands import CONTROL, MESSAGE
-from .events import push
+from .events import CONTROL, MESSAGE, push
 from .world import CLOCK, World
 
 # What hears of each kind of event.

@@ -30,8 +30,7 @@ from phalanx.wire.fields import Row
 from phalanx.wire.table import KEY_BYTES
 
 from . import loop, pybot
-from .errands import CONTROL, make_errands
-from .events import make_queue, push
+from .events import CONTROL, make_queue, push
 from .world import PYTHON, VERDICTS, World, clock_ms, make_clock, pack
 
 # A robot's master key, 20 bytes: secret; and its mission key.
@@ -151,7 +150,6 @@ def make_world(setup: Setup, chance: np.random.Generator) -> World:
         fleet=fleet,
         work=make_work(setup.bti),
         queue=make_queue(16 * m + 64),
-        errands=make_errands(n, fleet.memo.foretold.counts),
         air=make_air(m, setup.radio, setup.seed),
         reach=make_reach(
             m,

@@ -19,7 +19,6 @@ from phalanx.kernel import kernel
 from phalanx.sim.radio.channel import Air
 from phalanx.sim.radio.reach import Reach
 
-from .errands import Errands
 from .events import Queue
 
 # Who runs a robot: compiled code, or Python events (a lying robot, a researcher's controller).
@@ -46,8 +45,6 @@ CLOCK = np.dtype(
         ("robot", "i8"),
         ("arrived", "i8"),
         ("verdicts", "i8"),  # ever; the ring keeps the newest
-        ("alone", "u1"),  # of the second processor: what it does concerns nobody but one robot
-        ("said", "u1"),  # and yet something was said: the run is wrong from then on
     ],
     align=True,
 )
@@ -60,7 +57,6 @@ class World(NamedTuple):
     fleet: Fleet  # the robots' nodes
     work: Work  # scratch memory
     queue: Queue  # events to come
-    errands: Errands  # what the second processor does
     air: Air  # the channel
     reach: Reach  # who hears whom, as of the last 50 ms
     pos: F64x2  # (M, 2), m

@@ -24,8 +24,7 @@ from phalanx.robot.controllers.mission.controller import Assignment, Missions, m
 from phalanx.robot.controllers.mission.readings import Sensors
 from phalanx.sim.audited import loop, pybot
 from phalanx.sim.audited.body import POINT_MASS
-from phalanx.sim.audited.errands import CONTROL
-from phalanx.sim.audited.events import refused
+from phalanx.sim.audited.events import CONTROL, refused
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader
 from phalanx.sim.audited.world import clock_ms

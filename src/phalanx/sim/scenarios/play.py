@@ -68,7 +68,6 @@ def play(
     *,
     planner: MakePlanner | None = None,
     plain: bool = False,
-    cores: int = 1,
 ) -> Run:
     """The run, at the end of the scenario.
 
@@ -78,10 +77,10 @@ def play(
         controller: a researcher's own, made for each robot's id; None for the scenario's bundled one.
         step_s: between two steps, simulated seconds.
         planner: who advises robots that a guard drives; None for `ToGoal`.
-        plain, cores: as for `Run`.
+        plain: as for `Run`.
     Raises: UsageError, Unavailable: the recording cannot be written.
     """
-    run = Run(scenario, controller, planner, plain=plain, cores=cores)
+    run = Run(scenario, controller, planner, plain=plain)
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(ctrl_c_between_steps())
         recording = stack.enter_context(_recording(record, scenario)) if record else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import math
 import time
@@ -21,7 +20,6 @@ from phalanx.config.flock import NO_CROWD, FlockConfig
 from phalanx.config.guard import GuardConfig
 from phalanx.config.wheels import WheelsConfig
 from phalanx.errors import Unavailable, UsageError
-from phalanx.memory import CAN_TELL
 from phalanx.robot.attacks.liar import Liar, Plan, lying
 from phalanx.robot.cnode import CNode
 from phalanx.robot.controllers import dispatch
@@ -35,7 +33,6 @@ from phalanx.sim.audited.around import Around
 from phalanx.sim.audited.body import driven_by
 from phalanx.sim.audited.events import refused
 from phalanx.sim.audited.quorum import Quorum
-from phalanx.sim.audited.second import Second
 from phalanx.sim.audited.setup import PROFILES, Setup, make_world, start
 from phalanx.sim.audited.watch import VerdictReader, shields
 from phalanx.sim.radio.channel import AIRTIME_US, APP_BROADCAST, AUDIT_BROADCAST, AUDIT_UNICAST, BYTES, delivery
@@ -129,7 +126,6 @@ class Run:
         controller: a researcher's own, made for each robot's id; None for the scenario's.
         planner: who advises robots that a guard drives, made for each robot's id and the goal; None for `ToGoal`.
         plain: each thing is computed in one simple way, by the firmware's C where it has it: a run to compare with.
-        cores: 1, or 2 for a second processor that does what robots do alone; the results are the same.
         make_nodes: the robots' trusted nodes, if they are elsewhere.
     Raises: UsageError: a planner for robots that nobody can advise. Unavailable: so many robots do not fit into memory.
     Source: docs/spec/world.md.
@@ -144,7 +140,6 @@ class Run:
         planner: MakePlanner | None = None,
         *,
         plain: bool = False,
-        cores: int = 1,
         make_nodes: Callable[[int, int, Limits], TrustedNodes] = Nodes,
     ) -> None:
         if not self.has_station:  # planners in a simulation sign nothing
@@ -199,8 +194,6 @@ class Run:
         self._quorum = Quorum(self.world, scenario.bti, self._correct)
         start(self.world, self.robots)
         loop.run(self.world, 0)  # compiles, if need be: that is not the world's slowness
-        two = cores > 1 and CAN_TELL and make_nodes is Nodes
-        self._working = Second(self.world, scenario.bti).working if two else contextlib.nullcontext
 
     def _compromise(
         self,
@@ -231,14 +224,13 @@ class Run:
         """The world at `until_s`."""
         began = time.perf_counter()
         until_us = round(until_s * 1e6)
-        with self._working():
-            while self.world.clock[0].now_us < until_us:
-                target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
-                while loop.run(self.world, target_us) == loop.FOR_PYTHON:
-                    pybot.handle(self.world, self.robots, self.planners, self.looks)
-                raise_failed()
-                if target_us == (self._sampled_s + 1) * 1_000_000:
-                    self._sample()
+        while self.world.clock[0].now_us < until_us:
+            target_us = min(until_us, (self._sampled_s + 1) * 1_000_000)
+            while loop.run(self.world, target_us) == loop.FOR_PYTHON:
+                pybot.handle(self.world, self.robots, self.planners, self.looks)
+            raise_failed()
+            if target_us == (self._sampled_s + 1) * 1_000_000:
+                self._sample()
         assert refused(self.world.queue) == 0, "the queue of events was too short"
         if self.world.clock[0].crowded:
             raise UsageError(

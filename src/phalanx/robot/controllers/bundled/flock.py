@@ -107,19 +107,10 @@ def on_recv(params: Params, rob_id: int, t_ms: int, frame: Row, length: int, sta
 
 
 @kernel
-def is_silent(params: Params, rob_id: int, step: int) -> bool:
-    """Whether no broadcast is due at this input.
-
-    Due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not speak at once.
-    Source: RoboRebound §4.
-    """
-    return (step + rob_id) % whole(params[flock_law.STATE_EVERY]) != 0
-
-
-@kernel
 def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, length: int, state: Row, out: Row) -> int:
-    """A command, and when it is due a broadcast, are in `out`; their length together.
+    """Put a command, and a broadcast when it is due, into `out`; return their length together.
 
+    A broadcast is due when (step + rob_id) mod 6 = 0, so that a fleet started at once does not send at once.
     Source: RoboRebound Alg. 1, §4.
     """
     end = put_head(out, 0, table.ENTRY_ACMD, COMMAND_BYTES, table.KIND_ACCELERATION, rob_id, t_ms)
@@ -134,7 +125,7 @@ def on_input(params: Params, rob_id: int, step: int, t_ms: int, reading: Row, le
     put_f32(out, end + AX, flock_law.limited(ax, params[flock_law.LIMIT]))
     put_f32(out, end + AY, flock_law.limited(ay, params[flock_law.LIMIT]))
     end += COMMAND_BYTES
-    if not is_silent(params, rob_id, step):
+    if (step + rob_id) % whole(params[flock_law.STATE_EVERY]) == 0:
         end = put_head(out, end, table.ENTRY_SEND, STATE_BYTES, table.KIND_STATE, rob_id, t_ms)
         copy(out, end + MOTION, reading, MOTION, MOTION_BYTES)
         end += STATE_BYTES
