@@ -15,7 +15,6 @@ from phalanx.arrays import I32x1, I64x1, Records
 from phalanx.bundle import bundled
 from phalanx.errors import UsageError
 from phalanx.kernel import kernel
-from phalanx.memory import fetch
 from phalanx.wire.fields import whole
 
 NOTHING = -1
@@ -25,9 +24,8 @@ NEVER_US = np.iinfo(np.int64).max
 # A bucket is 1024 µs; once round the wheel is 4.2 s, longer than a round of audits.
 BUCKETS, SHIFT = 4096, 10
 # What `tally` counts: events that wait, pushes so far, pushes refused for want of room; of those that wait, how many
-# are in the heap; the place given back last; how many places were ever taken; the millisecond that the heap is of; and
-# of the next one, the place to which events are fetched, as each is found by way of the one before.
-_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW, _FETCHED = range(8)
+# are in the heap; the place given back last; how many places were ever taken; the millisecond that the heap is of.
+_WAITING, _PUSHED, _REFUSED, _NEAR, _FREE, _TAKEN, _WINDOW = range(7)
 
 
 EVENT = np.dtype(
@@ -50,7 +48,7 @@ class Queue(NamedTuple):
     heap: I32x1  # (C,), places of the events that are near, the earliest first
     event: Annotated[Any, Records(EVENT)]  # (C,)
     bucket: I32x1  # (BUCKETS,): the first place of each
-    tally: I64x1  # (8,)
+    tally: I64x1  # (7,)
 
 
 pack = bundled(Queue)
@@ -67,9 +65,9 @@ def make_queue(capacity: int) -> Queue:
         heap=np.zeros(capacity, np.int32),
         event=np.zeros(capacity, EVENT).view(np.recarray),
         bucket=np.full(BUCKETS, NOTHING, np.int32),
-        tally=np.zeros(8, np.int64),
+        tally=np.zeros(7, np.int64),
     )
-    queue.tally[_FREE] = queue.tally[_FETCHED] = NOTHING
+    queue.tally[_FREE] = NOTHING
     return pack(queue)
 
 
@@ -117,9 +115,6 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
         heap[at] = heap[below]
         at = below
     heap[at] = moved
-    if tally[_FETCHED] != NOTHING:
-        tally[_FETCHED] = queue.event[tally[_FETCHED]].after
-        fetch(queue.event, tally[_FETCHED], 0, 1)
     event = queue.event[place]
     event.after = tally[_FREE]
     tally[_FREE] = place
@@ -192,7 +187,6 @@ def _turn(queue: Queue) -> None:
             after = queue.event[place].after
             _wait(queue, place)
             place = after
-        tally[_FETCHED] = queue.bucket[(tally[_WINDOW] + 1) & (BUCKETS - 1)]
 
 
 @kernel

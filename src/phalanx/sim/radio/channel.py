@@ -19,7 +19,6 @@ from phalanx.bundle import bundled
 from phalanx.config.radio import RadioConfig
 from phalanx.errors import UsageError
 from phalanx.kernel import counting_kernel, kernel
-from phalanx.memory import fetch
 from phalanx.pages import dense
 from phalanx.pool import Pool, give_back, lend, make_pool
 from phalanx.sim.audited.events import Queue, push
@@ -221,9 +220,6 @@ def finish(air: Air, reach: Reach, queue: Queue, robot: int, arg: int, now_us: i
     if dst == BROADCAST:
         end = in_range(reach, robot)
         for at in range(reach.near[robot], end):
-            fetch(air.nic, reach.ids[at], 0, air.nic.itemsize)
-            fetch(air.counts, reach.ids[at], 64 * _class(frame[0], dst) + 8 * HEARD, 1)
-        for at in range(reach.near[robot], end):
             other = reach.ids[at]
             if received(air.nic[other], robot, now_us, air.capture, air.loss):
                 receivers[count] = other
@@ -295,8 +291,6 @@ def _transmit(
     nic.hears, nic.hears_until = NOBODY, now_us
     due = 0
     end = in_range(reach, robot)
-    for at in range(reach.near[robot], end):
-        fetch(air.nic, reach.ids[at], 0, air.nic.itemsize)
     for at in range(reach.near[robot], end):
         other = air.nic[reach.ids[at]]
         if other.off:
