@@ -14,11 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phalanx import pages
-from phalanx.arrays import U8x2
 from phalanx.bti import log
 from phalanx.bti.fleet import ROBOT, SETTINGS, records
-from phalanx.kernel import kernel
-from phalanx.memory import fetch
 from phalanx.pages import sparse
 from phalanx.pool import give_back, lend, make_pool
 from phalanx.wire import fields
@@ -133,20 +130,6 @@ def test_a_small_array_and_one_with_values():
     assert pages.dense(3, np.uint8).tolist() == [0, 0, 0]
     assert pages.filled((2, 2), [[1, 2], [3, 4]]).tolist() == [[1, 2], [3, 4]]
     assert (pages.filled(100_000, -1, np.int64) == -1).all()
-
-
-@kernel
-def fetched(rows: U8x2, i: int) -> int:
-    """What is asked for ahead of time is there."""
-    fetch(rows, i, 0, 200)
-    return rows[i % len(rows), 3]
-
-
-def test_what_is_fetched_stays_as_it_is_and_may_lie_behind_the_end():
-    rows = np.arange(40, dtype=np.uint8).reshape(10, 4)
-    for read in both(fetched):
-        assert [int(read(rows, i)) for i in (0, 9, 1000)] == [3, 39, 3]
-    assert np.array_equal(rows.ravel(), np.arange(40))
 
 
 def test_too_many_are_a_memory_error():

@@ -32,10 +32,9 @@ builtins.__import__ = of_another
 import numpy as np
 from phalanx.bti import trusted
 from phalanx.kernel import kept_in
-from phalanx.memory import fetch
 from phalanx.pool import lend, make_pool
 from phalanx.sim import compiling
-from phalanx.sim.audited.events import make_queue, peek, pop, push
+from phalanx.sim.audited.events import make_queue, pop, push
 from phalanx.wire import fields
 
 def told(how):
@@ -49,7 +48,7 @@ def told(how):
         digest = np.zeros(20, np.uint8)
         how(trusted.sha1)(row, 32, digest)
         return [
-            how(pop)(queue), how(peek)(queue), how(lend)(pool), how(lend)(pool), row.tolist(), digest.tolist(),
+            how(pop)(queue), how(lend)(pool), how(lend)(pool), row.tolist(), digest.tolist(),
             [how(get)(row, 3) for get in (fields.get_i8, fields.get_u16, fields.get_u32, fields.get_u64)],
             [how(fields.same)(row, 3, row, 3 + k, 4) for k in (0, 1)],
         ]

@@ -17,12 +17,10 @@ from llvmlite import ir as llvm
 from numba import extending
 from numba import types as numba_types
 
-from .pages import LINE_BYTES
-
 try:
     from numba.core import cgutils
     from numba.np import arrayobj
-except ImportError:  # a numba that is another inside: bytes one by one, and nothing ahead of time
+except ImportError:  # a numba that is another inside: bytes one by one
     cgutils = arrayobj = None  # type: ignore[assignment]
 
 assert sys.byteorder == "little", "numbers lie in memory as they do on the wire"
@@ -132,41 +130,6 @@ def _agreed(_: Any, one: Any, one_at: Any, other: Any, other_at: Any, length: An
         return builder.icmp_signed("==", builder.call(compares, [first, second, given[4]]), ir.IntType(32)(0))
 
     return types.boolean(one, types.int64, other, types.int64, types.int64), generate
-
-
-def fetch(rows: Any, i: int, begin: int, length: int) -> None:
-    """`length` bytes of rows[i] from `begin` on are on their way to the processor, which does not wait for them.
-
-    Nothing is read: it only makes what reads them soon faster.
-    """
-
-
-@extend.intrinsic  # type: ignore[untyped-decorator]
-def _fetched(_: Any, rows: Any, i: Any, at: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        array = arrays.make_array(signature.args[0])(context, builder, given[0])
-        begin = builder.mul(builder.extract_value(array.strides, 0), given[1])
-        place = builder.gep(builder.bitcast(array.data, utils.voidptr_t), [builder.add(begin, given[2])])
-        word = ir.IntType(32)
-        of_llvm = ir.FunctionType(ir.VoidType(), [place.type, word, word, word])
-        asks = builder.module.declare_intrinsic("llvm.prefetch", [place.type], of_llvm)
-        builder.call(asks, [place, word(0), word(3), word(1)])  # to read, for all caches, data
-        return context.get_dummy_value()
-
-    return types.none(rows, types.int64, types.int64), generate
-
-
-# Without types: numba compares a lambda's parameters with these.
-def _fetch_lines(rows, i, begin, length) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
-    for at in range(begin, begin + length, LINE_BYTES):
-        _fetched(rows, i, at)
-
-
-def _fetch_nothing(rows, i, begin, length) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
-    pass
-
-
-extend.overload(fetch)(lambda rows, i, begin, length: _fetch_lines if arrays else _fetch_nothing)
 
 
 def _moved_by_one(to, to_at, source, source_at, length) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001

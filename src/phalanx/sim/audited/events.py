@@ -122,15 +122,6 @@ def pop(queue: Queue) -> tuple[int, int, int, int]:
 
 
 @kernel
-def peek(queue: Queue) -> tuple[int, int, int]:
-    """Kind, robot and arg of the next event, if it is within this millisecond; otherwise three times NOTHING."""
-    if queue.tally[_NEAR] == 0:
-        return NOTHING, NOTHING, NOTHING
-    event = queue.event[queue.heap[0]]
-    return whole(event.kind), whole(event.robot), whole(event.arg)
-
-
-@kernel
 def next_us(queue: Queue) -> int:
     """When the earliest event is due, µs; NEVER_US if none waits."""
     if queue.tally[_WAITING] == 0:

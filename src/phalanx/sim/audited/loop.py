@@ -19,7 +19,6 @@ from phalanx.sim.radio.reach import rebuild
 from phalanx.wire.fields import Row, copy, get_u16
 
 from . import body
-from .ahead import fetch_log, fetch_next, fetch_robot, fetch_tokens
 from .events import CONTROL, MESSAGE, next_us, pop, push
 from .motion import obstacle_contacts, robot_contacts
 from .world import PYTHON, VERDICTS, World, clock_ms
@@ -47,8 +46,6 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
         while clock.next < clock.receivers:
             j = world.receivers[clock.next]
             clock.next += 1
-            if clock.next + 1 < clock.receivers:
-                fetch_robot(world, world.receivers[clock.next + 1])
             if deliver(world, j):
                 return FOR_PYTHON
         if clock.sender != NOBODY:
@@ -61,7 +58,6 @@ def run(world: World, until_us: int) -> int:  # noqa: C901, PLR0912 - the pipeli
             return REACHED
         now_us, kind, i, arg = pop(world.queue)
         clock.now_us = now_us
-        fetch_next(world)
         if kind == ATTEMPT:
             radio.attempt(world.air, world.reach, world.queue, i, now_us)
         elif kind == TX_END:
@@ -102,7 +98,6 @@ def control(world: World, i: int) -> int:
     body.advance(world, i)
     if world.safe[i]:
         return 0
-    fetch_log(world, i)
     now = clock_ms(world, i)
     length = body.sensed(world, i, world.fleet.robot[i].id, now)
     if world.runs[i] == PYTHON:
@@ -150,8 +145,6 @@ def transmitted(world: World, i: int, arg: int) -> None:
     n = len(end.frame)
     copy(world.frame, 0, end.frame, 0, n)
     world.frame_len[0] = n
-    for k in range(min(2, end.receivers)):
-        fetch_robot(world, world.receivers[k])
 
 
 @kernel
@@ -163,7 +156,6 @@ def deliver(world: World, j: int) -> int:
         world.clock[0].kind = MESSAGE
         world.clock[0].robot = j
         return 1
-    fetch_log(world, j)
     now = clock_ms(world, j)
     told = node.hear(world.fleet, j, world.work, now, world.frame, world.frame_len[0])
     t = world.work.told
@@ -256,7 +248,6 @@ def enforce(world: World) -> None:
     """Each a-node has checked its tokens; those without enough of them have stopped their robot. Source: Alg. 4."""
     f = world.fleet
     for i in range(len(f.robot)):
-        fetch_tokens(world, i)
         if world.safe[i] == 0 and trusted.anode_check(f.settings[0].profile, f.anode[i], clock_ms(world, i)) != 0:
             stop(world, i)
 
